@@ -15,6 +15,9 @@ from typing import Any, NamedTuple
 # Chosen: a stamp that is older than its predecessor by this much means that time started anew, as
 # when a bag is played in a loop or a clock is set. Messages in flight are never reordered by 1 s.
 RESTART_NS = 1_000_000_000
+# Chosen: a driver repeats a color image for at most this long. If an image stays the same for
+# longer, the camera is at rest, as simulators without noise render it.
+MAX_COPY_AGE_NS = 250_000_000
 # Chosen: a longer offset is no delay within a driver, but another clock.
 _LONGEST_OFFSET_NS = 500_000_000
 _NUM_GAPS = 15  # chosen: half a second of images without any match shows an offset

@@ -62,6 +62,9 @@ class ExtractionConfig(Config):
     # Smallest contrast of a FAST corner [gray levels] (ORB-SLAM3, TUM1.yaml: its lower
     # threshold, for cells without strong corners).
     fast_threshold: ClassVar[int] = 7
+    # Chosen: contrast [gray levels] for images with fewer corners than `num_features`, for example
+    # of a plain wall.
+    low_fast_threshold: ClassVar[int] = 3
 
 
 @dataclass(frozen=True)

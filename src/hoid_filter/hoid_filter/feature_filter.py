@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from hoid_common.errors import MessageError
+from hoid_common.sync import MAX_COPY_AGE_NS
 from hoid_common.values import (
     BoolArray,
     CameraModel,
@@ -80,6 +81,7 @@ class FeatureFilter:
             MotionDetector(self._config.motion) if self._strategy.senses_motion else None
         )
         self._detected_mask: BoolArray | None = None  # (h, w), of the previous image
+        self._original: RgbdFrame | None = None  # in which motion was last looked for
 
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
@@ -128,7 +130,7 @@ class FeatureFilter:
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1
             return
-        if self._motion is None:
+        if self._motion is None or self._is_copy(frame):
             return
         view = MotionView(
             frame.stamp_ns,
@@ -140,6 +142,23 @@ class FeatureFilter:
             self._detected_mask,
         )
         self._motion.detect(view)
+
+    def _is_copy(self, frame: RgbdFrame) -> bool:
+        """Return whether the color image is a copy of an earlier one, while the depth is new.
+
+        The depth image shows a later moment, so that static surface would seem to move.
+        """
+        original = self._original
+        if (
+            original is not None
+            and 0 < frame.stamp_ns - original.stamp_ns <= MAX_COPY_AGE_NS
+            and np.array_equal(frame.image_bgr, original.image_bgr)
+            and not np.array_equal(frame.depth_m, original.depth_m)
+        ):
+            self.counters['repeated color images'] += 1
+            return True
+        self._original = frame
+        return False
 
     @property
     def needs_detections(self) -> bool:

@@ -135,6 +135,19 @@ def test_descriptors_are_those_of_opencv_at_the_same_pixels(
     assert np.array_equal(features.descriptors, expected)
 
 
+def test_a_dim_image_has_features_of_low_contrast(
+    image_gray: ByteArray, depth_m: Float32Array
+) -> None:
+    """As of a plain wall: hardly any corner reaches the threshold of ORB-SLAM3."""
+    dim = (120 + (image_gray.astype(np.float64) - 128) / 24).round().astype(np.uint8)
+    corners = OrbExtractor(ExtractionConfig()).detect(dim)
+    assert np.count_nonzero(corners.score >= ExtractionConfig.fast_threshold) < 1000
+    assert corners.score.min() >= ExtractionConfig.low_fast_threshold
+    assert len(extract(dim, depth_m)) == 1000
+    bright = OrbExtractor(ExtractionConfig()).detect(image_gray)
+    assert bright.score.min() >= ExtractionConfig.fast_threshold
+
+
 def test_blank_image_gives_no_features(depth_m: Float32Array) -> None:
     features = extract(np.full((HEIGHT, WIDTH), 90, np.uint8), depth_m)
     assert len(features) == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -335,3 +336,14 @@ def test_log_odds_decay_by_time_and_not_by_images() -> None:
         left.append(float(log_odds.log_odds[60, 80]))
     assert left[0] == pytest.approx(left[1], rel=1e-3)
     assert left[0] == pytest.approx(2.0 * np.exp(-1.0), rel=1e-3)
+
+
+def test_no_motion_is_looked_for_in_a_color_image_that_is_sent_twice() -> None:
+    """A camera passes a square at rest; the depth image of each copy is new, and shows it."""
+    filtering = FeatureFilter(FilterConfig(strategy='motion'), CAMERA)
+    frames = [scene_of(CAMERA).frame(i, moved(0.01 * i), 0.0)[0] for i in range(24)]
+    for i, frame in enumerate(frames):
+        shown = frames[i - i % 2].image_bgr
+        result = filtering.process(replace(frame, image_bgr=shown), None)
+        assert not [item for item in result.objects if item.is_dynamic]
+    assert filtering.counters['repeated color images'] == 12

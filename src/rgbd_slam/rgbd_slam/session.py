@@ -21,7 +21,7 @@ from rgbd_slam.robot_map import RobotMap
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import status_message
-from rgbd_slam.tracking.dropped_frames import DroppedFrameCounter
+from rgbd_slam.tracking.image_stream import DroppedFrameCounter
 from rgbd_slam.tracking.motion_sources import MotionLookup
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
@@ -195,7 +195,8 @@ class SlamSession:
         the map.
         """
         slam, reference_uid = self.slam, self.slam.odometry.anchor_uid
-        if result.state is not SlamState.TRACKING or reference_uid is None:
+        is_measured = result.state is SlamState.TRACKING and not result.is_predicted
+        if not is_measured or reference_uid is None:
             return None
         request = self._scene_scheduler.pick(
             result.stamp_ns,

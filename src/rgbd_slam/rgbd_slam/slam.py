@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.slam_status import SlamState
 from hoid_common.values import NS_PER_S, S_PER_NS, CameraModel, Features, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
@@ -21,8 +22,9 @@ from rgbd_slam.optimize.noise_estimator import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.slam_map import SlamMap
 from rgbd_slam.statistics import SlamStats, slam_stats
+from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
-from rgbd_slam.tracking.loss_timer import LossTimer
+from rgbd_slam.tracking.loss import LossTimer, NewMapPolicy
 from rgbd_slam.tracking.motion_sources import MotionLookup
 from rgbd_slam.tracking.odometry import Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
@@ -80,6 +82,9 @@ class RgbdSlam:
             atlas, self._camera, config, self.trajectory.redirect, background=background
         )
         self._loss_timer = LossTimer()
+        self._new_map = NewMapPolicy(atlas, self._camera, config)
+        self._repeated = RepeatedImages()
+        self._tracked: TrackingResult | None = None  # of the last image that was tracked
         self._noise = NoiseEstimator(self._camera)
         self._shutter = RollingShutter(camera.height_px)
         self._tracker = Tracker(self._camera, atlas, config.tracking, config.seed)
@@ -103,6 +108,13 @@ class RgbdSlam:
         Raises:
             MessageError: A feature has an octave beyond the configured number of octaves.
         """
+        repetition, original = self._repeated.add(features), self._tracked
+        if (
+            original is not None
+            and repetition is not Repetition.NOTHING
+            and self._repeated.original_ns == original.stamp_ns
+        ):
+            return self._predict(original, features.stamp_ns, repetition)
         result = self._estimate_pose(self._prepare(features))
         return replace(result, note=self._relocalizer.take_note() or result.note)
 
@@ -172,7 +184,7 @@ class RgbdSlam:
         if tracking is None:
             return self._handle_loss(frame)
         self.odometry.advance(tracking)
-        return TrackingResult(
+        self._tracked = TrackingResult(
             frame.stamp_ns,
             SlamState.TRACKING,
             T_map_camera=tracking.tracked.T_map_camera,
@@ -185,6 +197,47 @@ class RgbdSlam:
             competing=tracking.consensus.competing,
             note=self._off_map_note(tracking),
             to_learn=tracking,
+        )
+        return self._tracked
+
+    def _predict(
+        self, original: TrackingResult, stamp_ns: int, repetition: Repetition
+    ) -> TrackingResult:
+        """Return the predicted pose of an image that repeats the last tracked one.
+
+        Nothing is learned from the copy.
+
+        Args:
+            original: The result of the last tracked image.
+            stamp_ns: Stamp of the copy.
+            repetition: What the copy repeats. If its depth is not new, its pose is that of the
+                original.
+        """
+        last = self.odometry.last
+        assert last is not None
+        self.odometry.follow(stamp_ns)
+        T_last_camera = np.eye(4)
+        if repetition is Repetition.COLOR:
+            T_last_camera = se3.inverse(self.odometry.predict()[0])
+        T_map_camera = self.odometry.pose() @ T_last_camera
+        T_reference_camera = last.T_reference_camera @ T_last_camera
+        frame = replace(last.frame, stamp_ns=stamp_ns)
+        self.trajectory.add(
+            replace(
+                last,
+                frame=frame,
+                T_map_camera=T_map_camera,
+                T_reference_camera=T_reference_camera,
+            )
+        )
+        return replace(
+            original,
+            stamp_ns=stamp_ns,
+            T_map_camera=T_map_camera,
+            T_odom_camera=self.odometry.T_odom_camera @ T_last_camera,
+            is_keyframe=False,
+            is_predicted=True,
+            to_learn=None,
         )
 
     def _off_map_note(self, tracking: TrackerOutput) -> str:
@@ -215,6 +268,7 @@ class RgbdSlam:
         tracked = tracked_keyframe(frame, self._atlas, uid)
         self.odometry.restart_from(tracked)
         self._loss_timer.reset()
+        self._new_map.started()
         self.trajectory.add(tracked)
         self._warm_up.begin(frame.stamp_ns)
         return TrackingResult(
@@ -256,7 +310,10 @@ class RgbdSlam:
         """
         self.odometry.forget_velocity()
         bridge = self.odometry.bridge()
-        if self.map.is_growing and self._loss_timer.lost_s > self._config.places.new_map_after_s:
+        limit_s = self._config.places.new_map_after_s
+        if self.map.is_growing and self._new_map.wants(
+            frame, self.odometry.last, self._loss_timer.lost_s, limit_s
+        ):
             pose = bridge.T_map_camera if bridge else self.odometry.pose()
             started = self._start_map(frame, pose)
             if started.is_keyframe:
@@ -285,6 +342,7 @@ class RgbdSlam:
             self._shutter.add(tracked, self._atlas, self._noise.camera, self.odometry.twist)
         self._tracker.use_camera(self._noise.camera)
         self._loss_timer.reset()
+        self._new_map.found()
         self.trajectory.add(tracked)
         self._warm_up.add(tracked)
         self._warm_up.reestimate_next(self._noise.camera)

@@ -109,6 +109,19 @@ def test_random_matches_give_no_pose() -> None:
     assert _aligned(measurement, depth, points) is None
 
 
+@pytest.mark.parametrize('seed', range(0, 240, 2))
+def test_points_that_determine_no_pose_are_no_error(seed: int) -> None:
+    """OpenCV's PnP asserts on the samples of some of these."""
+    rng = np.random.default_rng(seed)
+    line = np.outer(rng.uniform(0, 1, 20), rng.normal(size=3)) + np.array([0, 0, 2])
+    few = (rng.normal(size=(20, 3)) + np.array([0, 0, 3]))[rng.integers(0, 4, 20)]
+    points = line if seed % 4 else few
+    uv = rng.uniform(0, 480, (20, 2))[rng.integers(0, 20, 20)]
+    measurement = np.c_[uv, np.full(20, np.nan)].astype(np.float32)
+    found = _aligned(measurement, np.zeros(20, np.float32), points)
+    assert found is None or found.inliers.sum() >= 15
+
+
 def test_too_few_matches_give_no_pose() -> None:
     measurement, depth, points, _ = _scene(count=8, wrong=0.0)
     assert _aligned(measurement, depth, points) is None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rgbd_slam.tracking.loss_timer import LossTimer
+from rgbd_slam.tracking.loss import LossTimer
 
 S = 1_000_000_000
 

@@ -17,7 +17,7 @@ from rgbd_slam.map_io.map_directory import (
     path_in,
     write_whole,
 )
-from rgbd_slam.tracking.dropped_frames import DroppedFrameCounter
+from rgbd_slam.tracking.image_stream import DroppedFrameCounter
 
 MS = 1_000_000
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -84,19 +86,46 @@ def test_a_gap_in_the_stream_is_no_time_lost() -> None:
     assert slam.stats.num_maps == 1
 
 
+def covering(features: Features, depth_m: float, seed: int) -> Features:
+    """Return features of an object that fills the view at one depth and resembles nothing."""
+    rng = np.random.default_rng(seed)
+    return replace(
+        features,
+        depth_m=np.full(len(features), depth_m, np.float32),
+        descriptors=rng.integers(0, 256, features.descriptors.shape, dtype=np.uint8),
+    )
+
+
+@pytest.mark.parametrize(
+    ('depth_m', 'starts'),
+    [(0.5, []), (5.0, [12, 37, 86])],
+    ids=['covered', 'new ground that cannot be tracked'],
+)
+def test_a_covered_view_waits_and_new_ground_starts_maps_ever_less_often(
+    depth_m: float, starts: list[int]
+) -> None:
+    world, slam = World(), RgbdSlam(CAMERA, SlamConfig())
+    for n in range(20):
+        slam.process(seen(world, n, POSES[n]))
+    lost = [covering(seen(world, n, POSES[20]), depth_m, seed=n) for n in range(20, 108)]
+    states = [slam.process(features).state for features in lost]
+    assert [n for n, state in enumerate(states) if state is TRACKING] == starts
+    assert slam.process(seen(world, 108, POSES[20])).state is TRACKING
+    assert slam.odometry.is_in_main_map
+
+
 LATER = 3000  # images, of a clock that is set back by 100 s then
 
 
 @pytest.mark.slow
 def test_after_stamps_that_go_back_another_scene_becomes_a_new_map() -> None:
     """A bag that is played again has such stamps: those of the map are in the future then."""
-    config = SlamConfig().updated({'places.new_map_after_s': 1.0})
-    here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, config)
+    here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, SlamConfig())
     for n, pose in enumerate(POSES[:30]):
         slam.process(seen(here, LATER + n, pose))
     states = [slam.process(seen(there, n, T)).state for n, T in enumerate(POSES[:60])]
-    assert states[:30] == [LOST] * 30
-    assert states[32:] == [TRACKING] * 28
+    assert states[:12] == [LOST] * 12
+    assert states[14:] == [TRACKING] * 46
     assert slam.stats.num_maps == 2
 
 

@@ -44,8 +44,14 @@ class OrbExtractor:
         """
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
-        found = fast_corners(*pyramid, config.fast_threshold, config.border_px)
-        return Corners(pyramid, *found)
+        corners = Corners(
+            pyramid, *fast_corners(*pyramid, config.fast_threshold, config.border_px)
+        )
+        if len(corners) >= config.num_features:
+            return corners
+        return Corners(
+            pyramid, *fast_corners(*pyramid, config.low_fast_threshold, config.border_px)
+        )
 
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
         """Select the corners to describe, distributed evenly, and return their ascending indices.

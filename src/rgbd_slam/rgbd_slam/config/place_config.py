@@ -107,10 +107,12 @@ class PlaceConfig(Config):
 
     new_map_after_s: float = param(
         3.0,  # not tuned
-        'Time for which the camera must be lost before a new map is started (s); a gap between '
-        'two images counts as at most 0.5 s. Raise it if needless maps are started that have to '
-        'be merged later; lower it if poses are missing for too long after a loss. In the mode '
-        'localization, no new map is started.',
+        'Longest time for which the camera is lost before a new map is started (s); a gap between '
+        'two images counts as at most 0.5 s. The camera waits this long while something covers '
+        'the view, such as a person or a hand, or while few features have depth; where it sees '
+        'new ground, a new map is started after 0.4 s. Raise it if needless maps are started that '
+        'have to be merged later; lower it if poses are missing for too long after a loss. In the '
+        'mode localization, no new map is started.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

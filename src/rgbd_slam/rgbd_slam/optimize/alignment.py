@@ -128,15 +128,18 @@ def _pose_from_pixels(
 ) -> FloatArray:
     """Return the (1, 4, 4) pose by OpenCV's PnP with RANSAC; (0, 4, 4) if there is none."""
     K = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1.0]])
-    found, rotation, translation, _ = cv2.solvePnPRansac(
-        points_m,
-        measurement_px[:, :2].astype(np.float64),
-        K,
-        np.zeros(4),
-        iterationsCount=_NUM_HYPOTHESES,
-        reprojectionError=_MAX_ERROR_PX,
-        flags=cv2.SOLVEPNP_SQPNP,
-    )
+    try:
+        found, rotation, translation, _ = cv2.solvePnPRansac(
+            points_m,
+            measurement_px[:, :2].astype(np.float64),
+            K,
+            np.zeros(4),
+            iterationsCount=_NUM_HYPOTHESES,
+            reprojectionError=_MAX_ERROR_PX,
+            flags=cv2.SOLVEPNP_SQPNP,
+        )
+    except cv2.error:  # SQPnP asserts on samples that determine no pose
+        found = False
     if not found:
         return np.empty((0, 4, 4))
     T = np.eye(4)[None]

@@ -25,6 +25,7 @@ class TrackingResult:
     num_tracked: int = 0  # matched map points
     num_inliers: int = 0  # matched map points that fit the pose
     is_keyframe: bool = False
+    is_predicted: bool = False  # the image is a copy of the last one; its pose was not measured
     stage_ms: dict[str, float] = field(default_factory=dict)  # CPU time of 'track' and 'map'
     competing: CompetingMotion | None = None  # a second motion that explains part of the image
     note: str = ''  # message for the status

@@ -1,0 +1,122 @@
+"""The stream of images: how many are missing in it, and which ones are copies.
+
+A driver that is set to 30 Hz sends a color image twice when the camera needs a long exposure in
+the dark and takes only 15 per second. Each copy has a new stamp, and comes with a new depth image.
+If copies were tracked, the camera would seem to stop at each of them and to move twice as fast
+after it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from enum import Enum
+from statistics import fmean
+
+import numpy as np
+
+from hoid_common.sync import MAX_COPY_AGE_NS
+from hoid_common.values import NS_PER_S, Features, IntArray
+
+_logger = logging.getLogger(__name__)
+
+# Chosen, not tuned.
+_WINDOW = 31  # intervals whose mean is the period of the stream: one second at 30 Hz
+_MIN_INTERVALS = 5  # intervals from which on the period is known
+# Number of equal gaps in a row from which they show a lower rate, as of a camera in the dark.
+_NEW_RATE = 15
+_PAUSE_NS = NS_PER_S  # a longer gap is a pause of the camera or the bag, in which no image is lost
+# Chosen: an image is a copy if more than this share of its features have exactly the positions of
+# features of the original. The noise of a camera moves all features by fractions of a pixel. Not
+# all are equal in a copy, because the filter may remove other ones.
+_MIN_SHARE = 0.5
+_NOTE = (
+    'a color image was received twice under two stamps: the camera takes fewer images than its '
+    'driver sends, for example in the dark; the poses of copies are predicted'
+)
+
+
+class DroppedFrameCounter:
+    """Counts the images that are missing at the rate of the stream.
+
+    Stamps do not show whether a missing image was dropped or never taken. Therefore, if a stream
+    skips the same number of images `_NEW_RATE` times in a row, it has a lower rate from then on.
+    """
+
+    def __init__(self) -> None:
+        self.num_dropped = 0
+        self._last_ns: int | None = None
+        self._intervals_ns: deque[float] = deque(maxlen=_WINDOW)
+        self._num_missing = 0  # images missing before the last one
+        self._num_equal = 0  # successive gaps with this number of missing images
+
+    def add(self, stamp_ns: int) -> None:
+        """Add the stamp of the next image; an earlier stamp restarts the stream."""
+        last_ns, self._last_ns = self._last_ns, stamp_ns
+        if last_ns is None or not 0 < stamp_ns - last_ns <= _PAUSE_NS:
+            self._restart()
+            return
+        interval_ns = float(stamp_ns - last_ns)
+        if len(self._intervals_ns) >= _MIN_INTERVALS:
+            num_missing = max(0, round(interval_ns / fmean(self._intervals_ns)) - 1)
+            self.num_dropped += num_missing
+            self._num_equal = self._num_equal + 1 if num_missing == self._num_missing else 1
+            self._num_missing = num_missing
+            if num_missing and self._num_equal == _NEW_RATE:
+                self._restart()
+                return
+            interval_ns /= num_missing + 1  # so that gaps do not lengthen the mean interval
+        self._intervals_ns.append(interval_ns)
+
+    def _restart(self) -> None:
+        self._intervals_ns.clear()
+        self._num_missing = self._num_equal = 0
+
+
+class Repetition(Enum):
+    """What an image repeats of the image before."""
+
+    NOTHING = 'nothing'
+    COLOR = 'color'  # the depth image is new
+    ALL = 'all'  # color and depth
+
+
+class RepeatedImages:
+    """Recognizes copies by their features, which are at exactly the same pixels."""
+
+    def __init__(self) -> None:
+        self.num_repeated = 0  # color images
+        self._original: Features | None = None
+
+    @property
+    def original_ns(self) -> int | None:
+        """Return the stamp of the latest image that was no copy."""
+        return None if self._original is None else self._original.stamp_ns
+
+    def add(self, features: Features) -> Repetition:
+        """Return what the next image repeats of the latest image that was no copy."""
+        original = self._original
+        if original is None or not 0 <= features.stamp_ns - original.stamp_ns <= MAX_COPY_AGE_NS:
+            self._original = features
+            return Repetition.NOTHING
+        is_same = np.isin(_pixels(features), _pixels(original))
+        if np.count_nonzero(is_same) <= _MIN_SHARE * len(features):
+            self._original = features
+            return Repetition.NOTHING
+        if np.isin(_readings(features)[is_same], _readings(original)).all():
+            return Repetition.ALL
+        if not self.num_repeated:
+            _logger.warning(_NOTE)
+        self.num_repeated += 1
+        return Repetition.COLOR
+
+
+def _pixels(features: Features) -> IntArray:
+    """Return (N,) numbers that are equal where two positions are equal in all bits."""
+    uv_px = np.ascontiguousarray(features.uv_px, np.float32)
+    return np.asarray(uv_px.view(np.int64)[:, 0])
+
+
+def _readings(features: Features) -> IntArray:
+    """Return (N,) numbers that are equal where two depth readings are equal in all bits."""
+    return np.asarray(np.ascontiguousarray(features.depth_m, np.float32).view(np.int32))

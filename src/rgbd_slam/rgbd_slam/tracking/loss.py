@@ -1,0 +1,153 @@
+"""A lost camera: for how long it has been lost, and when it starts a new map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.sync import RESTART_NS
+from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray, IntArray
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.matching.local_map import find_local_map, visible_points
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.tracked_frame import TrackedFrame
+
+# Chosen: the part of a gap between two images that counts; during a longer one, no image was there
+# in which the camera could have been found.
+_MAX_GAP_NS = NS_PER_S // 2
+# Chosen: time and number of images after which a lost camera that sees new ground starts a new
+# map. Most blurs are shorter.
+_NEW_GROUND_S = 0.4
+_NEW_GROUND_IMAGES = 5
+# Chosen: a map in which fewer images were tracked was started too early. The next one then waits
+# twice as long, so that a stretch of useless images does not make a map every 0.4 s.
+_MIN_TRACKED = 15
+_MIN_NEW_GROUND = 100  # chosen: features with depth that new ground must show
+_CELL_PX = 80.0  # chosen: side of the cells of the image in which depths are compared
+# Chosen: a surface hides map points that are farther away by a quarter. That is more than a camera
+# moves between two images.
+_HIDDEN_RATIO = 1.25
+_COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden in a covered view
+
+
+class LossTimer:
+    """Measures for how long images have arrived in which the camera was not found.
+
+    Stamps of images may jump, repeat or start again.
+    """
+
+    def __init__(self) -> None:
+        self._newest_ns: int | None = None  # since the stamps started
+        self._lost_ns = 0
+
+    def add(self, stamp_ns: int) -> bool:
+        """Add the stamp of the next image, and return whether the stamps have started again.
+
+        If they have, the measured time is set to zero.
+        """
+        newest_ns = self._newest_ns
+        if newest_ns is None or stamp_ns < newest_ns - RESTART_NS:
+            self._newest_ns, self._lost_ns = stamp_ns, 0
+            return newest_ns is not None
+        gap_ns = max(stamp_ns - newest_ns, 0)
+        self._newest_ns = newest_ns + gap_ns
+        self._lost_ns += min(gap_ns, _MAX_GAP_NS)
+        return False
+
+    def reset(self) -> None:
+        """Measure from the latest image on, because the camera was found in it."""
+        self._lost_ns = 0
+
+    @property
+    def lost_s(self) -> float:
+        """Return the time [s] for which the camera has been lost."""
+        return S_PER_NS * self._lost_ns
+
+
+class NewMapPolicy:
+    """Decides when a lost camera starts a new map.
+
+    If something covers the view, such as a person or a hand, it is better to wait: the map is
+    behind it. If the camera was lost in a blur and then sees new ground, it is better to start a
+    new map at once. A view counts as covered if it was covered when the camera was lost, and still
+    is: the pose of the camera is known well only in the first of these images.
+
+    Args:
+        atlas: The map.
+        camera: The camera.
+        config: Parameters.
+    """
+
+    def __init__(self, atlas: Atlas, camera: StereoCamera, config: SlamConfig) -> None:
+        self._atlas, self._camera = atlas, camera
+        self._max_keyframes = config.tracking.max_local_keyframes
+        self._wait_s = _NEW_GROUND_S
+        self._num_tracked = 0  # images since the last map was started
+        self._num_lost = 0  # images since the camera was lost
+        # Whether the view was covered in the first one of them, by the last map that was tracked for
+        # long enough.
+        self._was_covered = False
+
+    def started(self) -> None:
+        """Note that a map was started, in which images have to be tracked now."""
+        self._num_tracked = self._num_lost = 0
+        self._wait_s *= 2
+
+    def found(self) -> None:
+        """Note that an image was tracked."""
+        self._num_lost = 0
+        self._num_tracked += 1
+        if self._num_tracked >= _MIN_TRACKED:
+            self._wait_s = _NEW_GROUND_S
+
+    def wants(
+        self, frame: Frame, last: TrackedFrame | None, lost_s: float, limit_s: float
+    ) -> bool:
+        """Return whether a new map should start with this frame.
+
+        Args:
+            frame: A frame in which the camera was not found.
+            last: The last tracked frame; None if there is none.
+            lost_s: Time (s) for which the camera has been lost.
+            limit_s: Time (s) after which a map is started whatever the view.
+        """
+        if last is None or lost_s > limit_s:
+            return lost_s > limit_s
+        is_covered = self._is_covered(frame, last)
+        if self._num_lost == 0 and self._num_tracked >= _MIN_TRACKED:
+            self._was_covered = is_covered
+        self._num_lost += 1
+        is_blur = lost_s <= self._wait_s or self._num_lost <= _NEW_GROUND_IMAGES
+        num_features = np.count_nonzero(frame.has_depth & frame.may_seed)
+        has_features = num_features >= _MIN_NEW_GROUND
+        return bool(has_features and not is_blur and not (self._was_covered and is_covered))
+
+    def _is_covered(self, frame: Frame, last: TrackedFrame) -> bool:
+        """Return whether a surface hides most map points in view, as seen from the last pose."""
+        atlas, T_camera_map = self._atlas, last.current_pose(self._atlas)
+        seen = last.current_points(atlas)
+        local_map = find_local_map(
+            atlas, seen[seen != NO_POINT], last.reference_uid, self._max_keyframes
+        )
+        view = visible_points(atlas, self._camera, T_camera_map, local_map.points, radius=1.0)
+        k = np.flatnonzero(frame.has_depth)
+        if not len(k) or not len(view.points):
+            return False
+        cells = self._cells(
+            np.hstack([frame.measurement_px[k, :2].T, view.queries.projection_px[:2]])
+        )
+        of_feature, of_point = cells[: len(k)], cells[len(k) :]
+        count = np.bincount(of_feature, minlength=cells.max() + 1)
+        sum_per_m = np.bincount(of_feature, 1.0 / frame.depth_m[k], cells.max() + 1)
+        has_surface = count[of_point] > 0
+        of_point, points = of_point[has_surface], view.points[has_surface]
+        point_m = atlas.points.position_m[points] @ T_camera_map[2, :3] + T_camera_map[2, 3]
+        is_hidden = point_m * sum_per_m[of_point] / count[of_point] > _HIDDEN_RATIO
+        return bool(is_hidden.sum() > _COVERED_SHARE * len(points))
+
+    def _cells(self, pixels: FloatArray) -> IntArray:
+        """Return the index of the cell of the undistorted image of each of (2, N) pixels."""
+        left, top, right, _ = self._camera.bounds_px
+        column, row = np.maximum((pixels - np.array([[left], [top]])) // _CELL_PX, 0.0)
+        return np.asarray(row * np.ceil((right - left) / _CELL_PX + 1) + column, np.int64)
