@@ -66,7 +66,7 @@ CASES: Mapping[str, MaskCase] = {
 class Tally:
     """How many corners on moving and on static surface the filter kept or removed.
 
-    Corners within 5 px of the edge of a moving surface are not counted.
+    Corners on static surface within 5 px of a moving surface are not counted.
     """
 
     moving: int = 0

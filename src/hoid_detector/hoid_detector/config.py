@@ -25,8 +25,8 @@ class DetectorConfig(Config):
         '',
         'ONNX model of the detector: the path of a file or a known name such as yolox_nano. Set '
         'it to use another model than the default. With an empty string, the model in the '
-        'environment variable HOID_MODEL is used, or else YOLOX-nano, which is downloaded if no '
-        'known model is on this computer.',
+        'environment variable HOID_MODEL is used. Without that, it is YOLOX-nano if its file is '
+        'on this computer, or else YOLOv8n if that is; if neither is, YOLOX-nano is downloaded.',
     )
     # As in YOLOv5's detect.py.
     score_threshold: float = param(

@@ -119,7 +119,9 @@ class DenseConfig(Config):
     # Chosen: two voxels; free space ends this far before the measured surface, so that the noise
     # of depth does not carve the surface itself.
     carve_margin_m: ClassVar[float] = 0.05
-    # Not tuned: share of the images looking at a voxel that must have measured a surface there.
+    # Not tuned: a voxel is published only if its hits are at least this share of the images that
+    # measured static surface near it. A hit is an image that measured the surface within half a
+    # voxel. Images that see through the voxel are not in this number, but remove hits.
     min_hit_share: ClassVar[float] = 0.5
     # Number of images that must agree before a voxel is published. A larger number removes noise
     # and passers-by, and shows surfaces later (not tuned).

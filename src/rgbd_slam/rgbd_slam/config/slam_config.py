@@ -17,7 +17,8 @@ class CameraConfig(Config):
     disparity_noise_px: float = param(
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
         'Constant part of the standard deviation of depth readings, converted to disparities of a '
-        'stereo camera with a baseline of 7.5 cm (pixels); 3 % of the disparity is added to it. '
+        'stereo camera with a baseline of 7.5 cm (pixels). The standard deviation is the root of '
+        'the sum of the squares of this part and of 3 % of the disparity. '
         'Tracking and bundle adjustment replace both parts by the noise that is measured in the '
         'images; place recognition, and the creation and fusion of map points, always use these '
         'values. Raise it for a camera with noisier depth; more outliers in depth are then '
@@ -203,9 +204,10 @@ class KeyframeConfig(Config):
     )
     skip_known_views: bool = param(
         default=True,  # decision 004: 39 keyframes after one pass over a path, 43 after 136 passes
-        description='Whether to make no keyframe where an older keyframe already has the same '
-        'view, unless tracking gets worse quickly, so that the map does not grow while the robot '
-        'stays in a known place. Set it to false to make such keyframes, as ORB-SLAM3 does.',
+        description='Whether to skip a keyframe where an older keyframe already has the same '
+        'view, so that the map does not grow while the robot stays in a known place. A keyframe '
+        'is still made if tracking gets worse quickly, or if many features have newly appeared. '
+        'Set it to false to make keyframes in known views as well, as ORB-SLAM3 does.',
     )
     keep_outliers: bool = param(
         default=False,  # decision 021: the rule of ORB-SLAM3

@@ -278,7 +278,11 @@ def move_to_disk(submaps: Sequence[Submap]) -> None:
 
 
 def cells_of_keys(keys: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the cells (N, 3) of the keys of voxels, counted from the origin of their submap."""
+    """Return the cells (N, 3), in the order x, y, z, of the keys of voxels.
+
+    Cell (0, 0, 0) lies at the origin of the submap's frame, the corner of its cube without the
+    overlap. Cells in the overlap are negative or at least `SIDE`.
+    """
     x, rest = np.divmod(keys, SPAN * SPAN)
     return np.asarray(np.stack([x, *np.divmod(rest, SPAN)], axis=1) - _OVERLAP)
 

@@ -19,7 +19,9 @@ _INITIAL_CAPACITY = 32
 _INITIAL_FEATURES = 1024
 # Chosen: rows from which features are in a file. Those of 1,000 keyframes take 60 MB.
 _MEMORY_ROWS = 1024
-_RELEASE_AFTER = 100  # chosen: new keyframes after which the memory of these columns is released
+# Chosen: number of new keyframes after which the operating system may take back the memory of the
+# columns below; they are read from the file again when they are used.
+_RELEASE_AFTER = 100
 _FEATURE_COLUMNS = (
     'point_of_feature',
     'measurement_px',

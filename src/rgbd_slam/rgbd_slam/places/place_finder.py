@@ -67,8 +67,8 @@ class PlaceFinder:
     def locate(self, frame: Frame, *, in_main_map: bool = False) -> FoundPlace | None:
         """Return the place of a frame in the map, or None if it is unknown or ambiguous.
 
-        With identical furniture, two places may be verified. Then neither is returned; a later
-        frame that shows more may resolve the ambiguity.
+        With identical furniture, two distant places in one map may be verified with about as many
+        points. Then neither is returned; a later frame that shows more may resolve the ambiguity.
 
         Args:
             frame: The frame.

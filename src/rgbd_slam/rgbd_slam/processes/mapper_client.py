@@ -78,7 +78,10 @@ class MapperClient(Protocol):
         """Do the same as `settle`, then wait until all requests and the adjustment have ended."""
 
     def close(self) -> None:
-        """Stop background work; the tracker's map stays readable."""
+        """Stop background work; the tracker's map stays readable.
+
+        Requests that wait may be lost; `finish` completes them first.
+        """
 
 
 class InlineMapper(Mapper):

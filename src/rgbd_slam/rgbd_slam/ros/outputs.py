@@ -36,7 +36,11 @@ def visual_frame(odom: str) -> str:
 
 
 class SlamOutputs:
-    """The publishers of the node; every message has the stamp of the image it follows from."""
+    """The publishers of the node.
+
+    Every message has the stamp of the image that it follows from, except map -> odom while another
+    node sends odom -> base: its stamp is later by `transform_tolerance_s`.
+    """
 
     def __init__(
         self, node: Node, frames: FrameConfig, static: StaticFrames, diagnostics: Diagnostics

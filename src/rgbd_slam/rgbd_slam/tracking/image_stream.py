@@ -51,7 +51,11 @@ class DroppedFrameCounter:
         self._num_equal = 0  # successive gaps with this number of missing images
 
     def add(self, stamp_ns: int) -> None:
-        """Add the stamp of the next image; an earlier stamp restarts the stream."""
+        """Add the stamp of the next image, and count the images that are missing before it.
+
+        After a stamp that is not later than the last one, or a gap of more than a second, the
+        period of the stream is measured anew; the number of dropped images is kept.
+        """
         last_ns, self._last_ns = self._last_ns, stamp_ns
         if last_ns is None or not 0 < stamp_ns - last_ns <= _PAUSE_NS:
             self._restart()

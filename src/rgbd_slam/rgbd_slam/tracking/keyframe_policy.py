@@ -33,7 +33,9 @@ _SAME_VIEW_RAD = 0.2
 # The same, from which a further keyframe is requested while one is pending. Chosen: the usual
 # difference between two keyframes of a drive while the mapper is in time.
 _PENDING_VIEW_RAD = 0.1
-_CELL_PX = 40  # not tuned: a new feature counts only in a cell where no point is expected
+# Not tuned: side of the cells of the image. In a known view, a feature without a map point has
+# newly appeared only if no map point is expected in its cell.
+_CELL_PX = 40
 _ROW = 1 << 16  # chosen: more cells than a row has
 
 

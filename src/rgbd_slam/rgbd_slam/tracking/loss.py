@@ -70,8 +70,9 @@ class NewMapPolicy:
 
     If something covers the view, such as a person or a hand, it is better to wait: the map is
     behind it. If the camera was lost in a blur and then sees new ground, it is better to start a
-    new map at once. A view counts as covered if it was covered when the camera was lost, and still
-    is: the pose of the camera is known well only in the first of these images.
+    new map at once. Whether a surface hides the map is judged from the last known pose, which is
+    reliable only for the first image after the loss. Therefore, a view counts as covered only if
+    it was covered in that image and still is.
 
     Args:
         atlas: The map.
@@ -85,8 +86,8 @@ class NewMapPolicy:
         self._wait_s = _NEW_GROUND_S
         self._num_tracked = 0  # images since the last map was started
         self._num_lost = 0  # images since the camera was lost
-        # Whether the view was covered in the first one of them, by the last map that was tracked for
-        # long enough.
+        # Whether the view was covered in the first one of them, by the last map that was tracked
+        # for long enough.
         self._was_covered = False
 
     def started(self) -> None:

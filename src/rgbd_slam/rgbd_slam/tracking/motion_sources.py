@@ -97,7 +97,7 @@ class ConstantVelocity:
         return se3.exp(min(max(elapsed_s, 0.0), _HORIZON_S) * self._twist)
 
     def bridge(self) -> BridgedMotion | None:
-        """Return None: nothing measures the motion of a camera that is not tracked."""
+        """Return None, because this class only extrapolates the last velocity."""
         return None
 
 

@@ -55,7 +55,10 @@ class Relocalizer:
         self._hint, self._num_hinted, self._logged = hint, 0, ''
 
     def take_note(self) -> str:
-        """Return the message about the search near the given pose, or '', and clear it."""
+        """Return the message about the search near a pose of `relocalize_near`, and clear it.
+
+        It is '' if there is none.
+        """
         note, self._note = self._note, ''
         return note
 
