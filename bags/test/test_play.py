@@ -29,7 +29,7 @@ from hoid_bags.live.playback import (
 )
 from hoid_bags.live.read_ahead import ReadAhead
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.values import CameraModel
+from hoid_common.values import NS_PER_S, CameraModel
 
 START_NS = 1_305_031_102_175_304_123 - 5_000_001
 PERIOD_NS = 33_333_333
@@ -145,6 +145,20 @@ def test_read_ahead_is_bounded_and_ends_when_nobody_reads() -> None:
         next(iter(ahead))
         assert full.wait(5)
     assert len(given) <= 12
+
+
+def test_read_ahead_of_small_messages_is_bounded_by_time() -> None:
+    """A topic with few bytes that is repeated without end would never fill the buffer."""
+    given: list[int] = []
+
+    def endless() -> Iterator[ScheduledMessage]:
+        while True:
+            given.append(1)
+            yield message(len(given) * NS_PER_S, b'few bytes')
+
+    with ReadAhead(endless(), rate=0.5) as ahead:
+        assert next(iter(ahead)).time_ns == NS_PER_S
+    assert len(given) <= 8  # 5 s of the bag, the one that was taken and one that waits
 
 
 def test_read_ahead_hands_errors_on() -> None:

@@ -157,7 +157,7 @@ class Player:
         span_s = (plan.end_ns - plan.start_ns) / NS_PER_S
         total_s = None if config.loop else round(span_s, 2)
         with (
-            ReadAhead(plan.messages(loop=config.loop)) as messages,
+            ReadAhead(plan.messages(loop=config.loop), rate=config.rate) as messages,
             tqdm(
                 total=total_s, unit='s', disable=None if show_progress else True, bar_format=_BAR
             ) as bar,

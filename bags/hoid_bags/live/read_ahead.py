@@ -8,8 +8,12 @@ from collections.abc import Iterator
 from typing import Self
 
 from hoid_bags.live.playback import ScheduledMessage
+from hoid_common.values import NS_PER_S
 
 _LIMIT_BYTES = 64 * 2**20  # chosen: about one second of raw VGA color and depth images
+# Chosen: longer than a disk pauses. Without this limit, a bag of a few bytes that is repeated
+# would be read for minutes before its first message is played.
+_LIMIT_S = 10.0
 
 
 class ReadAhead:
@@ -21,12 +25,18 @@ class ReadAhead:
     Args:
         messages: Messages to read.
         limit_bytes: Size of the buffer.
+        rate: Speed of the playback: the buffer also has a limit in real time.
     """
 
     def __init__(
-        self, messages: Iterator[ScheduledMessage], limit_bytes: int = _LIMIT_BYTES
+        self,
+        messages: Iterator[ScheduledMessage],
+        limit_bytes: int = _LIMIT_BYTES,
+        *,
+        rate: float = 1.0,
     ) -> None:
         self._messages, self._limit_bytes = messages, limit_bytes
+        self._limit_ns = round(_LIMIT_S * rate * NS_PER_S)
         self._waiting: deque[ScheduledMessage] = deque()
         self._waiting_bytes = 0
         self._is_done = False
@@ -61,7 +71,10 @@ class ReadAhead:
 
     @property
     def _has_space(self) -> bool:
-        return self._waiting_bytes < self._limit_bytes
+        if not self._waiting:
+            return True
+        span_ns = self._waiting[-1].time_ns - self._waiting[0].time_ns
+        return self._waiting_bytes < self._limit_bytes and span_ns < self._limit_ns
 
     def _read(self) -> None:
         try:
