@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.untrusted import check_path_name, read_bytes, read_text
+from hoid_common.io.untrusted import check_path_name, expand_home, read_bytes, read_text
 
 
 def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
@@ -55,3 +55,12 @@ def test_names_that_no_file_can_have(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message) as caught:
         check_path_name(text, '--out')
     assert len(str(caught.value).encode()) < 200
+
+
+def test_a_home_folder_that_is_not_known_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('HOME', '/home/me')
+    assert expand_home('~/maps', 'map_directory') == Path('/home/me/maps')
+    assert expand_home('maps/~', 'map_directory') == Path('maps/~')
+    message = '^map_directory: ~nosuchuser/x: no home folder is known for ~nosuchuser; give the'
+    with pytest.raises(ConfigError, match=message):
+        expand_home('~nosuchuser/x', 'map_directory')

@@ -73,6 +73,25 @@ def read_error(path: Path, error: Exception) -> InputError:
     return InputError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}')
 
 
+def expand_home(text: str, what: str) -> Path:
+    """Return the path of a text in which `~` or `~user` at the beginning is a home folder.
+
+    Args:
+        text: The path as the user gave it.
+        what: Name of the parameter or variable, with which the error begins.
+
+    Raises:
+        ConfigError: There is no such user, or the user has no home folder.
+    """
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:
+        user = text.partition('/')[0]
+        raise ConfigError(
+            f'{what}: {text}: no home folder is known for {user}; give the path without {user}'
+        ) from error
+
+
 def check_path_name(text: str, what: str) -> None:
     """Raise ConfigError for a path that no file can have, or that is not UTF-8.
 

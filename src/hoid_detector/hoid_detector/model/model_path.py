@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_common.errors import ModelError, NoModelError
+from hoid_common.io.untrusted import expand_home
 
 SYNTHETIC = 'synthetic'
 """Name of the synthetic detector, which is trained on rendered scenes; no robot installs it."""
@@ -76,7 +77,7 @@ def find_model(requested: str | None = None) -> Path:
 
 def _named(name: str, origin: str) -> Path:
     """Return the file of a model that is given by path or name; an error begins with `origin`."""
-    path = Path(name).expanduser()
+    path = expand_home(name, origin.rstrip(':'))
     if path.is_file():
         return path
     for folder in _folders():
@@ -102,7 +103,7 @@ def _folders() -> list[Path]:
 
 def _cache() -> Path:
     base = os.environ.get('XDG_CACHE_HOME')
-    return (Path(base) if base else Path.home() / '.cache') / 'hoid'
+    return expand_home(base or '~/.cache', 'XDG_CACHE_HOME') / 'hoid'
 
 
 def _downloaded(name: str) -> Path:

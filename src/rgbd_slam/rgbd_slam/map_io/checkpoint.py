@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
-from pathlib import Path
 from typing import NamedTuple
 
 from hoid_common.errors import MapFileError
+from hoid_common.io.untrusted import expand_home
 from hoid_common.values import NS_PER_S
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import SUFFIX, MapFile
@@ -44,7 +44,7 @@ class CheckpointFile:
     def __init__(self, directory: str, owner: str) -> None:
         plain = ''.join(c if c.isalnum() else '-' for c in owner)
         # A hidden file, which no service accepts as a name.
-        self.path = Path(directory).expanduser() / f'.checkpoint-{plain}{SUFFIX}'
+        self.path = expand_home(directory, 'map_directory') / f'.checkpoint-{plain}{SUFFIX}'
 
     def read(self) -> Checkpoint | None:
         """Return the checkpoint, or None if there is none.

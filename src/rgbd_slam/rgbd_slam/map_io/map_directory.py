@@ -12,6 +12,7 @@ from typing import NamedTuple, TypeVar
 
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, write_error
+from hoid_common.io.untrusted import expand_home
 from rgbd_slam.map_io.map_file import SUFFIX
 
 T = TypeVar('T')
@@ -52,7 +53,7 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
     file_name = _with_ending(name or kind.default, kind)
     if len(file_name.encode()) > _MAX_BYTES:
         raise InputError(f'"{printable(name)}" is too long a name: {_MAX_BYTES} bytes at most')
-    folder = Path(directory).expanduser()
+    folder = expand_home(directory, 'map_directory')
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
