@@ -19,9 +19,11 @@ from types import ModuleType
 from hoid_common.errors import HoidError, InputError
 from hoid_common.io.files import abandoned_scratch_folders
 from hoid_common.io.untrusted import check_path_name
+from hoid_common.process.output import relay_output
 from hoid_common.process.signals import interrupt_on_termination, termination_signals_blocked
 
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
+_NODES = 'nodes'
 _FREE_TEXT = ('set',)  # options that name no file
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
@@ -35,6 +37,8 @@ class Command:
 
     module: str
     help: str  # what the command does, in a few words
+    # Whether images would be missed while its output waits for somebody who reads it.
+    is_live: bool = False
 
 
 COMMANDS = {
@@ -45,11 +49,15 @@ COMMANDS = {
     'convert': Command('hoid_bags.commands', 'convert a TUM folder to an MCAP bag'),
     'synth': Command('hoid_synth.commands', 'render a bag of a scene with moving people'),
     'info': Command('hoid_bags.commands', 'list the topics of a bag, or repair it'),
-    'play': Command('hoid_bags.commands', 'publish the messages of a bag'),
-    'record': Command('hoid_bags.commands', 'record topics into a bag'),
-    'nodes': Command('hoid_bringup.live.nodes', 'run detector, filter and SLAM nodes on a robot'),
+    'play': Command('hoid_bags.commands', 'publish the messages of a bag', is_live=True),
+    'record': Command('hoid_bags.commands', 'record topics into a bag', is_live=True),
+    _NODES: Command(
+        'hoid_bringup.live.nodes', 'run detector, filter and SLAM nodes on a robot', is_live=True
+    ),
     'run': Command('hoid_bringup.commands', 'run SLAM on every frame of a recording, offline'),
-    'replay': Command('hoid_bringup.commands', 'play a recording in real time to the nodes'),
+    'replay': Command(
+        'hoid_bringup.commands', 'play a recording in real time to the nodes', is_live=True
+    ),
     'map': Command('hoid_bringup.run.map_command', 'describe saved maps, or join several'),
     'evaluate': Command('hoid_bringup.commands', 'compute the errors of a trajectory'),
     'bench': Command('hoid_benchmarks.commands', 'run experiments, or measure a stage'),
@@ -74,6 +82,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     chosen = next((word for word in argv if not word.startswith('-')), '')
     try:
         args = argument_parser(chosen).parse_args(argv)
+        if COMMANDS[chosen].is_live:
+            # The nodes draw no progress bars, and must not wait even for a stopped terminal.
+            relay_output(terminals=chosen == _NODES)
         logging.basicConfig(
             level=logging.DEBUG if args.verbose else logging.WARNING,
             format='%(levelname)s %(name)s: %(message)s',

@@ -9,22 +9,36 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from importlib import import_module
 from typing import NoReturn
 
+from hoid_common.errors import ConfigError
 from hoid_common.process.child_process import preload
+from hoid_common.process.limits import require_descriptors
+from hoid_common.process.output import relay_output
+from hoid_common.process.signals import TERMINATION_SIGNALS
 
 EXIT_INTERRUPTED = 128 + signal.SIGINT
 """Exit status after Ctrl-C during start-up: a shell's convention for death by a signal."""
 EXIT_CONFIG = os.EX_CONFIG
-"""Exit status after an invalid parameter or argument, with which a restart would fail again."""
+"""Exit status of a node that cannot start with its parameters, arguments and files."""
+EXIT_FAILED = 1
+"""Exit status of a node that ran, and ended because of an error."""
+REFUSAL_PAUSE = 'HOID_REFUSAL_PAUSE_S'
+"""Environment variable: time (s) that a node waits before it ends with EXIT_CONFIG.
+
+`ros2 launch` restarts a node after a fixed delay. Without the pause, a node that cannot start
+would take a whole processor core for trying.
+"""
 
 
 def start(module: str) -> NoReturn:
     """Import a node's module, run its `main`, and exit with the status that `main` returns.
 
     Until `main` installs its own handlers, SIGINT ends the process with status 130. SIGINT is also
-    unblocked, because a parent may block it while the interpreter starts.
+    unblocked, because a parent may block it while the interpreter starts. From here on, output
+    that nobody reads does not block the process (see `relay_output`).
 
     If the node's package defines `CHILD_MODULES`, a fork server with these modules is started for
     the child processes of the node (see `preload`).
@@ -34,7 +48,23 @@ def start(module: str) -> NoReturn:
     """
     signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    try:
+        require_descriptors()
+    except ConfigError as error:
+        sys.stderr.write(f'error: {error}\n')
+        sys.exit(EXIT_CONFIG)
+    relay_output()
     node = import_module(module)
     if children := getattr(import_module(module.partition('.')[0]), 'CHILD_MODULES', ()):
         preload(*children)
-    sys.exit(node.main())
+    status = node.main()
+    if status == EXIT_CONFIG:
+        _pause_before_exit()
+    sys.exit(status)
+
+
+def _pause_before_exit() -> None:
+    """Wait for the time that launch has asked for, or until a signal ends the process."""
+    for sign in (signal.SIGINT, *TERMINATION_SIGNALS):
+        signal.signal(sign, lambda *_: os._exit(EXIT_CONFIG))
+    time.sleep(float(os.environ.get(REFUSAL_PAUSE, '0')))

@@ -12,6 +12,8 @@ from types import FrameType
 
 TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """The signals, beside SIGINT, that ask a process to end."""
+FAILURE_SIGNAL = signal.SIGUSR1
+"""Signal that ends a node because another process failed: its map is kept (decision 046)."""
 
 
 def interrupt_on_termination() -> None:

@@ -1,0 +1,29 @@
+"""Limits of the system that a process needs to be large enough, checked before it starts."""
+
+from __future__ import annotations
+
+import resource
+
+from hoid_common.errors import ConfigError
+
+_MIN_DESCRIPTORS = 256
+"""Open files that a process may need: several times the 34 that were measured for a node."""
+
+
+def require_descriptors() -> None:
+    """Raise the limit of open files of this process where it is too low and may be raised.
+
+    Raises:
+        ConfigError: It must not be raised as far as needed. A process that starts nevertheless
+            fails at any place, with any error, and so does one that replaces it.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft >= _MIN_DESCRIPTORS or soft == resource.RLIM_INFINITY:
+        return
+    if hard != resource.RLIM_INFINITY and hard < _MIN_DESCRIPTORS:
+        raise ConfigError(
+            f'this process may have {hard} files open at once and needs {_MIN_DESCRIPTORS}: raise '
+            'the limit ("ulimit -n 1024" in the shell, LimitNOFILE=1024 in a service of systemd, '
+            '"--ulimit nofile=1024" for docker)'
+        )
+    resource.setrlimit(resource.RLIMIT_NOFILE, (_MIN_DESCRIPTORS, hard))

@@ -1,0 +1,227 @@
+"""Output that nobody reads: it is dropped and counted, and never blocks the process.
+
+A process that writes to a full pipe, or to a terminal that was stopped by Ctrl-S, blocks until
+somebody reads. The console handler of ROS does so while it holds Python's interpreter lock, so
+that all threads of a node stand still. Here a second process waits in its place. A thread could
+not: it would need the interpreter lock, and the last words of a process that dies would be lost.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import select
+import signal
+import socket
+import stat
+import sys
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import NoReturn
+
+from hoid_common.process.signals import TERMINATION_SIGNALS
+
+_STREAMS = (1, 2)  # stdout and stderr
+_MARK = 'HOID_RELAYED_OUTPUT'  # environment variable: identifies the pipes that a relay reads
+_COLORS = 'RCUTILS_COLORIZED_OUTPUT'
+_MAX_WAITING_BYTES = 1 << 18  # chosen: the last 2,000 lines or so
+_READ_BYTES = 1 << 16  # all that a pipe holds
+_WRITE_BYTES = select.PIPE_BUF  # a pipe that is ready takes as much without blocking (pipe(7))
+_RETRY_S = 0.05  # chosen: pause after a stream that was ready took nothing
+_PATIENCE_S = 1.0  # chosen: how long the rest is offered to a reader after the process has ended
+
+
+def relay_output(*, terminals: bool = True) -> None:
+    """Let a child process write this process's stdout and stderr, so that nothing here blocks.
+
+    When nobody reads, the oldest waiting lines are dropped, and their number is written as soon as
+    somebody reads again. Output to regular files is left as it is, and so is output that a process
+    above this one relays already. Call this before threads exist, because it forks.
+
+    Args:
+        terminals: Whether output to a terminal is relayed too. This process then sees a pipe in
+            place of the terminal, and draws no progress bars.
+    """
+    relayed = os.environ.get(_MARK, '').split()
+    streams: dict[str, list[int]] = {}  # stdout and stderr by the file they lead to
+    for stream in _STREAMS:
+        identity = _identity(stream)
+        if identity and identity not in relayed and _may_block(stream, terminals=terminals):
+            streams.setdefault(identity, []).append(stream)
+    if not streams:
+        return
+    if any(os.isatty(stream) for same in streams.values() for stream in same):
+        os.environ.setdefault(_COLORS, '1')
+    _flush()
+    pipes = [(*os.pipe(), same) for same in streams.values()]
+    finish_reader, finish = os.pipe()
+    relay = os.fork()
+    if relay == 0:
+        _run([(reader, same[0]) for reader, _, same in pipes], finish_reader)
+    for reader, writer, same in pipes:
+        for stream in same:
+            os.dup2(writer, stream)
+        os.close(reader)
+        os.close(writer)
+    os.close(finish_reader)
+    os.environ[_MARK] = ' '.join([*relayed, *(_identity(same[0]) for _, _, same in pipes)])
+    atexit.register(_finish, relay, finish, os.getpid())
+
+
+def _identity(stream: int) -> str:
+    """Return a text that identifies the file of a descriptor; empty if it is closed."""
+    try:
+        info = os.fstat(stream)
+    except OSError:
+        return ''
+    return f'{info.st_dev}:{info.st_ino}'
+
+
+def _may_block(stream: int, *, terminals: bool) -> bool:
+    mode = os.fstat(stream).st_mode
+    if stat.S_ISCHR(mode):
+        return terminals and os.isatty(stream)
+    return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
+
+
+def _flush() -> None:
+    for file in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):  # it is closed
+            file.flush()
+
+
+def _finish(relay: int, finish: int, owner: int) -> None:
+    """Wait at exit until the relay has written everything or has waited long enough.
+
+    Children of this process may live on with its output, hence a message in place of the end of
+    the pipe.
+    """
+    if os.getpid() == owner:
+        _flush()
+        with suppress(OSError):
+            os.write(finish, b'.')
+            os.waitpid(relay, 0)
+
+
+def _run(pairs: Iterable[tuple[int, int]], finish: int) -> NoReturn:
+    """Relay from pipes to streams until the process has ended; main function of the relay."""
+    try:
+        for sign in (signal.SIGINT, signal.SIGUSR1, *TERMINATION_SIGNALS):
+            signal.signal(sign, signal.SIG_IGN)
+        channels = [_Channel(reader, stream) for reader, stream in pairs]
+        _close_all_but({finish, *(fd for c in channels for fd in (c.reader, c.stream))})
+        _relay(channels, finish)
+        _offer_rest(channels)
+    finally:
+        os._exit(0)
+
+
+def _close_all_but(kept: set[int]) -> None:
+    """Close all other descriptors, which would keep pipes of the process open."""
+    before = 0
+    for descriptor in [*sorted(kept), os.sysconf('SC_OPEN_MAX')]:
+        os.closerange(before, descriptor)
+        before = descriptor + 1
+
+
+def _relay(channels: list[_Channel], finish: int) -> None:
+    """Relay until all pipes have ended or `finish` is written to."""
+    while open_pipes := [channel.reader for channel in channels if channel.is_open]:
+        targets = [channel.stream for channel in channels if channel.waits]
+        ready, writable, _ = select.select([finish, *open_pipes], targets, [])
+        for channel in channels:
+            if channel.reader in ready:
+                channel.read()
+            if channel.stream in writable:
+                channel.write()
+        if finish in ready:
+            for channel in channels:
+                channel.read_rest()
+
+
+def _offer_rest(channels: list[_Channel]) -> None:
+    """Offer what still waits to the readers, for a limited time."""
+    end_s = time.monotonic() + _PATIENCE_S
+    while targets := [channel for channel in channels if channel.waits]:
+        left_s = end_s - time.monotonic()
+        if left_s <= 0:
+            return
+        _, writable, _ = select.select([], [channel.stream for channel in targets], [], left_s)
+        for channel in targets:
+            if channel.stream in writable:
+                channel.write()
+
+
+class _Channel:
+    """What waits to be written to one stream.
+
+    Args:
+        reader: Descriptor of the pipe to which the process writes.
+        stream: Descriptor of the stream.
+    """
+
+    def __init__(self, reader: int, stream: int) -> None:
+        self.reader, self.is_open = reader, True
+        os.set_blocking(reader, False)
+        try:
+            # Opened again, because the mode of a descriptor is shared by all processes that have
+            # inherited it, and theirs must stay as it is.
+            flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_APPEND
+            self.stream = os.open(f'/proc/self/fd/{stream}', flags)
+        except OSError:  # a socket
+            self.stream = os.dup(stream)
+        self._is_socket = stat.S_ISSOCK(os.fstat(self.stream).st_mode)
+        self._waiting = bytearray()
+        self._num_lost = 0  # lines
+        self._is_in_line = False  # whether the last line that was written is not complete
+        self._is_dead = False
+
+    @property
+    def waits(self) -> bool:
+        """Return whether something waits to be written."""
+        return bool(self._waiting) and not self._is_dead
+
+    def read(self) -> bool:
+        """Read what the process has written; return False if there is nothing now."""
+        try:
+            data = os.read(self.reader, _READ_BYTES)
+        except BlockingIOError:
+            return False
+        self.is_open = bool(data)
+        self._waiting += data
+        num_excess = len(self._waiting) - _MAX_WAITING_BYTES
+        if num_excess > 0:
+            end = self._waiting.find(b'\n', num_excess - 1) + 1 or len(self._waiting)
+            self._num_lost += self._waiting.count(b'\n', 0, end)
+            del self._waiting[:end]
+        return self.is_open
+
+    def read_rest(self) -> None:
+        """Read what is in the pipe now, as its end."""
+        while self.read():
+            pass
+        self.is_open = False
+
+    def write(self) -> None:
+        """Write as much as the stream takes without blocking."""
+        if self._num_lost:
+            note = f'[{self._num_lost} lines of output were dropped: nobody read them in time]\n'
+            self._waiting[:0] = ('\n' * self._is_in_line + note).encode()
+            self._num_lost = 0
+        part = bytes(self._waiting[:_WRITE_BYTES])
+        try:
+            size = self._send(part)
+        except BlockingIOError:
+            time.sleep(_RETRY_S)
+        except OSError:  # the reader is gone
+            self._is_dead = True
+        else:
+            self._is_in_line = part[:size][-1:] != b'\n'
+            del self._waiting[:size]
+
+    def _send(self, part: bytes) -> int:
+        if not self._is_socket:
+            return os.write(self.stream, part)
+        with socket.socket(fileno=os.dup(self.stream)) as target:
+            return target.send(part, socket.MSG_DONTWAIT)
