@@ -8,72 +8,19 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hoid_msgs.msg import SlamStatus
 from std_srvs.srv import Trigger
 
 from hoid_bringup.live.supervisor import Supervisor
-from hoid_common import se3
-from hoid_common.ros import conversions
-from hoid_common.values import FloatArray
-from hoid_system_tests.frame_tree import OPTICAL
-from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
+from hoid_system_tests.running_camera import RunningCamera
+from hoid_system_tests.slam_peer import NO_SCENE, START_NS
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 _BACK_S = 5.0  # from the kill to odometry in the same map
-_WRITTEN_S = 20.0
-
-
-def camera_at(i: int) -> FloatArray:
-    return pose_after(i, turn_rad=0.01)
-
-
-class Peer(SlamPeer):
-    """A camera whose clock keeps running while the node is down."""
-
-    def __init__(self, probe: Probe) -> None:
-        super().__init__(probe)
-        self.world, self.stamp_ns = PointWorld(3000), START_NS
-
-    def send(self, place: int) -> SlamStatus:
-        self.stamp_ns += PERIOD_NS
-        return self.answer_to(features_msg(self.world.features(camera_at(place), self.stamp_ns)))
-
-    def await_ready(self) -> None:
-        """Publish camera infos, as a driver does, until the node publishes a status."""
-        self.status.clear()
-        due_s = 0.0
-
-        def has_status() -> bool:
-            nonlocal due_s
-            if time.monotonic() > due_s:
-                due_s = time.monotonic() + 0.1
-                header = conversions.header_to_msg(self.stamp_ns + PERIOD_NS, OPTICAL)
-                self.camera.publish(conversions.camera_to_msg(CAMERA, header))
-            return bool(self.status)
-
-        self.probe.spin_until(has_status, 'the node does not get ready', 60.0)
-
-    def check_pose(self, place: int) -> None:
-        error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ self.pose(self.stamp_ns))
-        assert np.linalg.norm(error[3:]) < 0.02
-
-    def await_checkpoint(self, folder: Path) -> None:
-        before_ns = time.time_ns()
-        self.probe.spin_until(
-            lambda: any(
-                f.name.startswith('.checkpoint') and f.stat().st_ctime_ns > before_ns
-                for f in folder.iterdir()
-            ),
-            'no checkpoint',
-            _WRITTEN_S,
-        )
 
 
 @pytest.fixture
@@ -99,7 +46,7 @@ def test_a_killed_node_resumes_its_map(
 ) -> None:
     started_s = time.monotonic()
     node = run()
-    peer = Peer(probe)
+    peer = RunningCamera(probe)
     peer.await_ready()
     clean_s = time.monotonic() - started_s
     for place in range(60):
@@ -139,7 +86,7 @@ def test_a_map_that_was_stopped_or_reset_is_not_resumed(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     node = run()
-    peer = Peer(probe)
+    peer = RunningCamera(probe)
     peer.await_ready()
     for place in range(20):
         peer.send(place)
@@ -162,7 +109,7 @@ def test_a_restarted_recording_gets_a_new_map(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     node = run()
-    peer = Peer(probe)
+    peer = RunningCamera(probe)
     peer.await_ready()
     for place in range(20):
         peer.send(place)

@@ -28,9 +28,9 @@ from hoid_system_tests.processes import executable
 _TICK_S, _SIGTERM_AFTER_S, _SIGKILL_AFTER_S = 0.02, 5.0, 10.0
 NAMES = {
     'launch': 'LaunchContext LaunchDescription',
-    'launch.actions': 'DeclareLaunchArgument OpaqueFunction Shutdown',
+    'launch.actions': 'DeclareLaunchArgument EmitEvent LogInfo OpaqueFunction Shutdown',
     'launch.events': '',
-    'launch.events.process': 'ProcessExited',
+    'launch.events.process': 'ProcessExited SignalProcess',
     'launch.substitutions': 'LaunchConfiguration PathJoinSubstitution',
     'launch_ros': '',
     'launch_ros.actions': 'LifecycleNode Node',
@@ -115,6 +115,22 @@ class Shutdown:
 
 
 @dataclass
+class LogInfo:
+    msg: str
+
+
+@dataclass
+class SignalProcess:
+    signal_number: signal.Signals
+    process_matcher: Callable[[Node], bool]
+
+
+@dataclass
+class EmitEvent:
+    event: SignalProcess
+
+
+@dataclass
 class LaunchDescription:
     entities: list[Any]
 
@@ -131,7 +147,13 @@ class Node:
     output: str = 'log'
     respawn: bool = False
     respawn_delay: float = 0.0
-    on_exit: Callable[[Any, LaunchContext], list[Shutdown]] = lambda *_: []
+    additional_env: dict[str, str] = field(default_factory=dict)
+    on_exit: Callable[[Any, LaunchContext], list[Any]] = lambda *_: []
+    process_details: dict[str, Any] | None = None
+
+    @property
+    def node_package(self) -> str:
+        return self.package
 
     def argv(self, context: LaunchContext, folder: Path) -> list[str]:
         """Return the command line of launch_ros."""
@@ -175,15 +197,19 @@ class Launched:
 
     def __init__(self, node: Node, argv: list[str]) -> None:
         self.node, self._argv = node, argv
-        self.process = subprocess.Popen(argv)
+        self._start()
         self._due_s: float | None = None  # time of the restart; infinite: never
 
-    def poll(self, context: LaunchContext) -> list[Shutdown]:
-        """Restart the process when due; return the shutdowns that its end requests."""
+    def _start(self) -> None:
+        self.process = subprocess.Popen(self._argv, env={**os.environ, **self.node.additional_env})
+        self.node.process_details = {'pid': self.process.pid}
+
+    def poll(self, context: LaunchContext) -> list[Any]:
+        """Restart the process when due; return the actions that its end requests."""
         if self._due_s is not None:
             if time.monotonic() >= self._due_s:
                 self._due_s = None
-                self.process = subprocess.Popen(self._argv)
+                self._start()
             return []
         if (status := self.process.poll()) is None or self._due_s == float('inf'):
             return []
@@ -212,12 +238,23 @@ def run(nodes: list[Node], context: LaunchContext, folder: Path) -> None:
     launched = [Launched(node, node.argv(context, folder)) for node in nodes]
     while not interrupts:
         for one in launched:
-            for shutdown in one.poll(context):
-                print_line('launch', shutdown.reason)
-                interrupts.append(0)
+            for action in one.poll(context):
+                if isinstance(action, EmitEvent):
+                    send(action.event, launched)
+                else:
+                    is_end = isinstance(action, Shutdown)
+                    print_line('launch', action.reason if is_end else action.msg)
+                    interrupts += [0] * is_end
         time.sleep(_TICK_S)
     context.is_shutdown = True
     end([one for one in launched if one.process.poll() is None], context)
+
+
+def send(event: SignalProcess, launched: list[Launched]) -> None:
+    """Send a signal to the processes that an event selects."""
+    for one in launched:
+        if event.process_matcher(one.node):
+            one.process.send_signal(event.signal_number)
 
 
 def end(launched: list[Launched], context: LaunchContext) -> None:

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import json
 import socket
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
-import yaml
 
 from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_topics import RecordedTopics
 from hoid_bringup.live.live_metrics import LiveMetrics
-from hoid_bringup.live.node_specs import NodeOptions, node_specs, parameter_file
+from hoid_bringup.live.node_specs import NodeOptions, node_specs, parameter_arguments
 from hoid_bringup.live.replay_plan import ReplayConfig, node_options, player_spec
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import FilterCounts
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.param_file import load_params
 
 IMAGE, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 
@@ -178,18 +178,23 @@ def test_in_lockstep_no_message_may_be_lost() -> None:
     assert '--lockstep' in player_spec(bag, config).argv
 
 
-def test_parameters_are_passed_to_nodes_in_files(tmp_path: Path) -> None:
+def set_parameters(argv: Sequence[str]) -> dict[str, Any]:
+    """Return the parameters that a command line sets."""
+    pairs = [text.partition(':=') for flag, text in pairwise(argv) if flag == '-p']
+    return {name: json.loads(text) for name, _, text in pairs}
+
+
+def test_parameters_are_passed_on_the_command_line() -> None:
     options = NodeOptions(
         nodes=('rgbd_slam',),
         namespace='robot1',
         parameters={'rgbd_slam': {'keyframes.min_gap_s': 2.0, 'frames.base': 'base: link'}},
         remappings=(('rgb/image', '/a b'),),
     )
-    (spec,) = node_specs(options, tmp_path)
+    (spec,) = node_specs(options)
     assert '__ns:=/robot1' in spec.argv
     assert 'rgb/image:=/a b' in spec.argv
-    values = load_params(tmp_path / 'rgbd_slam.yaml', 'rgbd_slam')
-    assert values == {
+    assert set_parameters(spec.argv) == {
         'keyframes.min_gap_s': 2.0,
         'frames.base': 'base: link',
         'expert': True,  # as keyframes.min_gap_s is a parameter for experts
@@ -197,19 +202,19 @@ def test_parameters_are_passed_to_nodes_in_files(tmp_path: Path) -> None:
     }
 
 
-def test_an_internal_parameter_is_refused_by_nodes(tmp_path: Path) -> None:
+def test_an_internal_parameter_is_refused_by_nodes() -> None:
     options = NodeOptions(nodes=('rgbd_slam',), parameters={'rgbd_slam': {'mapping.rounds': 1}})
     with pytest.raises(ConfigError, match=r'mapping\.rounds is no parameter of a node'):
-        node_specs(options, tmp_path)
+        node_specs(options)
 
 
-def test_a_parameter_file_has_lists_and_empty_lists() -> None:
-    text = parameter_file({'classes': ('cup', 'book'), 'providers': (), 'a.b': True})
-    assert yaml.safe_load(text)['/**']['ros__parameters'] == {
-        'classes': ['cup', 'book'],
-        'providers': [''],
-        'a': {'b': True},
-    }
+def test_arguments_have_lists_empty_lists_and_texts_that_look_like_numbers() -> None:
+    values = {'classes': ('cup', 'book'), 'providers': (), 'a.b': True, 'c': '1e3', 'd': 1e-9}
+    arguments = parameter_arguments({**values, 'long': 'two words ' * 50})
+    assert arguments[1::2][:3] == ['classes:=["cup", "book"]', 'providers:=[""]', 'a.b:=true']
+    assert arguments[7:10:2] == ['c:="1e3"', 'd:=1e-09']
+    assert '\n' not in arguments[-1]
+    assert set_parameters(arguments)['long'] == 'two words ' * 50
 
 
 def test_a_free_domain_is_reserved_unless_one_is_set(monkeypatch: pytest.MonkeyPatch) -> None:

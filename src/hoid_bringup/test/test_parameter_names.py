@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ from hoid_bringup.live.nodes import add_nodes_arguments, node_options
 from hoid_bringup.run.options import add_method_arguments, run_config
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError
-from hoid_common.io.param_file import load_params
 
 SAME = (
     ('filter.detections.on_loss', 'detections.on_loss', 'hoid_filter.detections.on_loss'),
@@ -91,16 +91,15 @@ def test_whole_numbers_and_lists_are_converted() -> None:
     assert given[FILTER] == {'depth_limit_m': 1.0}
 
 
-def test_an_expert_parameter_is_passed_with_the_switch_expert(
-    tmp_path: Path,
-) -> None:
-    options = of_nodes('strategy=hoid+', 'classes=[]', 'dense.voxel_m=0.025')
-    node_specs(options, tmp_path)
-    always = {'use_sim_time': False}
-    assert load_params(tmp_path / 'hoid_filter.yaml', FILTER) == {'strategy': 'hoid+', **always}
-    assert load_params(tmp_path / 'hoid_detector.yaml', DETECTOR) == {'classes': ('',), **always}
-    slam = load_params(tmp_path / 'rgbd_slam.yaml', SLAM)
-    assert slam == {'dense.voxel_m': 0.025, 'expert': True, **always}
+def test_an_expert_parameter_is_passed_with_the_switch_expert() -> None:
+    specs = node_specs(of_nodes('strategy=hoid+', 'classes=[]', 'dense.voxel_m=0.025'))
+    given = {
+        spec.name: {text for flag, text in pairwise(spec.argv) if flag == '-p'} for spec in specs
+    }
+    always = 'use_sim_time:=false'
+    assert given[FILTER] == {'strategy:="hoid+"', always}
+    assert given[DETECTOR] == {'classes:=[""]', always}
+    assert given[SLAM] == {'dense.voxel_m:=0.025', 'expert:=true', always}
 
 
 def test_offline_runs_refuse_parameters_of_live_nodes(

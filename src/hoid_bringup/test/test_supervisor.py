@@ -84,17 +84,82 @@ def test_a_child_is_restarted_at_once_unless_it_was_just_started() -> None:
         assert group.pids['lasting'] != pid
 
 
-def test_a_child_that_refuses_to_start_is_not_restarted(tmp_path: Path) -> None:
+def exits_of(group: Supervisor, number: int) -> list[ProcessExit]:
+    """Poll until a number of children have ended, and return how."""
+    exits: list[ProcessExit] = []
+    deadline_s = time.monotonic() + 60
+    while len(exits) < number:
+        exits += group.poll()
+        assert time.monotonic() < deadline_s, exits
+        time.sleep(0.01)
+    return exits
+
+
+def test_a_child_that_refuses_its_first_start_is_not_restarted(tmp_path: Path) -> None:
     spec = python('proud', f'print("no", flush=True); raise SystemExit({EXIT_CONFIG})')
     with Supervisor([spec], restart=True, restart_period_s=0.0, log_dir=tmp_path) as group:
-        exits: list[ProcessExit] = []
-        while not exits:
-            exits += group.poll()
-            time.sleep(0.01)
-        assert [str(ended) for ended in exits] == ['proud refused to start']
+        (ended,) = exits_of(group, 1)
+        assert (str(ended), ended.restart_s) == ('proud refused to start', None)
         assert group.poll() == []
         assert group.pids == {}
     assert (tmp_path / 'proud.log').read_text() == 'no\n'
+
+
+def test_a_child_that_refuses_a_restart_is_tried_again_until_it_starts(tmp_path: Path) -> None:
+    """As when a file that it needs is damaged, and repaired later."""
+    good, period_s = tmp_path / 'good', 0.05
+    code = (
+        'import time; from pathlib import Path\n'
+        f'if not Path({str(good)!r}).exists(): raise SystemExit({EXIT_CONFIG})\n'
+        'print("ready", flush=True); time.sleep(60)'
+    )
+    good.touch()
+    specs = [python('node', code), python('other', STUBBORN)]
+    with Supervisor(specs, restart=True, restart_period_s=period_s, log_dir=tmp_path) as group:
+        wait_for(tmp_path / 'node.log', 'ready')
+        other = group.pids['other']
+        good.unlink()
+        os.kill(group.pids['node'], signal.SIGKILL)
+        killed, *refused = exits_of(group, 5)
+        assert (killed.status, killed.restart_s) == (-signal.SIGKILL, 0.0)
+        assert all(ended.refused_to_start for ended in refused)
+        waits_s = [ended.restart_s for ended in refused]
+        assert waits_s == pytest.approx([period_s * 2**i for i in range(4)])
+        good.touch()
+        deadline_s = time.monotonic() + 60
+        while (tmp_path / 'node.log').read_text().count('ready') < 2:
+            assert group.poll() == []
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        assert group.pids['other'] == other
+        group.stop(grace_s=0.2)
+
+
+NOTING = (
+    'import signal, sys, time\n'
+    'def note(number, _): print(signal.Signals(number).name, flush=True); sys.exit()\n'
+    'for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1): signal.signal(sign, note)\n'
+    'print("ready", flush=True); time.sleep(60)'
+)
+
+
+@pytest.mark.parametrize(
+    ('error', 'expected'),
+    [(None, 'SIGINT'), (KeyboardInterrupt, 'SIGINT'), (InputError, 'SIGUSR1')],
+)
+def test_children_learn_whether_the_end_was_asked_for(
+    error: type[BaseException] | None, expected: str, tmp_path: Path
+) -> None:
+    argv = (sys.executable, '-c', NOTING)
+    spec = ProcessSpec('child', argv, failure_signal=signal.SIGUSR1)
+    try:
+        with Supervisor([spec], log_dir=tmp_path):
+            wait_for(tmp_path / 'child.log', 'ready')
+            if error is not None:
+                raise error
+    except (KeyboardInterrupt, InputError):
+        pass
+    assert (tmp_path / 'child.log').read_text().split() == ['ready', expected]
 
 
 @pytest.mark.slow

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from hoid_msgs.msg import Features, FeatureVerdicts
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import CameraInfo
@@ -13,12 +11,13 @@ from std_srvs.srv import Trigger
 from hoid_common import topics
 from hoid_common.errors import MessageError
 from hoid_common.inputs.input_config import RELIABLE
+from hoid_common.io.untrusted import expand_home
 from hoid_common.ros import conversions
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
-from hoid_common.ros.run import run_node
+from hoid_common.ros.run import is_end_asked_for, run_node
 from hoid_common.slam_status import SlamStatus
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.initial_pose import InitialPose
@@ -42,6 +41,7 @@ class RgbdSlamNode(ManagedNode):
         super().__init__('rgbd_slam')
         self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure)
         config = self._settings.config
+        expand_home(config.map_directory, 'map_directory')  # raises before anything is started
         static = StaticFrameListener(self, self.diagnostics)
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
         self._tracking_log = TrackingLog(self)
@@ -93,8 +93,7 @@ class RgbdSlamNode(ManagedNode):
     def destroy_node(self) -> None:
         """End the node's threads and processes, then the node."""
         self._map_services.close()
-        # After an error the exception is still being handled here; a requested end raises none.
-        self._lifecycle.close(is_asked_for=sys.exc_info()[0] is None)
+        self._lifecycle.close(is_asked_for=is_end_asked_for())
         self._scene.close()
         super().destroy_node()
 

@@ -205,7 +205,7 @@ def running_nodes(folder: Path, setup: Setup) -> Iterator[NodeHarness]:
     specs = [
         replace(spec, env=setup.environment)
         for options in setup.options(maps)
-        for spec in node_specs(options, folder)
+        for spec in node_specs(options)
     ]
     with own_domain(), watched(specs, restart=setup.restart, log_dir=folder) as nodes:
         rclpy.init()

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_common.config import EXPERT, Config
 from hoid_common.errors import ConfigError
+from hoid_common.process.signals import FAILURE_SIGNAL
 from hoid_detector.config import DetectorNodeConfig
 from hoid_filter.node_config import FilterNodeConfig
 from rgbd_slam.config.node_config import SlamNodeConfig
@@ -44,20 +44,22 @@ class NodeOptions:
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-def node_specs(options: NodeOptions, folder: Path) -> tuple[ProcessSpec, ...]:
-    """Write a parameter file for each node, and return the command lines of the nodes.
+def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
+    """Return the command lines of the nodes.
+
+    They hold all parameters, so that a node can be restarted even if files in the folder for
+    temporary files were removed.
 
     Args:
         options: The nodes and their options. `parameters` take precedence over `params_file`.
-        folder: Folder for the parameter files with `options.parameters`.
 
     Raises:
         ConfigError: A parameter is internal, so that no node has it.
     """
-    return tuple(_spec(package, options, folder) for package in options.nodes)
+    return tuple(_spec(package, options) for package in options.nodes)
 
 
-def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
+def _spec(package: str, options: NodeOptions) -> ProcessSpec:
     arguments = ['--ros-args', '--log-level', options.log_level]
     if options.namespace:
         arguments += ['-r', f'__ns:=/{options.namespace.strip("/")}']
@@ -72,24 +74,20 @@ def _spec(package: str, options: NodeOptions, folder: Path) -> ProcessSpec:
             raise ConfigError(f'{leaf.name} is no parameter of a node; only offline runs set it')
     if any(leaf.spec.expert for leaf in given):
         own[EXPERT] = True
-    path = folder / f'{package}.yaml'
-    path.write_text(parameter_file(own), encoding='utf-8')
-    arguments += ['--params-file', str(path)]
-    code = _CODE.format(package=package)
-    return ProcessSpec(package, (*_START, code, *arguments))
+    arguments += parameter_arguments(own)
+    argv = (*_START, _CODE.format(package=package), *arguments)
+    return ProcessSpec(package, argv, failure_signal=FAILURE_SIGNAL)
 
 
-def parameter_file(parameters: Mapping[str, Any]) -> str:
-    """Return the text of a ROS parameter file that applies to every node.
+def parameter_arguments(parameters: Mapping[str, Any]) -> list[str]:
+    """Return the command-line arguments that set parameters of every node of a process.
 
     Args:
         parameters: Values by dotted name.
     """
-    tree: dict[str, Any] = {}
+    arguments = []
     for name, value in parameters.items():
-        *above, leaf = name.split('.')
-        branch = tree
-        for part in above:
-            branch = branch.setdefault(part, {})
-        branch[leaf] = list(value or ('',)) if isinstance(value, tuple) else value
-    return str(yaml.safe_dump({'/**': {'ros__parameters': tree}}, sort_keys=True))
+        entries = list(value or ('',)) if isinstance(value, tuple) else value
+        # JSON, which is YAML too, quotes each text: ROS would take 1e3 for a number.
+        arguments += ['-p', f'{name}:={json.dumps(entries, ensure_ascii=False)}']
+    return arguments

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -21,6 +20,7 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
+from hoid_common.process.limits import require_descriptors
 from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.topics import NAMESPACED_TF
 
@@ -85,7 +85,9 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         help='subscribe to .../compressed and .../compressedDepth',
     )
     parser.add_argument(
-        '--restart', action='store_true', help='restart a node that ended instead of ending all'
+        '--restart',
+        action='store_true',
+        help='restart a node that ended, unless it refused its first start, instead of ending all',
     )
     parser.add_argument('--sim-time', action='store_true', help='use the time of /clock')
     parser.add_argument(
@@ -95,27 +97,30 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
 
 def nodes_command(args: argparse.Namespace) -> None:
     """Run the nodes until Ctrl-C or SIGTERM, or until a node ends by itself."""
-    options = without_detector(node_options(args))
-    with tempfile.TemporaryDirectory(prefix='hoid-') as folder, suppress(KeyboardInterrupt):
-        specs = node_specs(options, Path(folder))
-        try:
-            _supervise(Supervisor(specs, restart=args.restart, log_dir=args.log_dir), args.restart)
-        finally:
-            clean_shared_memory()
+    require_descriptors()  # of the nodes, which inherit the limit
+    specs = node_specs(without_detector(node_options(args)))
+    try:
+        with suppress(KeyboardInterrupt):
+            _supervise(Supervisor(specs, restart=args.restart, log_dir=args.log_dir))
+    finally:
+        clean_shared_memory()
 
 
-def _supervise(supervisor: Supervisor, restart: bool) -> None:
-    """Run the nodes until an interrupt, and restart nodes that end if `restart` is true.
+def _supervise(supervisor: Supervisor) -> None:
+    """Run the nodes until an interrupt, or until one ends and is not restarted.
 
     Raises:
-        InputError: A node refused to start, or ended without `restart`.
+        InputError: A node refused its first start, or it ended and nodes are not to be restarted.
     """
     with supervisor:
         while True:
             for ended in supervisor.poll():
-                if ended.refused_to_start or not restart:
+                if ended.restart_s is None:
                     raise InputError(f'{ended}; see its last lines of output')
-                sys.stderr.write(f'hoid nodes: {ended}; restarting it\n')
+                what = 'restarting it'
+                if ended.refused_to_start:
+                    what = f'the other nodes run on; trying again in {ended.restart_s:.0f} s'
+                sys.stderr.write(f'hoid nodes: {ended}; {what}\n')
             time.sleep(_TICK_S)
 
 

@@ -74,7 +74,7 @@ class _LiveRun:
     Args:
         bag: The recording.
         config: Rate, and parameters of all stages.
-        folder: Folder for parameter files and for the files that the SLAM node saves.
+        folder: Folder for the files that the SLAM node saves.
         log_dir: Folder for log files, whose content is deleted first.
     """
 
@@ -83,7 +83,7 @@ class _LiveRun:
     ) -> None:
         self._bag, self._folder, self._log_dir = bag, folder, log_dir
         shutil.rmtree(log_dir, ignore_errors=True)
-        self._nodes = node_specs(node_options(bag, config, folder), folder)
+        self._nodes = node_specs(node_options(bag, config, folder))
         self._player = player_spec(bag, config)
         self._cpu_share: dict[str, float] = {}  # cores in use while the bag is played, by process
 

@@ -3,6 +3,9 @@
 A ROS node can hang in its shutdown with Python's interpreter lock held, so that it cannot end
 itself. The supervisor therefore sends SIGINT, then SIGTERM, then SIGKILL.
 
+If the block of a supervisor ends by an error, the children are told so by another signal in place
+of SIGINT: the SLAM node then keeps the map that it has stored (decision 046).
+
 `ros2 launch` does the same with `respawn`, but needs an installation of ROS; `hoid` does not.
 """
 
@@ -15,8 +18,9 @@ import shutil
 import signal
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Self
 
@@ -32,6 +36,8 @@ _LOG = logging.getLogger(__name__)
 _GRACE_S = 10.0
 _MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
 RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once does not take a whole processor
+# Chosen: longest time between two starts of a child that refuses, which takes a second of a core.
+_MAX_REFUSAL_PERIOD_S = 30.0
 _BYTES_PER_MB = 2**20
 
 
@@ -42,6 +48,8 @@ class ProcessSpec:
     name: str
     argv: tuple[str, ...]
     env: Mapping[str, str] = field(default_factory=dict)  # added to this process's environment
+    # Ends the child after a failure of another child or of the supervisor.
+    failure_signal: signal.Signals = signal.SIGTERM
 
 
 @dataclass(frozen=True)
@@ -50,10 +58,11 @@ class ProcessExit:
 
     name: str
     status: int  # exit status; negative: minus the number of the signal that ended it
+    restart_s: float | None = None  # time until it is started again; None: it is not
 
     @property
     def refused_to_start(self) -> bool:
-        """Return whether the child rejected its configuration; a restart would fail as well."""
+        """Return whether the child rejected its configuration, or a file that it needs."""
         return self.status == EXIT_CONFIG
 
     def __str__(self) -> str:
@@ -70,7 +79,9 @@ class Supervisor:
 
     Args:
         specs: The child processes.
-        restart: Whether to restart a child that ended, unless it refused to start.
+        restart: Whether to restart a child that ended, unless it refused its first start. A child
+            that refuses a later start has worked before with the same options, so that a file is
+            damaged or missing at present: it is tried again, after times that double.
         restart_period_s: Minimum time between two starts of a child.
         log_dir: Folder for one log file per child; None lets the children write to the terminal.
     """
@@ -88,8 +99,10 @@ class Supervisor:
         self._restart_period_s = restart_period_s
         self._log_dir = log_dir
         self._running: dict[str, subprocess.Popen[bytes]] = {}
-        self._to_restart: set[str] = set()
-        self._started_s: dict[str, float] = {}  # monotonic
+        self._due_s: dict[str, float] = {}  # times of restarts (monotonic)
+        self._started_s: dict[str, float] = {}  # times of the last starts (monotonic)
+        self._num_refusals: Counter[str] = Counter()  # since the last start that succeeded
+        self._has_run: set[str] = set()  # children of which a start succeeded
         self._peak_rss_mb: dict[str, float] = {}
         self._next_measurement_s = 0.0  # monotonic
 
@@ -102,8 +115,8 @@ class Supervisor:
             raise
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.stop()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.stop(after_failure=kind is not None and kind is not KeyboardInterrupt)
 
     @property
     def pids(self) -> dict[str, int]:
@@ -133,32 +146,32 @@ class Supervisor:
             for name, pid in self.pids.items():
                 self._peak_rss_mb[name] = max(self._peak_rss_mb.get(name, 0.0), family_mb(pid))
         exits = [
-            ProcessExit(name, status)
-            for name, process in self._running.items()
+            self._exit(name, status, now_s)
+            for name, process in list(self._running.items())
             if (status := process.poll()) is not None
         ]
-        for ended in exits:
-            del self._running[ended.name]
-            if self._restart and not ended.refused_to_start:
-                self._to_restart.add(ended.name)
-        for name in sorted(self._to_restart):
-            if now_s >= self._started_s[name] + self._restart_period_s:
-                self._to_restart.remove(name)
+        for name in sorted(self._due_s):
+            if now_s >= self._due_s[name]:
+                del self._due_s[name]
                 self._start(self._specs[name])
         return exits
 
-    def stop(self, grace_s: float = _GRACE_S) -> None:
+    def stop(self, grace_s: float = _GRACE_S, *, after_failure: bool = False) -> None:
         """End all children by SIGINT, then SIGTERM, then SIGKILL, and wait until they have ended.
 
         Args:
             grace_s: Time between SIGINT and SIGTERM.
+            after_failure: Whether to send the failure signal of each child in place of SIGINT.
         """
-        self._to_restart.clear()
-        for sign, wait_s in (
-            (signal.SIGINT, grace_s),
-            (signal.SIGTERM, grace_s / 4),
-            (signal.SIGKILL, grace_s),
-        ):
+        self._due_s.clear()
+        if after_failure:
+            for name, process in self._running.items():
+                # Not to its group: its own children know no such signal.
+                process.send_signal(self._specs[name].failure_signal)
+        else:
+            self._signal_all(signal.SIGINT)
+        self._wait(grace_s)
+        for sign, wait_s in ((signal.SIGTERM, grace_s / 4), (signal.SIGKILL, grace_s)):
             self._signal_all(sign)
             self._wait(wait_s)
             if self._running and sign is signal.SIGTERM:
@@ -166,11 +179,28 @@ class Supervisor:
                     '%s did not end after SIGTERM; sending SIGKILL', ', '.join(self._running)
                 )
 
+    def _exit(self, name: str, status: int, now_s: float) -> ProcessExit:
+        """Note that a child has ended, and when to restart it."""
+        del self._running[name]
+        ended = ProcessExit(name, status)
+        if not ended.refused_to_start:
+            self._has_run.add(name)
+            self._num_refusals[name] = 0
+        if not self._restart or name not in self._has_run:
+            return ended
+        due_s = self._started_s[name] + self._restart_period_s
+        if ended.refused_to_start:
+            wait_s = self._restart_period_s * 2 ** self._num_refusals[name]
+            due_s = now_s + min(wait_s, _MAX_REFUSAL_PERIOD_S)
+            self._num_refusals[name] += 1
+        self._due_s[name] = due_s
+        return replace(ended, restart_s=max(due_s - now_s, 0.0))
+
     def _start(self, spec: ProcessSpec) -> None:
         with self._log_file(spec.name) as log:
             self._started_s[spec.name] = time.monotonic()
             self._running[spec.name] = subprocess.Popen(
-                (*_end_with_parent(), *spec.argv),
+                (*_end_with_parent(spec.failure_signal), *spec.argv),
                 env={**os.environ, **spec.env},
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -226,10 +256,10 @@ def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator
                 yield measure(member)
 
 
-def _end_with_parent() -> tuple[str, ...]:
-    """Return the prefix of a command line that makes a child end when this process dies.
+def _end_with_parent(sign: signal.Signals) -> tuple[str, ...]:
+    """Return the prefix of a command line with which a child gets a signal when this process dies.
 
     It is empty where the program setpriv (of util-linux) is missing.
     """
     setpriv = shutil.which('setpriv')
-    return (setpriv, '--pdeathsig', 'TERM', '--') if setpriv is not None else ()
+    return (setpriv, '--pdeathsig', sign.name, '--') if setpriv is not None else ()

@@ -165,10 +165,19 @@ class Diagnostics:
             for watch in self._watches
             if watch.is_losing(now_s)
         }
+        if problem := self._clock_message():
+            texts['clock'] = problem
+        return texts
+
+    def _clock_message(self) -> str:
+        """Return what is wrong with the clock, or an empty text."""
         clock = self._node.get_clock()
         if clock.ros_time_is_active and clock.now().nanoseconds == 0:
-            texts['clock'] = 'use_sim_time is set, but no message was received on /clock'
-        return texts
+            return (
+                'use_sim_time is set, but no message was received on /clock: start what publishes '
+                'it, or set use_sim_time to false'
+            )
+        return ''
 
     def _offered(self, topic: str) -> list[str]:
         """Return the reliability that each publisher of a topic offers."""

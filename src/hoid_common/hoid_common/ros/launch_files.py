@@ -6,20 +6,23 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument as Argument
-from launch.actions import OpaqueFunction, Shutdown
-from launch.events.process import ProcessExited
+from launch.actions import EmitEvent, LogInfo, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited, SignalProcess
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from hoid_common import topics
-from hoid_common.process.entry import EXIT_CONFIG
+from hoid_common.process.entry import EXIT_CONFIG, REFUSAL_PAUSE
+from hoid_common.process.signals import FAILURE_SIGNAL
 from launch import LaunchContext, LaunchDescription
 
 _SWITCH = ('true', 'false', 'True', 'False')
 _LOG_LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
 _RESPAWN_DELAY_S = 0.5  # chosen: a node that fails at once does not take a whole processor
+_REFUSAL_PAUSE_S = 5.0  # chosen: trying again takes a fifth of a processor core
+_SLAM = 'rgbd_slam'  # the package of the node that stores its map
 
 
 def switch(name: str, description: str, *, default: bool = False) -> Argument:
@@ -50,7 +53,7 @@ def common_arguments(package: str, params_file: str) -> list[Argument]:
         ),
         switch('use_sim_time', 'whether to take the time from /clock'),
         switch(
-            'respawn', 'whether to restart a node that died, unless its parameters are invalid'
+            'respawn', 'whether to restart a node that died, unless it refused its first start'
         ),
         switch(
             'autostart',
@@ -84,7 +87,7 @@ def suite_node(
 ) -> LifecycleNode:
     """Return the launch action that starts a package's node with the common launch arguments.
 
-    The whole launch ends when the node rejects its parameters, or when it dies without `respawn`.
+    The whole launch ends when the node refuses its first start, or when it dies without `respawn`.
 
     Args:
         context: Context of the launch.
@@ -107,6 +110,7 @@ def suite_node(
         ],
         remappings=[*remappings, *tf_remappings(context)],
         arguments=['--ros-args', '--log-level', value(context, 'log_level')],
+        additional_env={REFUSAL_PAUSE: str(_REFUSAL_PAUSE_S if respawn else 0.0)},
         output='screen',
         respawn=respawn,
         respawn_delay=_RESPAWN_DELAY_S,
@@ -167,16 +171,33 @@ def one_node(
 def _ending_launch(
     package: str, *, respawn: bool
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
-    """Return the handler for the exit of a node, which ends the launch where that is needed."""
+    """Return the handler for the exit of a node, which ends the launch where that is needed.
+
+    It follows the rules of `hoid nodes --restart` (decision 046).
+    """
+    has_run = False
 
     def on_exit(event: ProcessExited, context: LaunchContext) -> list[Any]:
+        nonlocal has_run
         if context.is_shutdown:
             # A node that was still starting ends with the status of an interrupt: no error.
             return []
-        if event.returncode == EXIT_CONFIG:
-            return [Shutdown(reason=f'{package} refused to start; see its last line of output')]
-        if event.returncode != 0 and not respawn:
-            return [Shutdown(reason=f'{package} ended with status {event.returncode}')]
-        return []
+        is_refusal = event.returncode == EXIT_CONFIG
+        has_run = has_run or not is_refusal
+        what = 'refused to start' if is_refusal else f'ended with status {event.returncode}'
+        if respawn and has_run:
+            tried = f'{package} {what}; the other nodes run on, and it is tried again'
+            return [LogInfo(msg=tried)] if is_refusal else []
+        if event.returncode == 0:
+            return []
+        hint = '; see its last line of output' if is_refusal else ''
+        failure = SignalProcess(signal_number=FAILURE_SIGNAL, process_matcher=_stores_a_map)
+        return [EmitEvent(event=failure), Shutdown(reason=f'{package} {what}{hint}')]
 
     return on_exit
+
+
+def _stores_a_map(process: Any) -> bool:
+    """Return whether an action of launch is the SLAM node, and its process has been started."""
+    is_slam = isinstance(process, LifecycleNode) and process.node_package == _SLAM
+    return is_slam and 'pid' in (process.process_details or {})

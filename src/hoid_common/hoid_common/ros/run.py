@@ -18,23 +18,25 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from hoid_common.errors import ConfigError, HoidError
-from hoid_common.process.entry import EXIT_CONFIG, EXIT_INTERRUPTED
-from hoid_common.process.signals import TERMINATION_SIGNALS
+from hoid_common.process.entry import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
+from hoid_common.process.signals import FAILURE_SIGNAL, TERMINATION_SIGNALS
 from hoid_common.ros.clocks import ignore_negative_clock_times
 from hoid_common.ros.execution.executor import SteadyExecutor
 
 _EXIT_LIMIT_S = 10  # chosen, not tuned: twice the time that a child process gets to end
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # options of mallopt, from glibc's malloc.h
+_failure = Event()  # set when FAILURE_SIGNAL has come
 _KEPT_BYTES = 64 << 20  # chosen: a 1080p image with its depth takes 15 MB (decision 017)
 
 
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Make a node, run its callbacks until a signal or shutdown, and return the exit status.
 
-    SIGINT or a termination signal ends the node; later signals are ignored. The status is 0 if the
-    signal comes while the node runs, and EXIT_INTERRUPTED if it comes while the node is made. If
-    `make_node` raises a HoidError or ROS rejects the arguments, the error is printed in one line,
-    and the status is EXIT_CONFIG.
+    SIGINT, a termination signal or FAILURE_SIGNAL ends the node; later signals are ignored. The
+    status is 0 if the signal comes while the node runs, and EXIT_INTERRUPTED if it comes while the
+    node is made. If `make_node` raises a HoidError or ROS rejects the arguments, the error is
+    printed in one line, and the status is EXIT_CONFIG. After a HoidError of a running node it is
+    EXIT_FAILED.
 
     The function also changes the whole process: OpenCV uses one thread, and glibc keeps freed
     memory.
@@ -54,7 +56,7 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
             return EXIT_INTERRUPTED
         if isinstance(error, HoidError):
             sys.stderr.write(f'error: {" ".join(str(error).split())}\n')
-            return EXIT_CONFIG
+            return EXIT_FAILED if interrupt.is_node_made else EXIT_CONFIG
         raise
     finally:
         # While the interpreter shuts down, Python handlers are gone and the default would kill it.
@@ -77,6 +79,7 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
     executor = SteadyExecutor()
     try:
         node = make_node()
+        interrupt.is_node_made = True
         executor.add_node(node)
         return _spin(executor, interrupt)
     except ExternalShutdownException:
@@ -95,11 +98,23 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
         rclpy.try_shutdown()
 
 
+def is_end_asked_for() -> bool:
+    """Return whether the node that is being destroyed was asked to end, and did not fail.
+
+    It was not after an error, and not if FAILURE_SIGNAL has come: then another process failed.
+    """
+    return sys.exc_info()[0] is None and not _failure.is_set()
+
+
+def _note_failure(_sign: int, _frame: FrameType | None) -> None:
+    _failure.set()
+
+
 class _Interrupt:
     """Makes the first SIGINT or SIGTERM raise KeyboardInterrupt, until `_handle` is called."""
 
     def __init__(self) -> None:
-        self.came = False
+        self.came = self.is_node_made = False
         sys.unraisablehook = self._ignore_interrupt
         _handle(self._raise)
 
@@ -124,6 +139,8 @@ def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) 
     for sign in (signal.SIGINT, *TERMINATION_SIGNALS):
         if sign != signal.SIGHUP or signal.getsignal(sign) is not signal.SIG_IGN:  # `nohup`
             signal.signal(sign, handler)
+    # If it comes together with others, they are handled first, but its handler runs as well.
+    signal.signal(FAILURE_SIGNAL, _note_failure if handler is _do_nothing else handler)
 
 
 def _reduce_processor_load() -> None:

@@ -64,7 +64,7 @@ def robot(write_line: Callable[[str], None], folder: Path) -> None:
         FILTER: {'strategy': 'none', **listening},
         SLAM: {'dense.enabled': False, 'objects.enabled': False, **listening},
     }
-    specs = node_specs(NodeOptions((FILTER, SLAM), parameters=parameters), folder)
+    specs = node_specs(NodeOptions((FILTER, SLAM), parameters=parameters))
     with Supervisor(specs, log_dir=folder):
         node = rclpy.create_node('listener')
         _listen(node, write_line)
