@@ -26,10 +26,11 @@ check:  ## The quick experiments, held against stored bounds
 docs:  ## The documents as a site, out/site; broken links are errors
 	@NO_MKDOCS_2_WARNING=1 ./hoid dev python -m mkdocs build --quiet
 
-reference:  ## Write the pages of parameters, commands, messages and decisions, and the tables of results, anew
+reference:  ## Write the pages of parameters, commands, messages, refusals and decisions, and the tables of results, anew
 	@./hoid dev python -m hoid_bringup.parameter_reference > docs/reference/parameters.md
 	@./hoid dev python -m hoid_bringup.command_reference > docs/reference/commands.md
 	@./hoid dev python -m hoid_bringup.message_reference src/hoid_msgs > docs/reference/messages.md
+	@./hoid dev python -m hoid_bringup.refusal_reference . > docs/reference/refusals.md
 	@./hoid dev python -m hoid_benchmarks.publish.pages
 
 format:

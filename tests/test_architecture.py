@@ -51,7 +51,7 @@ LAYERS = {
     """,
     'hoid_bringup': """
         evaluate < run < live view < commands cli parameter_reference
-        < command_reference message_reference < __main__
+        < command_reference message_reference refusal_reference < __main__
     """,
     'hoid_benchmarks': """
         consistency plan < jobs < rooms faults building < report < publish demo_picture pictures
