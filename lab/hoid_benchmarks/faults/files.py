@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import resource
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -14,10 +15,12 @@ import numpy as np
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.sequence import open_sequence
+from hoid_benchmarks.faults import recordings
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.damage import Rng, damaged
 from hoid_benchmarks.faults.guarded import Ended, run_guarded
-from hoid_benchmarks.faults.models import damaged_model, hostile_model
+from hoid_benchmarks.faults.models import damaged_model, finished_boxes, hostile_model, no_people
+from hoid_benchmarks.faults.recordings import SILENT
 from hoid_benchmarks.faults.samples import CAMERA, Samples
 from hoid_bringup import cli
 from hoid_common.errors import HoidError
@@ -25,7 +28,6 @@ from hoid_common.io.files import abandoned_scratch_folders
 
 LIMIT_S = 10.0
 _MEMORY_FACTOR, _MEMORY_MB = 1.3, 50.0  # chosen: limit relative to the command on good files
-_SILENT = 98  # exit status of a child that read wrong data without an error
 _HEAD_BYTES = 100  # of a message: its header, and size and encoding of an image
 _STAMPS = ('nan', 'sNaN', '-inf', '1e999999', '9e999980', '9' * 5000, '1_0', '-1', '\u0661', '1:2')
 _PATHS = (
@@ -71,7 +73,7 @@ def _complaint(ended: Ended, clean_mb: float) -> str:
     lines = [line for line in ended.stderr.splitlines() if line.startswith('hoid ')]
     if ended.was_killed:
         return f'it hung for {LIMIT_S:g} s'
-    if ended.status == _SILENT:
+    if ended.status == SILENT:
         return 'wrong data were read without an error'
     if 'Traceback' in ended.stderr or ended.status not in (0, 1, 2):
         return f'status {ended.status}: {" ".join(ended.stderr.split())[-300:]}'
@@ -124,7 +126,7 @@ def _read_bag(bag: Path, good: list[str]) -> int:
     status = cli.main(['info', '--bandwidth', str(bag)])
     try:
         if status == 0 and _digests(bag) != good:
-            return _SILENT
+            return SILENT
         for _ in open_sequence(bag, CAMERA):
             pass
     except HoidError:
@@ -234,6 +236,34 @@ def _hostile_model(_samples: Samples, place: Path, rng: Rng | None) -> Work:
     return hostile_model(place, rng)
 
 
+def _finished_boxes(_samples: Samples, place: Path, rng: Rng | None) -> Work:
+    return finished_boxes(place, rng)
+
+
+def _no_people(_samples: Samples, place: Path, rng: Rng | None) -> Work:
+    return no_people(place, rng)
+
+
+def _few_descriptors(samples: Samples, place: Path, rng: Rng | None) -> Work:
+    """Run a command that may open a few files only; the nodes need many more."""
+    works = (
+        _converted(samples.tum, samples.camera, place),
+        lambda: cli.main(['info', str(samples.bag)]),
+        lambda: cli.main(['evaluate', str(samples.trajectory), str(samples.trajectory)]),
+        lambda: cli.main(['nodes', '--restart']),
+    )
+    if rng is None:
+        return works[0]
+    work = works[int(rng.integers(len(works)))]
+    limit = int(rng.integers(8, 41))
+
+    def limited() -> int:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, limit))
+        return work()
+
+    return limited
+
+
 def _new_folder(folder: Path) -> Path:
     folder.mkdir(parents=True)
     return folder
@@ -261,4 +291,15 @@ KINDS: dict[str, Callable[[Samples, Path, Rng | None], Work]] = {
     'names': _name,
     'ONNX model: bytes': _damaged_model,
     'ONNX model: hostile': _hostile_model,
+    'ONNX model: tables of boxes': _finished_boxes,
+    'ONNX model: no people': _no_people,
+    'bag: repeated stamps': recordings.repeated_stamps,
+    'bag: offset stamps': recordings.offset_stamps,
+    'bag: empty frame_id': recordings.empty_frame_id,
+    'bag: units of depth': recordings.depth_units,
+    'bag: extreme depths': recordings.extreme_depths,
+    'bag: rectified images': recordings.rectified_images,
+    'bag: changed camera_info': recordings.changed_camera,
+    'ground truth: no poses': recordings.bad_truth,
+    'few descriptors': _few_descriptors,
 }
