@@ -17,7 +17,8 @@ from hoid_common.errors import ConfigError, HoidError
 REPORT = 'faults.md'
 FILES, KILLS, NETWORK, MESSAGES = 'files', 'kills', 'network', 'messages'
 CONDITIONS, CAMERAS, DEATHS, SOAK = 'conditions', 'cameras', 'deaths', 'soak'
-CAMPAIGNS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, CAMERAS, DEATHS, SOAK)
+COMMANDS = 'commands'
+CAMPAIGNS = (FILES, KILLS, NETWORK, MESSAGES, CONDITIONS, COMMANDS, CAMERAS, DEATHS, SOAK)
 
 
 @dataclass(frozen=True)
@@ -29,15 +30,20 @@ class Size:
     network: int  # for each fault of the link
     messages: int  # for each input topic
     conditions: int  # for clocks, for loads and for disks
+    commands: int  # for each case of a running command
     cameras: int  # for each camera
     deaths: int  # for each process
     soak: int  # minutes of the live run, and of the offline run
 
 
 NIGHTLY = Size(
-    files=500, kills=50, network=5, messages=2000, conditions=10, cameras=1, deaths=50, soak=60
+    files=500, kills=50, network=5, messages=2000, conditions=10, commands=5, cameras=1,
+    deaths=50, soak=60,
 )  # fmt: skip
-SLICE = Size(files=4, kills=2, network=0, messages=10, conditions=1, cameras=0, deaths=0, soak=0)
+SLICE = Size(
+    files=4, kills=2, network=0, messages=10, conditions=1, commands=0, cameras=0, deaths=0,
+    soak=0,
+)  # fmt: skip
 
 
 def fault_report(seed: int, size: Size, only: Sequence[str], out: Path) -> str:
@@ -90,6 +96,7 @@ def _live_outcomes(samples: Samples, folder: Path, seeds: dict[str, range]) -> I
     """
     # These modules need ROS.
     from hoid_benchmarks.faults.live.cameras import camera_cases  # noqa: PLC0415
+    from hoid_benchmarks.faults.live.commands import command_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.deaths import death_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.shared_nodes import shared_node_cases  # noqa: PLC0415
     from hoid_benchmarks.faults.live.soak import soak_cases  # noqa: PLC0415
@@ -100,6 +107,8 @@ def _live_outcomes(samples: Samples, folder: Path, seeds: dict[str, range]) -> I
     messages, conditions = (seeds.get(kind, range(0)) for kind in (MESSAGES, CONDITIONS))
     if messages or conditions:
         yield from shared_node_cases(samples, folder, messages, conditions)
+    if found := seeds.get(COMMANDS):
+        yield from command_cases(folder / COMMANDS, found)
     if found := seeds.get(CAMERAS):
         yield from camera_cases(folder / CAMERAS, found)
     if found := seeds.get(DEATHS):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -28,7 +29,8 @@ from hoid_common.values import NS_PER_S
 
 _JUMPS_S = (0.5, -0.5, 5.0, -5.0, 60.0, -60.0, 3600.0, -3600.0, 86400.0, -86400.0)
 _WHILE_S = 3.0
-_LEAST_SHARE, _LEAST_BUSY_SHARE = 0.9, 0.3  # of images with odometry
+# Of images with odometry. A session for another camera starts in a second or two.
+_LEAST_SHARE, _LEAST_BUSY_SHARE, _LEAST_CHANGED_SHARE = 0.9, 0.3, 0.5
 
 
 def clock_cases(harness: NodeHarness, seeds: range) -> Iterator[Outcome]:
@@ -36,6 +38,22 @@ def clock_cases(harness: NodeHarness, seeds: range) -> Iterator[Outcome]:
     for seed in seeds:
         jump_s = _JUMPS_S[seed % len(_JUMPS_S)]
         yield harness.outcome('a clock that jumps', seed, partial(_jump, harness.sender, jump_s))
+
+
+def calibration_cases(harness: NodeHarness, seeds: range) -> Iterator[Outcome]:
+    """Yield the outcomes of a camera_info that changes to another calibration and back."""
+    for seed in seeds:
+        yield harness.outcome(
+            'a camera_info that changes', seed, partial(_recalibrate, harness.sender)
+        )
+
+
+def _recalibrate(sender: Sender) -> CaseResult:
+    scene, before = sender.scene, sender.scene.camera
+    scene.camera = replace(before, fx_px=1.1 * before.fx_px, fy_px=1.1 * before.fy_px)
+    share = sender.send_for(2 * _WHILE_S)
+    scene.camera = before
+    return odometry_result(share, _LEAST_CHANGED_SHARE)
 
 
 def sim_time_cases(folder: Path, seeds: range) -> Iterator[Outcome]:

@@ -48,6 +48,7 @@ class Setup:
     rate_hz: float = RATE_HZ
     is_compressed: bool = False
     restart: bool = False  # restart nodes that have ended
+    model: str = SYNTHETIC  # of the detector
     sim_time: bool = False
     is_foreign: bool = False  # boxes as vision_msgs, wheel odometry on /tf
     # Environment variables of the nodes.
@@ -63,7 +64,7 @@ class Setup:
         """Yield the options of the nodes; the detector's output is remapped to its own topic."""
         image = {'input.compressed': self.is_compressed}
         parameters: dict[str, dict[str, Any]] = {
-            DETECTOR: {'model': SYNTHETIC, **image},
+            DETECTOR: {'model': self.model, **image},
             FILTER: {
                 'strategy': 'hoid2d', 'detections.wait_s': 0.1,
                 'detections.as_vision_msgs': self.is_foreign, **image,
@@ -207,24 +208,33 @@ def running_nodes(folder: Path, setup: Setup) -> Iterator[NodeHarness]:
         for options in setup.options(maps)
         for spec in node_specs(options)
     ]
-    with own_domain(), watched(specs, restart=setup.restart, log_dir=folder) as nodes:
-        rclpy.init()
-        use_sim_time = Parameter('use_sim_time', value=False)
-        node = rclpy.create_node('faults', parameter_overrides=[use_sim_time])
-        try:
-            sender = Sender(
-                node, setup.scene or Scene(), setup.rate_hz,
-                is_compressed=setup.is_compressed, is_foreign=setup.is_foreign,
-            )  # fmt: skip
-            if silent := sender.missing_outputs(START_S, setup.outputs):
-                raise HoidError(f'no {", ".join(silent)} within {START_S:g} s of good messages')
-            for _ in range(_WARM_IMAGES):
-                sender.send()
-            harness = NodeHarness(setup, folder, nodes, sender)
-            # The memory of first responses must not count as growth in the first case.
-            if unanswered := harness.services.unanswered(START_S):
-                raise HoidError(f'no response from {", ".join(unanswered)} within {START_S:g} s')
-            yield harness
-        finally:
-            node.destroy_node()
-            rclpy.try_shutdown()
+    with (
+        own_domain(),
+        watched(specs, restart=setup.restart, log_dir=folder) as nodes,
+        camera(setup) as sender,
+    ):
+        if silent := sender.missing_outputs(START_S, setup.outputs):
+            raise HoidError(f'no {", ".join(silent)} within {START_S:g} s of good messages')
+        for _ in range(_WARM_IMAGES):
+            sender.send()
+        harness = NodeHarness(setup, folder, nodes, sender)
+        # The memory of first responses must not count as growth in the first case.
+        if unanswered := harness.services.unanswered(START_S):
+            raise HoidError(f'no response from {", ".join(unanswered)} within {START_S:g} s')
+        yield harness
+
+
+@contextmanager
+def camera(setup: Setup) -> Iterator[Sender]:
+    """Yield a simulated camera, whose ROS node ends with the block."""
+    rclpy.init()
+    use_sim_time = Parameter('use_sim_time', value=False)
+    node = rclpy.create_node('faults', parameter_overrides=[use_sim_time])
+    try:
+        yield Sender(
+            node, setup.scene or Scene(), setup.rate_hz,
+            is_compressed=setup.is_compressed, is_foreign=setup.is_foreign,
+        )  # fmt: skip
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()

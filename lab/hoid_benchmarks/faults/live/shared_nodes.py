@@ -8,7 +8,12 @@ from functools import partial
 from pathlib import Path
 
 from hoid_benchmarks.faults.cases import Outcome
-from hoid_benchmarks.faults.live.conditions import clock_cases, load_cases, sim_time_cases
+from hoid_benchmarks.faults.live.conditions import (
+    calibration_cases,
+    clock_cases,
+    load_cases,
+    sim_time_cases,
+)
 from hoid_benchmarks.faults.live.disks.disk import disk_cases
 from hoid_benchmarks.faults.live.disks.slow_disk import slow_disk_cases
 from hoid_benchmarks.faults.live.inputs import message_cases
@@ -25,6 +30,7 @@ def shared_node_cases(
         yield from message_cases(harness, messages)
         yield from clock_cases(harness, conditions)
         yield from load_cases(harness, conditions)
+        yield from calibration_cases(harness, conditions)
         if conditions:
             yield from disk_cases(harness, partial(_writers, samples), conditions)
     if conditions:
