@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from hoid_msgs.msg import SlamStatus
+from hoid_msgs.srv import SaveMap
 from sensor_msgs.msg import PointCloud2
 
 from hoid_benchmarks.faults.cases import Outcome
@@ -24,12 +25,16 @@ from hoid_benchmarks.faults.live.node_harness import (
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
 from hoid_common import topics
+from hoid_common.errors import MapFileError
 from hoid_common.ros import conversions, qos
+from rgbd_slam.map_io import map_file
 
 VICTIMS = (DETECTOR, MAPPER, SCENE, FILTER, SLAM)
 _GAP_S = 0.2  # longest gap of odometry if the killed process is not needed for a pose
 _SAME_MAP_S, _SCENE_S, _LIMIT_S = 5.0, 10.0, 30.0
 _QUIET_S = 2.0
+_LATER_S, _POLL_S = 0.01, 0.0005  # chosen: the map of this camera is written in some 10 ms
+_SAVED, _PARTS = 'saved', '.*partial-*'
 _LIVED_S = 21.0  # a scene process that ends sooner is considered unable to run
 
 
@@ -42,6 +47,8 @@ def death_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
             for victim in VICTIMS:
                 deaths.send_for(_QUIET_S + rng.random())
                 yield deaths.outcome(victim, seed)
+            deaths.send_for(_QUIET_S)
+            yield deaths.outcome_of_save(seed, _LATER_S * rng.random())
 
 
 class _Deaths:
@@ -84,6 +91,32 @@ class _Deaths:
         return Outcome(
             f'{victim} killed', seed, complaint, wall_s=back_s, note=note, note_rank=gap_s
         )
+
+    def outcome_of_save(self, seed: int, after_s: float) -> Outcome:
+        """Kill SLAM while it saves its map, some time (s) after it began, and check the folder.
+
+        The saved map must be complete or missing, and no part of one may be left for ever.
+        """
+        client = self._harness.services.client(SaveMap, SLAM, topics.SAVE_MAP)
+        client.call_async(SaveMap.Request(name=_SAVED))
+        folder, end_s = self._harness.maps, time.monotonic() + _LIMIT_S
+        while not any(folder.glob(_PARTS)) and time.monotonic() < end_s:
+            time.sleep(_POLL_S)
+        time.sleep(after_s)
+        killed_s = self._kill(SLAM)
+        is_back, _ = self._recovery_check(SLAM, killed_s)
+        self._until(is_back, _LIMIT_S)
+        back_s = time.monotonic() - killed_s
+        self._until(lambda: not any(folder.glob(_PARTS)), _SAME_MAP_S)
+        complaint = '' if is_back() else f'not back in {_LIMIT_S:g} s'
+        if parts := sorted(path.name for path in folder.glob(_PARTS)):
+            complaint = f'left behind: {", ".join(parts)}'
+        try:
+            for path in folder.glob(f'{_SAVED}*'):
+                map_file.load(path)
+        except MapFileError as error:
+            complaint = str(error)
+        return Outcome(f'{SLAM} killed while it saves', seed, complaint, wall_s=back_s)
 
     def _kill(self, victim: str) -> float:
         self._harness.nodes.poll()
