@@ -249,5 +249,8 @@ def test_a_recording_without_messages_leaves_no_bag(
     process.send_signal(signal.SIGINT)
     status, errors = ended(probe, process)
     assert status == 1
-    assert errors == f'hoid record: {tmp_path / "bag"}: nothing was recorded on silence\n'
+    assert errors == (
+        f'hoid record: {tmp_path / "bag"}: nothing was recorded on silence; are these topics '
+        'published?\n'
+    )
     assert list(tmp_path.iterdir()) == []

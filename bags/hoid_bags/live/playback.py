@@ -124,7 +124,9 @@ def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> P
     start_ns = min(first for first, _ in spans) + round(config.start_s * NS_PER_S)
     end_ns = max(last for _, last in spans)
     if start_ns > end_ns:
-        raise InputError(f'{path}: --start {config.start_s:g} s lies after its end')
+        raise InputError(
+            f'{path}: --start {config.start_s:g} s lies after its end; give a smaller one'
+        )
     if config.duration_s:
         end_ns = min(end_ns, start_ns + round(config.duration_s * NS_PER_S))
     return PlaybackPlan(path, chosen, start_ns, end_ns, fault)

@@ -75,7 +75,10 @@ def record(
         with suppress(KeyboardInterrupt):  # Ctrl-C is the usual end
             recorder.run(duration_s, bar.update)
         if not recorder.num_messages:
-            raise InputError(f'{bag}: nothing was recorded on {", ".join(topic_names)}')
+            raise InputError(
+                f'{bag}: nothing was recorded on {", ".join(topic_names)}; are these '
+                'topics published?'
+            )
         return recorder.num_messages
 
 

@@ -53,7 +53,7 @@ def test_the_page_of_refusals_is_what_make_reference_writes() -> None:
     zeros = '*path*: the *kind* images have no stamps (zeros); set the stamp in the driver'
     for row in (
         '| *name* must be one of *join*, got *value* | error |',  # raised
-        '| *tf_static* does not join frames "*base*" and "*frame_id*" | problem |',
+        '| frames.planar needs frames.base, the frame that moves on the plane | problem |',
         '| no *what* yet for *silent_s* s on *topic*: no publisher | problem |',  # returned
         '| detections has *len* elements, more than 1000 | message |',  # with a constant
         f'| {zeros} | error |',  # returned by a function of another module

@@ -337,7 +337,10 @@ class LiveFilter:
             return
         lead_s = (detections.stamp_ns - self._newest_image_ns) / NS_PER_S
         if lead_s > self._clock() - self._newest_image_s + _MAX_LEAD_S:
-            raise MessageError(f'detections are {lead_s:.1f} s ahead of the newest image')
+            raise MessageError(
+                f'detections are {lead_s:.1f} s ahead of the newest image: give them the stamp '
+                'of their image'
+            )
 
     @property
     def _silent_s(self) -> float:

@@ -94,7 +94,8 @@ class FilterNode(ManagedNode):
             size_px = (msg.image_width, msg.image_height)
             if self._size_px not in (None, size_px):
                 raise MessageError(
-                    f'detections are of a {size_px} px image, color images have {self._size_px} px'
+                    f'detections are of a {size_px} px image, color images have {self._size_px} '
+                    'px: let the detector subscribe to these images'
                 )
             detections = conversions.detections_from_msg(msg)
         self._live.add_detections(detections)
@@ -115,7 +116,8 @@ class FilterNode(ManagedNode):
         camera, size_px = self._filter.camera, self._size_px
         if camera is not None and size_px not in (None, camera.size_px):
             error = MessageError(
-                f'camera_info is of a {camera.size_px} px image, color images have {size_px} px'
+                f'camera_info is of a {camera.size_px} px image, color images have {size_px} px: '
+                'publish the camera_info of the color images'
             )
             self.diagnostics.report(error, 'camera infos refused')
 

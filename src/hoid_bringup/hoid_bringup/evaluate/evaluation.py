@@ -71,7 +71,10 @@ def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
     try:
         R, t, _ = moved.align(true)
     except GeometryException as error:
-        raise InputError('trajectories on one line or point cannot be aligned') from error
+        raise InputError(
+            'trajectories on one line or point cannot be aligned: use a recording in which '
+            'the camera moves in two directions at least'
+        ) from error
     ape = APE(PoseRelation.translation_part)
     ape.process_data((true, moved))
     T_world_map = np.eye(4)

@@ -120,7 +120,10 @@ class LiveRecorder:
         self._executor.spin_until_future_complete(future, _SERVICE_TIMEOUT_S)
         response = future.result() if future.done() else None
         if response is None:
-            raise InputError(f'{self._save.srv_name}: no response in {_SERVICE_TIMEOUT_S:g} s')
+            raise InputError(
+                f'{self._save.srv_name}: no response in {_SERVICE_TIMEOUT_S:g} s; see '
+                'the log of the node'
+            )
         if not response.success:
             raise InputError(f'{self._save.srv_name}: {response.message}')
         return read_tum(folder / name)

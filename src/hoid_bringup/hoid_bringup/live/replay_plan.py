@@ -74,7 +74,10 @@ class BagNames:
         """
         found = bag.topics
         if found.camera_info is None:
-            raise InputError(f'{bag.path}: has no camera_info topic, which the nodes need')
+            raise InputError(
+                f'{bag.path}: has no camera_info topic, which the nodes need; record it, or use '
+                '"hoid run --camera"'
+            )
         is_compressed = [base_name(t.name) != t.name for t in (found.color, found.depth)]
         if is_compressed[0] != is_compressed[1]:
             raise InputError(
@@ -116,7 +119,10 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         ]
     if config.uses_truth:
         if names.true_detections is None:
-            raise InputError(f'{bag.path}: has no ground-truth boxes for "--detector {TRUTH}"')
+            raise InputError(
+                f'{bag.path}: has no ground-truth boxes for "--detector {TRUTH}"; use a bag of '
+                '"hoid synth", or a detector'
+            )
         remappings.append((topics.DETECTIONS, names.true_detections))
     changed = by_node(config.run.changed())
     inputs: dict[str, Any] = {'input.compressed': names.is_compressed}

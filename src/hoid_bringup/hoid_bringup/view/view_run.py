@@ -45,7 +45,9 @@ def open_run(folder: Path) -> FinishedRun:
         summary = json.loads(path.read_text(encoding='utf-8'))
         options, recording = dict(summary['options']), summary.get('recording')
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f'{path}: is no summary of a run: {error}') from error
+        raise InputError(
+            f'{path}: is no summary of a run ({error}): give a folder that "hoid run" has written'
+        ) from error
     return FinishedRun(
         folder,
         Path(recording) if recording else None,

@@ -167,7 +167,8 @@ class SessionLifecycle:
         if names.base and T_base_camera is None:
             self._diagnostics.set_problem(
                 'base',
-                f'{self._tf_static} does not join frames "{names.base}" and "{header.frame_id}"',
+                f'{self._tf_static} does not join frames "{names.base}" and "{header.frame_id}": '
+                'publish where the camera is mounted',
             )
             return None
         self._diagnostics.clear_problem('base')
@@ -218,7 +219,9 @@ class SessionLifecycle:
         if config.map_file:
             return map_file.load(path_in(config.map_directory, config.map_file, MAP))
         if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
-            raise ConfigError('mode is localization, which needs a map_file')
+            raise ConfigError(
+                'mode is localization, which needs a map_file: set it, or the mode mapping'
+            )
         return None
 
     def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
