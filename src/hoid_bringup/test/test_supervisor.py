@@ -135,6 +135,31 @@ def test_a_child_that_refuses_a_restart_is_tried_again_until_it_starts(tmp_path:
         group.stop(grace_s=0.2)
 
 
+def test_a_restart_that_the_system_refuses_is_tried_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    logs = tmp_path / 'logs'
+    spec = python('node', 'import time; print("ready", flush=True); time.sleep(60)')
+    with Supervisor([spec], restart=True, restart_period_s=0.05, log_dir=logs) as group:
+        wait_for(logs / 'node.log', 'ready')
+        logs.rename(tmp_path / 'moved')
+        logs.write_text('a file in place of the folder')
+        os.kill(group.pids['node'], signal.SIGKILL)
+        exits_of(group, 1)
+        deadline_s = time.monotonic() + 60
+        while caplog.text.count('node cannot be started') < 3:
+            group.poll()
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        assert 'logs: cannot be written: ' in caplog.text
+        logs.unlink()
+        while not group.pids:
+            group.poll()
+            assert time.monotonic() < deadline_s
+            time.sleep(0.01)
+        wait_for(logs / 'node.log', 'ready')
+
+
 NOTING = (
     'import signal, sys, time\n'
     'def note(number, _): print(signal.Signals(number).name, flush=True); sys.exit()\n'

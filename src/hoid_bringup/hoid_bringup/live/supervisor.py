@@ -18,7 +18,6 @@ import shutil
 import signal
 import subprocess
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from typing import IO, Self
 
 import psutil
 
+from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
 from hoid_common.process.entry import EXIT_CONFIG
 
@@ -101,7 +101,7 @@ class Supervisor:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._due_s: dict[str, float] = {}  # times of restarts (monotonic)
         self._started_s: dict[str, float] = {}  # times of the last starts (monotonic)
-        self._num_refusals: Counter[str] = Counter()  # since the last start that succeeded
+        self._pauses_s: dict[str, float] = {}  # after the next refusal, which doubles
         self._has_run: set[str] = set()  # children of which a start succeeded
         self._peak_rss_mb: dict[str, float] = {}
         self._next_measurement_s = 0.0  # monotonic
@@ -111,7 +111,7 @@ class Supervisor:
             for spec in self._specs.values():
                 self._start(spec)
         except BaseException:
-            self.stop()
+            self.stop(after_failure=True)
             raise
         return self
 
@@ -152,8 +152,7 @@ class Supervisor:
         ]
         for name in sorted(self._due_s):
             if now_s >= self._due_s[name]:
-                del self._due_s[name]
-                self._start(self._specs[name])
+                self._restart_child(name, now_s)
         return exits
 
     def stop(self, grace_s: float = _GRACE_S, *, after_failure: bool = False) -> None:
@@ -185,16 +184,30 @@ class Supervisor:
         ended = ProcessExit(name, status)
         if not ended.refused_to_start:
             self._has_run.add(name)
-            self._num_refusals[name] = 0
+            self._pauses_s.pop(name, None)
         if not self._restart or name not in self._has_run:
             return ended
-        due_s = self._started_s[name] + self._restart_period_s
+        pause_s = max(self._started_s[name] + self._restart_period_s - now_s, 0.0)
         if ended.refused_to_start:
-            wait_s = self._restart_period_s * 2 ** self._num_refusals[name]
-            due_s = now_s + min(wait_s, _MAX_REFUSAL_PERIOD_S)
-            self._num_refusals[name] += 1
-        self._due_s[name] = due_s
-        return replace(ended, restart_s=max(due_s - now_s, 0.0))
+            pause_s = self._next_pause_s(name)
+        self._due_s[name] = now_s + pause_s
+        return replace(ended, restart_s=pause_s)
+
+    def _next_pause_s(self, name: str) -> float:
+        """Return the time until a child that could not be started is tried again."""
+        pause_s = self._pauses_s.get(name, self._restart_period_s)
+        self._pauses_s[name] = min(2 * pause_s, _MAX_REFUSAL_PERIOD_S)
+        return pause_s
+
+    def _restart_child(self, name: str, now_s: float) -> None:
+        """Restart a child, or try it again later if the system refuses, as a full disk does."""
+        del self._due_s[name]
+        try:
+            self._start(self._specs[name])
+        except (OSError, InputError) as error:
+            pause_s = self._next_pause_s(name)
+            self._due_s[name] = now_s + pause_s
+            _LOG.warning('%s cannot be started (%s); trying again in %.0f s', name, error, pause_s)
 
     def _start(self, spec: ProcessSpec) -> None:
         with self._log_file(spec.name) as log:
