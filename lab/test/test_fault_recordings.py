@@ -44,8 +44,8 @@ def test_a_recording_is_read_as_it_is_or_refused(
 def test_a_wrong_reading_is_noticed(tmp_path: Path) -> None:
     assert recordings.repeated_stamps(SAMPLES, tmp_path, None)() == 0
     images = recordings.wall_images()
-    assert recordings.reading(tmp_path / 'bag', images, recordings.RAW, len(images))() == 0
-    assert recordings.reading(tmp_path / 'bag', images, OTHER, len(images))() == SILENT
-    assert recordings.reading(tmp_path / 'bag', images[1:], recordings.RAW, 1)() == SILENT
+    assert recordings.reading(tmp_path / 'bag', images, (recordings.RAW,), len(images))() == 0
+    assert recordings.reading(tmp_path / 'bag', images, (OTHER,), len(images))() == SILENT
+    assert recordings.reading(tmp_path / 'bag', images[1:], (recordings.RAW,), 1)() == SILENT
     images[0].depth_m[0, 0] += 0.01
-    assert recordings.reading(tmp_path / 'bag', images, recordings.RAW, len(images))() == SILENT
+    assert recordings.reading(tmp_path / 'bag', images, (recordings.RAW,), len(images))() == SILENT

@@ -86,13 +86,15 @@ def _write(bag: Path, images: list[_Image], color: str = _COLOR) -> None:
             writer.write(color, log_ns, image.color)
 
 
-def reading(bag: Path, images: list[_Image], camera: CameraModel, least: int) -> Callable[[], int]:
+def reading(
+    bag: Path, images: list[_Image], cameras: tuple[CameraModel, ...], least: int
+) -> Callable[[], int]:
     """Return a function that reads a bag and compares it with what was written.
 
     Args:
         bag: The bag.
         images: The images by the stamps with which they must be found.
-        camera: The camera that must be found.
+        cameras: Of which one must be found.
         least: Least number of images that must be found.
     """
     expected = {image.stamp_ns: image for image in images}
@@ -104,7 +106,7 @@ def reading(bag: Path, images: list[_Image], camera: CameraModel, least: int) ->
         except HoidError as error:
             sys.stderr.write(f'hoid run: {error}\n')
             return 1
-        is_right = len(frames) >= least and found.camera == camera
+        is_right = len(frames) >= least and found.camera in cameras
         for frame in frames:
             image = expected.get(frame.stamp_ns)
             is_right &= image is not None and np.array_equal(frame.image_bgr, image.image_bgr)
@@ -157,7 +159,7 @@ def repeated_stamps(_samples: Samples, place: Path, rng: Rng | None) -> Callable
         first = {image.stamp_ns: image for image in reversed(written)}
         images = list(first.values())
     _write(place / 'bag', written)
-    return reading(place / 'bag', images, RAW, _NUM_FRAMES - 3)
+    return reading(place / 'bag', images, (RAW,), _NUM_FRAMES - 3)
 
 
 def offset_stamps(_samples: Samples, place: Path, rng: Rng | None) -> Callable[[], int]:
@@ -171,7 +173,7 @@ def offset_stamps(_samples: Samples, place: Path, rng: Rng | None) -> Callable[[
             for i in images
         ]
     _write(place / 'bag', written)
-    return reading(place / 'bag', images, RAW, _NUM_FRAMES)
+    return reading(place / 'bag', images, (RAW,), _NUM_FRAMES)
 
 
 def empty_frame_id(_samples: Samples, place: Path, rng: Rng | None) -> Callable[[], int]:
@@ -188,7 +190,7 @@ def empty_frame_id(_samples: Samples, place: Path, rng: Rng | None) -> Callable[
             for image in images
         ]
     _write(place / 'bag', written)
-    return reading(place / 'bag', images, RAW, _NUM_FRAMES)
+    return reading(place / 'bag', images, (RAW,), _NUM_FRAMES)
 
 
 def _nameless(message: Message) -> Message:
@@ -202,7 +204,7 @@ def depth_units(_samples: Samples, place: Path, rng: Rng | None) -> Callable[[],
         factor = float(rng.choice([1.0, 1000.0]))
         images = [_with_depth(image, image.depth_m, factor) for image in images]
     _write(place / 'bag', images)
-    return reading(place / 'bag', images, RAW, _NUM_FRAMES)
+    return reading(place / 'bag', images, (RAW,), _NUM_FRAMES)
 
 
 def extreme_depths(_samples: Samples, place: Path, rng: Rng | None) -> Callable[[], int]:
@@ -211,7 +213,7 @@ def extreme_depths(_samples: Samples, place: Path, rng: Rng | None) -> Callable[
     if rng is not None:
         images = [_with_depth(image, _with_extremes(image.depth_m, rng)) for image in images]
     _write(place / 'bag', images)
-    return reading(place / 'bag', images, RAW, _NUM_FRAMES)
+    return reading(place / 'bag', images, (RAW,), _NUM_FRAMES)
 
 
 def _with_extremes(depth_m: Float32Array, rng: Rng) -> Float32Array:
@@ -241,11 +243,11 @@ def rectified_images(_samples: Samples, place: Path, rng: Rng | None) -> Callabl
         ]
         images = [replace(i, info=info) for i, info in zip(images, infos, strict=True)]
     _write(place / 'bag', images, topic)
-    return reading(place / 'bag', images, camera, _NUM_FRAMES)
+    return reading(place / 'bag', images, (camera,), _NUM_FRAMES)
 
 
 def changed_camera(_samples: Samples, place: Path, rng: Rng | None) -> Callable[[], int]:
-    """Change the calibration within a recording, which has one camera: that must be said."""
+    """Change the calibration within a recording: that must be said, and one of them is used."""
     images = written = wall_images()
     if rng is not None:
         first = int(rng.integers(1, _NUM_FRAMES))
@@ -255,7 +257,7 @@ def changed_camera(_samples: Samples, place: Path, rng: Rng | None) -> Callable[
         ]
         written = images[:first] + other[first:]
     _write(place / 'bag', written)
-    work = reading(place / 'bag', images, RAW, _NUM_FRAMES)
+    work = reading(place / 'bag', images, (RAW, _RECTIFIED), _NUM_FRAMES)
     return work if rng is None else lambda: _unless_silent(work)
 
 
