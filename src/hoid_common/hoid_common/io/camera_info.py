@@ -88,5 +88,5 @@ def rectification_doubt(info: RawCameraInfo, image_topic: str) -> str:
     return (
         f'camera_info has distortion and a rectified focal length ({info.p[0]:.1f} px for '
         f'{info.k[0]:.1f}); {image_topic or "the color image"} is taken as not rectified: if it '
-        'is, publish a camera_info without distortion, or give the camera with --camera'
+        'is, publish a camera_info without distortion, or remap the images to a name with "rect"'
     )

@@ -84,7 +84,8 @@ class StaticFrameListener:
         )
 
     def _add(self, edge: TransformStamped) -> None:
-        self.frames.add(edge.header.frame_id, edge.child_frame_id, transform_from_msg(edge))
+        parent, child = (name.lstrip('/') for name in (edge.header.frame_id, edge.child_frame_id))
+        self.frames.add(parent, child, transform_from_msg(edge))
 
 
 class FrameListener:

@@ -8,6 +8,12 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
+NO_FLOOR = (
+    'no level floor has been seen, so there is no grid: if the camera is mounted tilted or '
+    'turned, set base_frame (frames.base) and its place on /tf_static, or --mount ROLL PITCH YAW '
+    'of "hoid run"; otherwise let the camera see the floor'
+)
+"""Why there is no grid, and what to do."""
 _TRIALS = 300  # level planes that are compared; not tuned
 _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
 _THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `voxel_map.py`)

@@ -41,6 +41,7 @@ from rgbd_slam.ros.scene.messages import (
 )
 from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.ros.timers import set_period
+from rgbd_slam.scene.floor import NO_FLOOR
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
@@ -50,6 +51,7 @@ _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict 
 # Chosen: share of the time in which maps are published and bent submaps are fused again. The rest
 # is for new images, however large the map is.
 _MAX_SHARE = 0.25
+_MAX_MAPS_WITHOUT_FLOOR = 10  # chosen: 10 s or more, in which a robot sees its floor
 _CAPACITY = 60  # chosen: images that wait for their pose; 2 s at 30 Hz
 
 
@@ -76,6 +78,7 @@ class SceneNode(Node):
         self._stamp_ns = 0  # of the latest image in the dense map
         self._is_published = True  # whether the published maps are up to date
         self._rest_until_s = 0.0  # when the maps may be published again
+        self._num_without_floor = 0  # maps in a row
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
         )
@@ -204,7 +207,7 @@ class SceneNode(Node):
         request, depth, color, objects_msg = match.values
         if self._scene is None:
             return
-        depth_m = conversions.depth_from_msg(depth)
+        depth_m = conversions.depth_from_msg(depth, self._setup.input.depth_units_per_m)
         self._check_size(depth_m, 'depth')
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
         if self._setup.objects.enabled and request.track_objects:
@@ -237,8 +240,15 @@ class SceneNode(Node):
         if not self._is_published:
             self._is_published = True
             self._outputs.publish_map(self._scene, self._stamp_ns)
+            self._report_floor(self._scene)
         end_s = time.monotonic()
         self._rest_until_s = end_s + (end_s - start_s) / _MAX_SHARE
+
+    def _report_floor(self, scene: SceneMapper) -> None:
+        """Report a map without a floor, once it is old enough to have one."""
+        self._num_without_floor = 0 if scene.has_floor else self._num_without_floor + 1
+        is_late = self._num_without_floor >= _MAX_MAPS_WITHOUT_FLOOR
+        self._diagnostics.report_problem('floor', NO_FLOOR if is_late else '')
 
 
 def run_scene_node(messages: Connection, reports: Connection, setup: SceneSetup) -> None:
