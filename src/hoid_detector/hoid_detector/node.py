@@ -25,9 +25,9 @@ from hoid_common.values import ByteArray, Detections
 from hoid_detector.config import DetectorNodeConfig
 from hoid_detector.drawing import draw_detections
 from hoid_detector.model.model_path import find_model
-from hoid_detector.model.quarter_turn import mounted_roll_deg
 from hoid_detector.newest_wins import NewestWins
 from hoid_detector.onnx_detector import OnnxDetector
+from hoid_detector.quarter_turn import mounted_roll_deg
 
 
 class _Result(NamedTuple):
