@@ -51,7 +51,7 @@ _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict 
 # Chosen: share of the time in which maps are published and bent submaps are fused again. The rest
 # is for new images, however large the map is.
 _MAX_SHARE = 0.25
-_MAX_MAPS_WITHOUT_FLOOR = 10  # chosen: 10 s or more, in which a robot sees its floor
+_MAX_IMAGES_WITHOUT_FLOOR = 30  # chosen: several seconds, in which a robot sees its floor
 _CAPACITY = 60  # chosen: images that wait for their pose; 2 s at 30 Hz
 
 
@@ -78,7 +78,7 @@ class SceneNode(Node):
         self._stamp_ns = 0  # of the latest image in the dense map
         self._is_published = True  # whether the published maps are up to date
         self._rest_until_s = 0.0  # when the maps may be published again
-        self._num_without_floor = 0  # maps in a row
+        self._num_fused = 0  # images in this scene
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
         )
@@ -171,7 +171,7 @@ class SceneNode(Node):
         if self._scene is not None:
             self._scene.ledger.clear()
             self._report_changes(self._scene)
-        self._camera, self._scene = camera, None
+        self._camera, self._scene, self._num_fused = camera, None, 0
         if camera is not None:
             self._scene = SceneMapper(
                 camera,
@@ -219,6 +219,7 @@ class SceneNode(Node):
             self._scene.fuse(request, depth_m, image_bgr, objects)
             self._stamp_ns = request.stamp_ns
             self._on_map_change(self._scene)
+            self._num_fused += 1
             self._diagnostics.count('images fused')
             self._diagnostics.set_count('voxels', self._scene.num_voxels)
 
@@ -245,9 +246,8 @@ class SceneNode(Node):
         self._rest_until_s = end_s + (end_s - start_s) / _MAX_SHARE
 
     def _report_floor(self, scene: SceneMapper) -> None:
-        """Report a map without a floor, once it is old enough to have one."""
-        self._num_without_floor = 0 if scene.has_floor else self._num_without_floor + 1
-        is_late = self._num_without_floor >= _MAX_MAPS_WITHOUT_FLOOR
+        """Report a map without a floor, once it has enough images to show one."""
+        is_late = self._num_fused >= _MAX_IMAGES_WITHOUT_FLOOR and not scene.has_floor
         self._diagnostics.report_problem('floor', NO_FLOOR if is_late else '')
 
 
