@@ -78,10 +78,8 @@ def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | N
     if score[best] == 0:
         return None
     inliers = points_m[np.abs(heights[:, best]) < _THICKNESS_M]
-    if (
-        np.linalg.svd(inliers - inliers.mean(0), compute_uv=False)[1]
-        < _MIN_WIDTH_M * len(inliers) ** 0.5
-    ):
+    width_m = np.linalg.svd(inliers - inliers.mean(0), compute_uv=False)[1] / len(inliers) ** 0.5
+    if width_m < _MIN_WIDTH_M:
         return None
     normal, offset = _fit_plane(inliers, up)
     return Floor(_frame_on(normal, offset))
