@@ -162,6 +162,37 @@ def test_a_folder_with_the_factor_of_another_camera_is_doubted(
     assert caplog.messages == []
 
 
+def encoded(encoding: str) -> NDArray[Any]:
+    """Return the pixels of a gray image of value 120 in an encoding of color."""
+    if encoding == 'mono16':
+        return np.full((120, 160), 120 << 8, np.uint16)
+    if encoding == 'nv12':
+        planes = cv2.cvtColor(np.full((120, 160, 3), 120, np.uint8), cv2.COLOR_BGR2YUV_I420)
+        return planes.astype(np.uint8)  # gray: U and V are all 128, in any order
+    if encoding == 'yuv422':
+        luma = cv2.cvtColor(np.full((2, 2, 3), 120, np.uint8), cv2.COLOR_BGR2YUV_I420)[0, 0]
+        return np.tile(np.array([128, luma], np.uint8), (120, 160))
+    return np.full((120, 160), 120, np.uint8)  # Bayer
+
+
+@pytest.mark.parametrize('depth_encoding', ['64FC1', '16SC1'])
+@pytest.mark.parametrize('encoding', ['mono16', 'bayer_rggb8', 'bayer_gbrg8', 'yuv422', 'nv12'])
+def test_unusual_encodings_are_read(encoding: str, depth_encoding: str, tmp_path: Path) -> None:
+    color, depth = '/camera/color/image_raw', '/camera/aligned_depth_to_color/image_raw'
+    depth_of = {'64FC1': np.full((120, 160), 1.5), '16SC1': np.full((120, 160), 1500, np.int16)}
+    with BagWriter(tmp_path / 'bag') as writer:
+        for name in (color, depth):
+            writer.add_topic(name, bag_types.IMAGE)
+        message = bag_messages.image(START_NS, encoded(encoding), encoding)
+        message.height, message.width = 120, 160
+        writer.write(color, START_NS, message)
+        message = bag_messages.image(START_NS, depth_of[depth_encoding], depth_encoding)
+        writer.write(depth, START_NS, message)
+    (frame,) = open_sequence(tmp_path / 'bag', CAMERA)
+    assert np.abs(frame.image_bgr.astype(int) - 120).max() <= 2
+    assert (frame.depth_m == 1.5).all()
+
+
 def test_depth_outside_the_range_of_readings_is_none(tmp_path: Path) -> None:
     stray_m = np.array([1e5, 1e-4, 1e30, np.inf, np.nan, -1, MAX_DEPTH_M * 1.01, 0], np.float32)
     kept_m = np.array([MIN_DEPTH_M, MAX_DEPTH_M], np.float32)

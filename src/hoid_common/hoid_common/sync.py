@@ -164,8 +164,13 @@ class StampMatcher:
     @property
     def mismatch(self) -> str:
         """Return one line while no items of two streams match, or probably wrong ones, else ''."""
+        return self.gap or self._constant_offset
+
+    @property
+    def gap(self) -> str:
+        """Return the text of `offset_text` while no items of the first two streams match."""
         if len(self._gaps_ns) < _NUM_GAPS:
-            return self._constant_offset
+            return ''
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
 
     def reset(self) -> None:

@@ -201,6 +201,7 @@ class SceneNode(Node):
             except HoidError as error:
                 self._diagnostics.report(error, 'images refused')
         self._diagnostics.set_count('images missing', self._matcher.counts['pose'].unmatched)
+        self._diagnostics.report_problem('stamps', self._matcher.gap)
 
     def _map_image(self, match: Match) -> None:
         """Add one image, with its pose and its objects, to the maps for which it was requested."""
