@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import cv2
@@ -202,6 +204,10 @@ def test_every_encoding_of_color_and_depth_is_received(sample: SampleBench) -> N
         assert (depth_m[0] == (0 if depth.encoding == '16SC1' else 1.5)).all()
 
 
+def wait_for_more(sample: SampleBench, count: Callable[[], int], before: int) -> None:
+    sample.probe.spin_until(lambda: count() > before, 'no depth image')
+
+
 def feed(sample: SampleBench, offset_ms: float, count: int = 120) -> None:
     """Send color and depth images; depth is stamped later by an offset."""
     take_color = sample.node.sync.input('color', conversions.color_from_msg)
@@ -215,10 +221,8 @@ def feed(sample: SampleBench, offset_ms: float, count: int = 120) -> None:
         depth.header.stamp = conversions.stamp_to_msg(round(color_ns + offset_ms * MS))
         take_color(color)
         depths.publish(depth)
-        number = sample.count('depth images received')
-        sample.probe.spin_until(
-            lambda n=number: sample.count('depth images received') > n, 'no depth image'
-        )
+        received = partial(sample.count, 'depth images received')
+        wait_for_more(sample, received, received())
     assert len(sample.node.matches) > before
 
 
@@ -240,7 +244,8 @@ def test_a_known_offset_pairs_the_right_images(domain_id: int) -> None:
 def tenths(peer: Peer, i: int) -> None:
     """Send images whose depth is in units of 0.1 mm."""
     depth = np.round(DEPTH_M * 10_000).astype(np.uint16)
-    message = conversions.depth_to_msg(depth / np.float32(1000), peer.header(i))
+    depth_m = (depth / np.float32(1000)).astype(np.float32)
+    message = conversions.depth_to_msg(depth_m, peer.header(i))
     assert message.encoding == '16UC1'
     peer.send_boxes(i)
     peer.color.publish(conversions.color_to_msg(IMAGE, peer.header(i)))

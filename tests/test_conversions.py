@@ -86,7 +86,7 @@ def test_compressed_color_round_trip() -> None:
 
 
 def test_whole_millimeters_are_sent_as_16uc1() -> None:
-    depth = np.random.default_rng(0).integers(0, 10_000, (48, 64)).astype(np.float32) / np.float32(
+    depth = np.random.default_rng(0).integers(50, 10_000, (48, 64)).astype(np.float32) / np.float32(
         1000
     )
     msg = sent(conversions.depth_to_msg(depth, HEADER))
@@ -98,7 +98,7 @@ def test_whole_millimeters_are_sent_as_16uc1() -> None:
 
 
 def test_finer_depth_is_sent_as_32fc1() -> None:
-    depth = np.random.default_rng(0).integers(0, 50_000, (48, 64)).astype(np.float32) / np.float32(
+    depth = np.random.default_rng(0).integers(250, 50_000, (48, 64)).astype(np.float32) / np.float32(
         5000
     )
     msg = sent(conversions.depth_to_msg(depth, HEADER))

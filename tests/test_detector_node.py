@@ -320,7 +320,7 @@ def boxes(bench: Bench, image: ByteArray) -> NDArray[np.float32]:
 
 def test_a_camera_that_is_mounted_turned_is_known_from_tf_static(make_bench: MakeBench) -> None:
     bench = make_bench(base_frame='base_link')
-    bench.start()
+    node = bench.start()
     unturned = boxes(bench, IMAGE)
     assert 'does not join frames "base_link"' in bench.values()['message']
     tree = bench.peer.create_publisher(TFMessage, '/tf_static', qos.TF_STATIC)
@@ -329,7 +329,7 @@ def test_a_camera_that_is_mounted_turned_is_known_from_tf_static(make_bench: Mak
     tree.publish(TFMessage(transforms=[edge]))
     bench.until(lambda: (boxes(bench, IMAGE) != unturned).any() or None)
     expected = OnnxDetector(
-        Path(str(bench.node.get_parameter('model').value)), DetectorConfig(camera_roll_deg=180.0)
+        Path(str(node.get_parameter('model').value)), DetectorConfig(camera_roll_deg=180.0)
     ).detect(IMAGE, STAMP_NS)
     np.testing.assert_allclose(boxes(bench, IMAGE), expected.boxes_xyxy_px, atol=1e-3)
     assert bench.values()['camera roll'] == '178 degrees'
