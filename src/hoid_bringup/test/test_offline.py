@@ -23,6 +23,7 @@ WALL_M = 2.0
 STEP_M = 2 * WALL_M / CAMERA.fx_px  # two pixels a frame
 FRAMES = 24
 PERIOD_NS = 33_333_333
+STRAY_M = np.array([1e5, 1e-4, 1e30, 101.0], np.float32)
 
 
 @dataclass
@@ -68,7 +69,7 @@ class StrayWall(WallSequence):
         for frame in super().__iter__():
             depth_m = frame.depth_m.copy()
             is_stray = rng.random(depth_m.shape) < 0.05
-            depth_m[is_stray] = rng.choice(np.float32([1e5, 1e-4, 1e30, 101.0]), is_stray.sum())
+            depth_m[is_stray] = rng.choice(STRAY_M, is_stray.sum())
             yield replace(frame, depth_m=depth_m)
 
 
