@@ -28,7 +28,7 @@ PACKAGES = """
 # Then the folders of each package, with the modules at its root.
 LAYERS = {
     'hoid_common': """
-        errors log_throttle sync topics slam_status < camera_topics config values < se3 process
+        errors log_throttle topics slam_status < camera_topics config values < se3 process sync
         < inputs pose_buffer io static_frames < ros
     """,
     'hoid_detector': 'drawing newest_wins quarter_turn < model < config < onnx_detector < node',

@@ -80,8 +80,8 @@ def test_a_stray_camera_info_is_reported_until_the_right_one_returns(peer: Peer)
     peer.begin()
     peer.send(35)
     for stray, message in (
-        (TWICE, 'camera_info is of 1280x960 px'),
-        (replace(CAMERA, fx_px=700.0), 'the camera changed'),
+        (TWICE, 'camera_info has changed from 640x480 px, fx 525.0'),
+        (replace(CAMERA, fx_px=700.0), 'to 640x480 px, fx 700.0'),
     ):
         peer.send_info(stray)
         peer.wait_for_problem(message)

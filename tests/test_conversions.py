@@ -86,9 +86,9 @@ def test_compressed_color_round_trip() -> None:
 
 
 def test_whole_millimeters_are_sent_as_16uc1() -> None:
-    depth = np.random.default_rng(0).integers(0, 10_000, (48, 64)).astype(np.float32) / np.float32(
-        1000
-    )
+    depth = np.random.default_rng(0).integers(50, 10_000, (48, 64)).astype(
+        np.float32
+    ) / np.float32(1000)
     msg = sent(conversions.depth_to_msg(depth, HEADER))
     assert (msg.encoding, msg.step) == ('16UC1', 128)
     np.testing.assert_array_equal(conversions.depth_from_msg(msg), depth)
@@ -98,9 +98,9 @@ def test_whole_millimeters_are_sent_as_16uc1() -> None:
 
 
 def test_finer_depth_is_sent_as_32fc1() -> None:
-    depth = np.random.default_rng(0).integers(0, 50_000, (48, 64)).astype(np.float32) / np.float32(
-        5000
-    )
+    depth = np.random.default_rng(0).integers(250, 50_000, (48, 64)).astype(
+        np.float32
+    ) / np.float32(5000)
     msg = sent(conversions.depth_to_msg(depth, HEADER))
     assert (msg.encoding, msg.step) == ('32FC1', 256)
     np.testing.assert_array_equal(conversions.depth_from_msg(msg), depth)

@@ -12,22 +12,28 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from numpy.typing import NDArray
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool
+from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import Detection2DArray
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_common.errors import ModelError
 from hoid_common.ros import conversions, qos
+from hoid_common.values import ByteArray
+from hoid_detector.config import DetectorConfig
 from hoid_detector.model.model_path import SYNTHETIC
 from hoid_detector.node import DetectorNode
+from hoid_detector.onnx_detector import OnnxDetector
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 from hoid_system_tests.detector_bench import FRAME, IMAGE, STAMP_NS, Bench, write_model
 from hoid_system_tests.probe import SETTLE_S
 from hoid_training.evaluate import Tally, Truth, count
+from rgbd_slam.robot_frames import camera_mount
 
 SMALL_PX = 32  # objects with a shorter side may be missed
 MakeBench = Callable[..., Bench]
@@ -303,3 +309,27 @@ def test_a_missing_model_fails_the_transition_or_ends_the_node(
     rclpy.init(args=args, domain_id=domain_id)
     with pytest.raises(ModelError, match='does not exist'):
         DetectorNode()
+
+
+def boxes(bench: Bench, image: ByteArray) -> NDArray[np.float32]:
+    """Return the boxes (N, 4) that the node finds in an image."""
+    bench.send(image)
+    found = bench.answer().detections
+    return np.array([(d.x_min, d.y_min, d.x_max, d.y_max) for d in found], np.float32)
+
+
+def test_a_camera_that_is_mounted_turned_is_known_from_tf_static(make_bench: MakeBench) -> None:
+    bench = make_bench(base_frame='base_link')
+    node = bench.start()
+    unturned = boxes(bench, IMAGE)
+    assert 'does not join frames "base_link"' in bench.values()['message']
+    tree = bench.peer.create_publisher(TFMessage, '/tf_static', qos.TF_STATIC)
+    mount = camera_mount(178.0, 10.0, 30.0)  # nearly upside down
+    edge = conversions.transform_to_msg(mount, 0, 'base_link', f'/{FRAME}')
+    tree.publish(TFMessage(transforms=[edge]))
+    bench.until(lambda: (boxes(bench, IMAGE) != unturned).any() or None)
+    expected = OnnxDetector(
+        Path(str(node.get_parameter('model').value)), DetectorConfig(camera_roll_deg=180.0)
+    ).detect(IMAGE, STAMP_NS)
+    np.testing.assert_allclose(boxes(bench, IMAGE), expected.boxes_xyxy_px, atol=1e-3)
+    assert bench.values()['camera roll'] == '178 degrees'

@@ -17,7 +17,7 @@ POLICIES = Path(__file__).parents[1] / 'src/hoid_bringup/policies/hoid.policy.xm
 NODES: dict[
     str, list[dict[str, Any]]
 ] = {  # parameter sets of each node, which together create all its topics
-    'hoid_detector': [{'model': 'synthetic'}],
+    'hoid_detector': [{'model': 'synthetic', 'base_frame': 'base_link'}],
     'hoid_filter': [{'strategy': 'hoid+'}],
     'rgbd_slam': [{}, {'frames.publish_odom_to_base': False}],
     'rgbd_slam_scene': [{}],  # the process of the scene mapper

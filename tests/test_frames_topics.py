@@ -311,7 +311,7 @@ def camera_info(frame_id: str) -> CameraInfo:
 
 @pytest.mark.parametrize(
     ('frame_id', 'parameters', 'child'),
-    [('/camera', {}, 'camera'), ('', {'expert': True, 'frames.camera': 'named'}, 'named')],
+    [('/camera', {}, 'camera'), ('', {'expert': True, 'input.camera_frame': 'named'}, 'named')],
 )
 def test_a_slashed_or_missing_camera_frame_is_valid_in_tf(
     start: Start, probe: Probe, frame_id: str, parameters: dict[str, Any], child: str
@@ -336,4 +336,4 @@ def test_an_empty_camera_frame_is_refused_with_what_to_do(start: Start, probe: P
         return any('frame_id is empty' in message for message in messages)
 
     probe.spin_until(is_named, 'no diagnostics about the frame', 60.0)
-    assert any('parameter frames.camera' in message for message in messages)
+    assert any('parameter input.camera_frame' in message for message in messages)

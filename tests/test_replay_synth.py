@@ -6,10 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.bag.bag_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, POSE_STAMPED
+from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bringup import cli
+from hoid_common import topics
+from hoid_common.io import images
 from hoid_common.io.trajectory_io import read_tum
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
@@ -17,6 +23,7 @@ from hoid_synth.config import SceneConfig
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 FRAMES = 75  # two people walk past, close to the camera
+LATE_NS = 25_000_000
 
 
 @pytest.fixture(scope='module')
@@ -85,3 +92,53 @@ def test_a_node_that_cannot_start_ends_the_replay_with_its_message(
     assert error.startswith('hoid replay: hoid_detector refused to start: ')
     assert 'nowhere.onnx' in error
     assert not (tmp_path / 'out' / 'summary.json').exists()
+
+
+def as_of_a_driver(scene: Path, bag: Path, *, is_color_packed: bool) -> Path:
+    """Write a scene with one packed image topic and a raw one; depth is late, in 0.1 mm."""
+    sequence = BagSequence(scene)
+    color, depth = '/cam/color/image_raw', '/cam/aligned_depth_to_color/image_raw'
+    packed_or_raw = (IMAGE, COMPRESSED_IMAGE)
+    color += '/compressed' * is_color_packed
+    depth += '/compressedDepth' * (not is_color_packed)
+    with BagWriter(bag) as writer:
+        writer.add_topic('/cam/color/camera_info', CAMERA_INFO)
+        writer.add_topic(topics.GROUND_TRUTH, POSE_STAMPED)
+        writer.add_topic(color, packed_or_raw[is_color_packed])
+        writer.add_topic(depth, packed_or_raw[not is_color_packed])
+        truth = sequence.ground_truth
+        assert truth is not None
+        poses = dict(zip(truth.stamps_ns.tolist(), truth.T_world_camera, strict=True))
+        for frame in sequence:
+            ns, units = frame.stamp_ns, np.rint(frame.depth_m * 10_000).astype(np.uint16)
+            info = bag_messages.camera_info(ns, sequence.camera)
+            writer.write('/cam/color/camera_info', ns, info)
+            pose = bag_messages.pose_stamped(ns, poses[ns])
+            writer.write(topics.GROUND_TRUTH, ns, pose)
+            jpeg = images.encode_jpeg(frame.image_bgr, 95)
+            writer.write(
+                color, ns,
+                bag_messages.compressed_image(ns, jpeg, images.JPEG_FORMAT) if is_color_packed
+                else bag_messages.image(ns, frame.image_bgr, 'bgr8'),
+            )  # fmt: skip
+            late_ns, png = ns + LATE_NS, images.encode_compressed_depth(units)
+            writer.write(
+                depth, ns,
+                bag_messages.image(late_ns, units, '16UC1') if is_color_packed
+                else bag_messages.compressed_image(late_ns, png, images.COMPRESSED_DEPTH_FORMAT),
+            )  # fmt: skip
+    return bag
+
+
+@pytest.mark.usefixtures('domain_id')
+@pytest.mark.parametrize('is_color_packed', [True, False])
+def test_one_packed_topic_late_depth_and_other_units_are_replayed(
+    scene: Path, tmp_path: Path, is_color_packed: bool
+) -> None:
+    bag = as_of_a_driver(scene, tmp_path / 'bag', is_color_packed=is_color_packed)
+    argv = ['replay', str(bag), '--out', str(tmp_path / 'out'), '--lockstep', '--filter', 'none']
+    assert cli.main([*argv, '--depth-offset', '0.025', '--depth-factor', '10000']) == 0
+    summary = json.loads((tmp_path / 'out' / 'summary.json').read_text())
+    assert summary['frames_processed'] == summary['frames_total'] == FRAMES
+    assert summary['coverage'] >= 0.98
+    assert summary['ate_rmse_m'] < 0.06  # people walk past, and nothing is filtered

@@ -11,20 +11,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hoid_msgs.msg import SlamStatus
+from tf2_msgs.msg import TFMessage
 
+from hoid_common.ros import conversions, qos
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
+from rgbd_slam.robot_frames import T_BODY_OPTICAL, camera_mount
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 SCENE = SceneConfig(num_frames=70, width_px=320)
 SCENE_NODE = '/rgbd_slam_scene'
 _RESTORED_S = 10.0  # limit for a new process to restore the dense map
+_FLOOR_S = 30.0  # limit for the report of a missing floor
 
 
 @pytest.fixture(scope='module')
@@ -145,3 +148,28 @@ def test_all_services_and_outputs_belong_to_the_slam_node(peer: ScenePeer) -> No
     assert set(dict(node.get_publisher_names_and_types_by_node('rgbd_slam_scene', '/'))) <= {
         '/diagnostics', '/rosout', '/parameter_events',
     }  # fmt: skip
+
+
+def test_a_tilted_mount_that_shows_no_level_floor_is_reported(
+    start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]
+) -> None:
+    parameters = {
+        'map_directory': str(tmp_path / 'maps'), 'frames.base': 'base_link',
+        'dense.publish_period_s': 0.1, 'dense.rate_hz': 30.0,
+    }  # fmt: skip
+    start('rgbd_slam', 'rgbd_slam_node', parameters | RELIABLE)
+    tree = probe.publisher(TFMessage, '/tf_static', qos.TF_STATIC)
+    mount = camera_mount(0.0, 45.0, 0.0)  # which is not how the camera is mounted
+    frame = messages[0].camera.header.frame_id
+    tree.publish(
+        TFMessage(transforms=[conversions.transform_to_msg(mount, 0, 'base_link', frame)])
+    )
+    peer = ScenePeer(probe)
+    peer.begin(messages[0].camera)
+    play(peer, messages[:60])
+    probe.spin_until(
+        lambda: peer.diagnosis(SCENE_NODE)[0].startswith('no level floor has been seen'),
+        'the missing floor is not reported', _FLOOR_S,
+    )  # fmt: skip
+    assert '--mount ROLL PITCH YAW' in peer.diagnosis(SCENE_NODE)[0]
+    assert 'base_frame' in peer.save(what='grid').message

@@ -15,6 +15,8 @@ from hoid_bags.options import (
     add_topic_arguments,
     chosen_camera,
     chosen_topics,
+    depth_offset_ns,
+    depth_units_per_m,
 )
 from hoid_common.errors import ConfigError, InputError
 
@@ -55,7 +57,7 @@ def convert_command(args: argparse.Namespace) -> None:
     config = ConvertConfig(
         rgb=args.rgb,
         depth=args.depth,
-        depth_units_per_m=args.depth_factor,
+        depth_units_per_m=depth_units_per_m(args) or _CONVERT.depth_units_per_m,
         round_depth=args.round_depth,
         compress=args.compress,
     )
@@ -160,6 +162,7 @@ def play_command(args: argparse.Namespace) -> None:
         topic_names=tuple(args.topics),
         namespace=args.namespace,
         choice=chosen_topics(args),
+        depth_offset_ns=depth_offset_ns(args),
         min_subscribers=dict(_requirement(text) for text in args.require),
         show_progress=True,
     )

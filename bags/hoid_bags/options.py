@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from hoid_bags.sequence import Sequence, open_sequence
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
 from hoid_common.camera_topics import CAMERA_TOPICS
-from hoid_common.values import CameraModel
+from hoid_common.errors import ConfigError
+from hoid_common.values import NS_PER_S, CameraModel
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,9 +28,9 @@ def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--depth-factor',
         type=float,
-        default=TUM_DEPTH_UNITS_PER_M,
         metavar='N',
-        help='depth units per meter in the images of a TUM folder (default: %(default)g)',
+        help=f'depth units per meter (default: {TUM_DEPTH_UNITS_PER_M:g} in a TUM folder; in a '
+        'bag 1000 for whole numbers and 1 for floats)',
     )
 
 
@@ -63,6 +65,32 @@ def _add_topic_names(parser: argparse.ArgumentParser) -> None:
             metavar='TOPIC',
             help=f'topic of {what} in a bag (default: found)',
         )
+    parser.add_argument(
+        '--depth-offset',
+        type=float,
+        default=0.0,
+        metavar='S',
+        help='time by which the stamps of depth images are later than those of the color images '
+        'of the same instant in s (default: %(default)g)',
+    )
+
+
+def depth_offset_ns(args: argparse.Namespace) -> int:
+    """Return the offset of the stamps of depth images."""
+    offset_s: float = args.depth_offset
+    return round(offset_s * NS_PER_S)
+
+
+def depth_units_per_m(args: argparse.Namespace) -> float | None:
+    """Return the units of depth that the options name, or None.
+
+    Raises:
+        ConfigError: They are not positive.
+    """
+    units: float | None = args.depth_factor
+    if units is not None and not 0 < units < math.inf:
+        raise ConfigError(f'--depth-factor: depth units per meter must be positive, got {units:g}')
+    return units
 
 
 def chosen_topics(args: argparse.Namespace) -> TopicChoice:
@@ -76,11 +104,18 @@ def open_recording(
 ) -> Sequence:
     """Open a recording with the options of the command line, and print the topics of a bag.
 
+    Args:
+        args: Parsed options.
+        path: The recording.
+        max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
+
     Raises:
         InputError: The recording cannot be read.
     """
     topics, camera = chosen_topics(args), chosen_camera(args)
-    found = open_sequence(path, camera, args.depth_factor, topics, max_gap_ns)
+    found = open_sequence(
+        path, camera, depth_units_per_m(args), topics, max_gap_ns, depth_offset_ns(args)
+    )
     if isinstance(found, BagSequence):
         sys.stderr.write(f'{path}: {found.topics}\n')
     return found

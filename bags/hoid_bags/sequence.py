@@ -57,18 +57,21 @@ class Sequence(Protocol):
 def open_sequence(
     path: Path,
     camera: CameraModel | None = None,
-    depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M,
+    depth_units_per_m: float | None = None,
     choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
     max_gap_ns: int = MAX_PAIR_GAP_NS,
+    depth_offset_ns: int = 0,
 ) -> Sequence:
     """Open a TUM folder or a bag.
 
     Args:
         path: The folder, or one file of a bag.
         camera: Camera of the recording; None takes it from the folder's name or the bag.
-        depth_units_per_m: Units of the PNG files of a TUM folder.
+        depth_units_per_m: Units of depth; None: TUM's for a folder, and those of the encoding for
+            a bag.
         choice: Topics of a bag that the user names; the other topics are found by their names.
         max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
+        depth_offset_ns: Time by which the stamps of depth images are too late.
 
     Raises:
         InputError: The path does not exist, or is no usable recording.
@@ -76,9 +79,12 @@ def open_sequence(
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')
     if is_bag(path):
-        return BagSequence(path, camera, choice, max_gap_ns)
+        return BagSequence(
+            path, camera, choice, max_gap_ns, depth_offset_ns, depth_units_per_m or 0.0
+        )
     if (path / COLOR_LIST).exists():
-        return open_tum_folder(path, camera, depth_units_per_m, max_gap_ns)
+        units_per_m = TUM_DEPTH_UNITS_PER_M if depth_units_per_m is None else depth_units_per_m
+        return open_tum_folder(path, camera, units_per_m, max_gap_ns, depth_offset_ns)
     raise InputError(
         f'{path}: neither a TUM folder (no {COLOR_LIST}) nor a bag (no {METADATA}, .mcap or .db3)'
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +17,7 @@ from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_topics import TopicChoice, find_topics
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.sequence import open_sequence
+from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import InputError
 from hoid_common.io import images
 from hoid_common.values import CameraModel
@@ -23,82 +26,45 @@ CAMERA = CameraModel(32, 24, 30, 30, 15.5, 11.5)
 COLOR = np.full((24, 32, 3), 90, np.uint8)
 GRAY = COLOR[..., 0].copy()
 DEPTH = np.full((24, 32), 1500, np.uint16)
-SMALL_DEPTH = DEPTH[::2, ::2].copy()
 JPEG, PNG = (cv2.imencode(s, p)[1].tobytes() for s, p in (('.jpg', COLOR), ('.png', DEPTH)))
 
-# Topics by driver: color (c), gray (g), depth (d), depth of another size (s); the expected color,
-# depth and camera_info.
-Driver = tuple[dict[str, str], tuple[str, str, str]]
-DRIVERS: dict[str, Driver] = {
-    'realsense': (
-        {
-            '/camera/camera/color/image_raw': 'c',
-            '/camera/camera/aligned_depth_to_color/image_raw': 'd',
-            '/camera/camera/depth/image_rect_raw': 'd',
-            '/camera/camera/infra1/image_rect_raw': 'g',
-            '/camera/camera/infra2/image_rect_raw': 'g',
-        },
-        (
-            '/camera/camera/color/image_raw',
-            '/camera/camera/aligned_depth_to_color/image_raw',
-            '/camera/camera/color/camera_info',
-        ),
-    ),
-    'orbbec': (
-        {
-            '/camera/color/image_raw': 'c', '/camera/depth/image_raw': 'd',
-            '/camera/ir/image_raw': 'g',
-        },
-        ('/camera/color/image_raw', '/camera/depth/image_raw', '/camera/color/camera_info'),
-    ),
-    'azure_kinect': (
-        {
-            '/rgb/image_raw': 'c', '/depth_to_rgb/image_raw': 'd', '/depth/image_raw': 's',
-            '/rgb_to_depth/image_raw': 'c', '/ir/image_raw': 'g',
-        },
-        ('/rgb/image_raw', '/depth_to_rgb/image_raw', '/rgb/camera_info'),
-    ),
-    'oak': (
-        {
-            '/oak/rgb/image_raw': 'c', '/oak/rgb/image_rect': 'c', '/oak/stereo/image_raw': 'd',
-            '/oak/left/image_raw': 'g', '/oak/right/image_raw': 'g',
-        },
-        ('/oak/rgb/image_raw', '/oak/stereo/image_raw', '/oak/rgb/camera_info'),
-    ),
-    'zed': (
-        {
-            '/zed/zed_node/rgb/color/rect/image': 'c', '/zed/zed_node/left/color/rect/image': 'c',
-            '/zed/zed_node/right/color/rect/image': 'c', '/zed/zed_node/left/gray/rect/image': 'g',
-            '/zed/zed_node/depth/depth_registered': 'd',
-            '/zed/zed_node/confidence/confidence_map': 'd',
-        },
-        (
-            '/zed/zed_node/rgb/color/rect/image', '/zed/zed_node/depth/depth_registered',
-            '/zed/zed_node/rgb/color/rect/camera_info',
-        ),
-    ),
-    'openni2': (
-        {
-            '/camera/rgb/image_raw': 'c', '/camera/rgb/image_rect_color': 'c',
-            '/camera/depth_registered/image_raw': 'd', '/camera/depth/image_raw': 'd',
-            '/camera/ir/image': 'g',
-        },
-        (
-            '/camera/rgb/image_raw', '/camera/depth_registered/image_raw',
-            '/camera/rgb/camera_info',
-        ),
-    ),
-    'unknown': (
-        {
-            '/front/color': 'c', '/front/depth_aligned': 'd', '/detector/debug_image': 'c',
-            '/front/depth_confidence': 'd',
-        },
-        ('/front/color', '/front/depth_aligned', '/camera_info'),
-    ),
+DOCUMENT = Path(__file__).resolve().parents[2] / 'docs/howto/bags.md'
+_ROW = re.compile(r'\| (?:`(\w+)`)? ?\| `(/[\w/]+)` \| (\w+)(, smaller)? \| (\w*) ?\|')
+PIXELS: dict[str, NDArray[Any]] = {
+    'rgb8': COLOR, 'bgr8': COLOR, 'bgra8': np.dstack([COLOR, GRAY]), 'mono8': GRAY,
+    'mono16': DEPTH, '16UC1': DEPTH, '32FC1': DEPTH / np.float32(1000),
 }  # fmt: skip
 
 
-def write(path: Path, topics: dict[str, str], infos: set[str]) -> Path:
+class Recorded(NamedTuple):
+    """An image topic of a driver."""
+
+    encoding: str
+    is_small: bool = False  # half the size of the color images
+    used_as: str = ''
+
+
+def documented_drivers() -> dict[str, dict[str, Recorded]]:
+    """Return the topics of each driver from the table of the document."""
+    drivers: dict[str, dict[str, Recorded]] = {}
+    preset = ''
+    for line in DOCUMENT.read_text(encoding='utf-8').splitlines():
+        if row := _ROW.fullmatch(line):
+            preset = row[1] or preset
+            recorded = Recorded(row[3], row[4] is not None, row[5])
+            drivers.setdefault(preset, {})[row[2]] = recorded
+    return drivers
+
+
+DRIVERS = documented_drivers()
+C, G, D, S = Recorded('rgb8'), Recorded('mono8'), Recorded('16UC1'), Recorded('16UC1', True)
+UNKNOWN = {
+    '/front/color': C, '/front/depth_aligned': D, '/detector/debug_image': C,
+    '/front/depth_confidence': D,
+}  # fmt: skip
+
+
+def write(path: Path, topics: dict[str, Recorded], infos: set[str]) -> Path:
     """Write one message of each topic, in every encoding of image_transport."""
     with BagWriter(path) as writer:
 
@@ -106,43 +72,57 @@ def write(path: Path, topics: dict[str, str], infos: set[str]) -> Path:
             writer.add_topic(name, type_name)
             writer.write(name, 10**9, message)
 
-        raw: dict[str, tuple[NDArray[Any], str]] = {
-            'c': (COLOR, 'rgb8'),
-            'g': (GRAY, 'mono8'),
-            'd': (DEPTH, '16UC1'),
-            's': (SMALL_DEPTH, '16UC1'),
-        }
-        for name, kind in topics.items():
-            put(name, bag_types.IMAGE, bag_messages.image(10**9, *raw[kind]))
-            is_depth = kind in 'ds'
-            png = cv2.imencode('.png', raw[kind][0])[1].tobytes()
-            for data, text, suffix in (
-                (png, '16UC1; png compressed ', 'compressed'),
-                (
-                    images.compressed_depth_of_png(png),
-                    images.COMPRESSED_DEPTH_FORMAT,
-                    'compressedDepth',
-                ),
-            )[: 2 if is_depth else 1]:
-                encoded = (data, text) if is_depth else (JPEG, 'rgb8; jpeg compressed bgr8')
-                message = bag_messages.compressed_image(10**9, *encoded)
-                put(f'{name}/{suffix}', bag_types.COMPRESSED_IMAGE, message)
+        for name, (encoding, is_small, _) in topics.items():
+            pixels = PIXELS[encoding][:: 1 + is_small, :: 1 + is_small].copy()
+            put(name, bag_types.IMAGE, bag_messages.image(10**9, pixels, encoding))
+            if encoding == '32FC1':
+                continue
+            is_depth = encoding == '16UC1'
+            png = cv2.imencode('.png', pixels)[1].tobytes()
+            jpeg = cv2.imencode('.jpg', pixels[..., :3] if pixels.ndim == 3 else pixels)[1]
+            data, text = (png, '16UC1; png compressed ') if is_depth else (
+                jpeg.tobytes(), f'{encoding}; jpeg compressed bgr8'
+            )  # fmt: skip
+            packed = bag_messages.compressed_image(10**9, data, text)
+            put(f'{name}/compressed', bag_types.COMPRESSED_IMAGE, packed)
+            if is_depth:
+                data, text = images.compressed_depth_of_png(png), images.COMPRESSED_DEPTH_FORMAT
+                packed = bag_messages.compressed_image(10**9, data, text)
+                put(f'{name}/compressedDepth', bag_types.COMPRESSED_IMAGE, packed)
         for name in sorted(infos):
             put(name, bag_types.CAMERA_INFO, bag_messages.camera_info(10**9, CAMERA))
     return path
 
 
+def beside(topics: Iterable[str]) -> set[str]:
+    return {f'{name.rpartition("/")[0]}/camera_info' for name in topics}
+
+
+def test_every_driver_is_documented() -> None:
+    assert set(DRIVERS) == set(CAMERA_TOPICS) - {'bag', 'tum'}
+
+
 @pytest.mark.parametrize('driver', DRIVERS)
 def test_the_topics_of_a_driver_are_found_without_an_option(driver: str, tmp_path: Path) -> None:
-    topics, expected = DRIVERS[driver]
-    beside = {f'{name.rpartition("/")[0]}/camera_info' for name in topics}
-    infos = {expected[2]} if driver == 'unknown' else beside | {expected[2]}
-    sequence = open_sequence(write(tmp_path / 'bag', topics, infos))
+    topics, expected = DRIVERS[driver], CAMERA_TOPICS[driver].topics()
+    used = {recorded.used_as: name for name, recorded in topics.items()}
+    assert (used['color'], used['depth']) == expected[:2]
+    assert choice(write(tmp_path / 'bag', topics, beside(topics))) == expected
+
+
+def test_the_topics_of_an_unknown_driver_are_found_by_their_names(tmp_path: Path) -> None:
+    path = write(tmp_path / 'bag', UNKNOWN, {'/camera_info'})
+    assert choice(path) == ('/front/color', '/front/depth_aligned', '/camera_info')
+
+
+def choice(path: Path) -> tuple[str, ...]:
+    """Return the topics that are chosen without an option, and check their only frame."""
+    sequence = open_sequence(path)
     found = sequence.topics  # type: ignore[attr-defined]
-    assert (found.color.name, found.depth.name, found.camera_info.name) == expected
-    frames = list(sequence)
-    assert len(frames) == 1
-    assert frames[0].depth_m[0, 0] == 1.5
+    (frame,) = sequence
+    assert frame.depth_m[0, 0] == 1.5
+    assert frame.image_bgr.shape == COLOR.shape
+    return found.color.name, found.depth.name, found.camera_info.name
 
 
 @pytest.mark.parametrize('suffix', ['/compressed', '/compressedDepth'])
@@ -164,7 +144,7 @@ def test_two_cameras_need_an_option_and_the_rest_follows_it(tmp_path: Path) -> N
     topics = {
         f'/{side}/{name}/image_raw': kind
         for side in ('front', 'back')
-        for name, kind in (('color', 'c'), ('depth', 'd'))
+        for name, kind in (('color', C), ('depth', D))
     }
     infos = {f'/{side}/color/camera_info' for side in ('front', 'back')}
     path = write(tmp_path / 'bag', topics, infos)
@@ -186,7 +166,7 @@ def test_two_cameras_need_an_option_and_the_rest_follows_it(tmp_path: Path) -> N
 
 
 def test_a_preset_chooses_among_drivers(tmp_path: Path) -> None:
-    topics = DRIVERS['realsense'][0] | DRIVERS['azure_kinect'][0]
+    topics = DRIVERS['realsense'] | DRIVERS['azure_kinect']
     path = write(tmp_path / 'bag', topics, {'/rgb/camera_info'})
     with BagReader(path) as reader:
         found = find_topics(reader, TopicChoice(preset='azure_kinect'))
@@ -199,7 +179,7 @@ def test_a_preset_chooses_among_drivers(tmp_path: Path) -> None:
 
 
 def test_depth_that_is_not_registered_is_named_so(tmp_path: Path) -> None:
-    topics = {'/camera/color/image_raw': 'c', '/camera/depth/image_raw': 's'}
+    topics = {'/camera/color/image_raw': C, '/camera/depth/image_raw': S}
     path = write(tmp_path / 'bag', topics, {'/camera/color/camera_info'})
     with pytest.raises(InputError, match=r'depth is 16x12, color 32x24; register depth to color'):
         list(open_sequence(path))

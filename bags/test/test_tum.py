@@ -46,7 +46,8 @@ def test_frames_are_the_files(make_folder: FolderMaker, camera: CameraModel) -> 
         assert depth is not None
         np.testing.assert_array_equal(frame.image_bgr, color)
         assert frame.depth_m.dtype == np.float32
-        np.testing.assert_array_equal(frame.depth_m, np.asarray(depth / 5000.0, np.float32))
+        expected_m = np.where(depth >= 250, depth / 5000.0, 0).astype(np.float32)  # 0.05 m
+        np.testing.assert_array_equal(frame.depth_m, expected_m)
     assert [frame.stamp_ns for frame in sequence] == [frame.stamp_ns for frame in frames]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,12 +13,15 @@ import numpy as np
 from hoid_bags.bag import bag_messages, bag_types
 from hoid_bags.bag.bag_reader import BagReader, BagTopic
 from hoid_bags.bag.bag_topics import RecordedTopics, TopicChoice, find_topics
-from hoid_bags.bag.image_messages import decode_color, decode_depth
+from hoid_bags.bag.image_messages import decode_color, decode_depth, image_head
 from hoid_bags.bag.stamps import header_stamp_ns, stamp_ns
 from hoid_bags.images import check_registered, check_size
-from hoid_bags.tum.association import MAX_PAIR_GAP_NS, associate, gap_text
+from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
 from hoid_common.errors import InputError, MessageError
+from hoid_common.inputs.camera_info_check import CameraInfoCheck
 from hoid_common.io.camera_info import camera_from_info, rectification_doubt
+from hoid_common.io.depth import DepthUnitWarning
+from hoid_common.io.images import UNIT_REMEDY
 from hoid_common.io.stamps import in_order, longest_pass
 from hoid_common.values import (
     CameraModel,
@@ -45,6 +49,8 @@ class BagSequence:
         camera: CameraModel | None = None,
         choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
         max_gap_ns: int = MAX_PAIR_GAP_NS,
+        depth_offset_ns: int = 0,
+        depth_units_per_m: float = 0.0,
     ) -> None:
         """Open a bag.
 
@@ -53,11 +59,14 @@ class BagSequence:
             camera: The camera to use in place of the bag's own `camera_info`.
             choice: Topics that the user names.
             max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
+            depth_offset_ns: Time by which the stamps of depth images are too late.
+            depth_units_per_m: Units of depth; 0: those of the encoding.
 
         Raises:
             InputError: The path is no bag, or the bag has no color and depth images of equal time.
         """
         self.path = path
+        self.depth_offset_ns, self.depth_units_per_m = depth_offset_ns, depth_units_per_m
         self.name = path.resolve().name
         with BagReader(path) as reader:
             self.topics = find_topics(reader, choice)
@@ -72,13 +81,11 @@ class BagSequence:
         color, depth = index.color, index.depth
         self._last_log_ns = max(color.last_log_ns, depth.last_log_ns)
         self._first_log_ns = min(color.first_log_ns, depth.first_log_ns)
-        pairs = associate(color.stamps_ns, depth.stamps_ns, max_gap_ns, source=path)
+        pairs = pair_images(color.stamps_ns, depth.stamps_ns, max_gap_ns, depth_offset_ns, path)
         self.depth_of_color = {
             int(color.stamps_ns[i]): int(depth.stamps_ns[j]) for i, j in pairs.tolist()
         }
         """Stamp of the depth image (ns) by the stamp of the color image, in order of time."""
-        if not self.depth_of_color:
-            raise InputError(f'{path}: {gap_text(color.stamps_ns, depth.stamps_ns)}')
 
     def __len__(self) -> int:
         return len(self.depth_of_color)
@@ -90,7 +97,7 @@ class BagSequence:
         missing = set(self.depth_of_color), set(self.depth_of_color.values())
         color: dict[int, bytes] = {}
         depth: dict[int, bytes] = {}
-        problems = _Problems(self)
+        problems, unit = _Problems(self), DepthUnitWarning(UNIT_REMEDY)
         with BagReader(self.path) as reader:
             for message in reader.messages([color_name, depth_name], self._first_log_ns):
                 if message.log_ns > self._last_log_ns:
@@ -108,6 +115,8 @@ class BagSequence:
                         problems.add(error)
                     else:
                         problems.num_frames += 1
+                        if warning := unit.add(frame.depth_m):
+                            _LOG.warning('%s: %s', self.path, warning)
                         yield frame
                     color_ns, depth_ns = next(waiting, (-1, -1))
         problems.finish()
@@ -117,10 +126,11 @@ class BagSequence:
         topic = self.topics.color
         try:
             image_bgr = decode_color(color, topic)
-            check_size(image_bgr, self.camera, topic.name)
             topic = self.topics.depth
-            depth_m = decode_depth(depth, topic)
+            depth_m = decode_depth(depth, topic, self.depth_units_per_m)
             check_registered(depth_m, image_bgr)
+            topic = self.topics.color
+            check_size(image_bgr, self.camera, topic.name)
         except (MessageError, InputError) as error:
             raise InputError(f'{self.path}: {topic.name} at {color_ns} ns: {error}') from error
         return RgbdFrame(color_ns, image_bgr, depth_m)
@@ -160,7 +170,8 @@ class _Index:
     """Stamps of the images, camera and ground truth, collected in one pass over a bag."""
 
     def __init__(self, reader: BagReader, found: RecordedTopics) -> None:
-        self.camera: CameraModel | None = None
+        self._cameras = CameraInfoCheck('give the camera with --camera, or split the recording')
+        self._reported: set[str] = set()  # problems of the camera
         self._found = found
         self._images: dict[str, list[tuple[int, int]]] = {
             found.color.name: [],
@@ -186,19 +197,35 @@ class _Index:
     def _add(self, topic: BagTopic, log_ns: int, data: bytes) -> None:
         if topic.name in self._images:
             self._images[topic.name].append((log_ns, header_stamp_ns(data)))
-            return
-        if topic == self._found.camera_info and self.camera is not None:
+            if topic == self._found.color:
+                self._check_size(data)
             return
         message = bag_types.deserialize(data, topic.type_name)
         if topic == self._found.camera_info:
-            self.camera = camera_from_info(message, self._found.color.name)
-            if doubt := rectification_doubt(message, self._found.color.name):
-                _LOG.warning('%s', doubt)
+            self._cameras.update(camera_from_info(message, self._found.color.name))
+            self._warn_once('doubt', rectification_doubt(message, self._found.color.name))
+            self._warn_once('change', self._cameras.change)
         elif topic == self._found.ground_truth:
             self._poses[stamp_ns(message)] = bag_messages.pose_from_message(message)
         else:
             boxes = bag_messages.detections_from_message(message)
             self._detections[boxes.stamp_ns] = boxes
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """Return the camera of the recording; None: no camera_info is usable."""
+        return self._cameras.camera
+
+    def _check_size(self, color: bytes) -> None:
+        """Tell the choice of the camera the size of a color image that can be read."""
+        with suppress(MessageError):
+            if size_px := image_head(color, self._found.color).size_px:
+                self._cameras.check_image(size_px)
+
+    def _warn_once(self, kind: str, text: str) -> None:
+        if text and kind not in self._reported:
+            self._reported.add(kind)
+            _LOG.warning('%s', text)
 
     def _report_problems(self) -> None:
         """Warn of topics with unusable messages; raise InputError if none of them is usable."""

@@ -18,7 +18,6 @@ from hoid_common import topics
 from hoid_common.camera_topics import CAMERA_TOPICS, CameraTopics
 from hoid_common.errors import InputError, MessageError
 
-_SUFFIXES = ('/compressedDepth', '/compressed')
 _IMAGES = (types.IMAGE, types.COMPRESSED_IMAGE)
 _COLOR_WORDS = ('rgb', 'color', 'colour')
 _REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
@@ -31,6 +30,7 @@ _OTHER_DEPTH_WORDS = (
     'confidence', 'disparity', 'debug', 'static_depth', 'mask', 'infra', '/ir', 'amplitude',
 )  # fmt: skip
 _RECTIFIED = 'rect'
+_OWN = (CAMERA_TOPICS['bag'],)  # the suite's own names, which come before those of a driver
 
 
 class TopicChoice(NamedTuple):
@@ -101,7 +101,7 @@ def find_topics(
 
 def base_name(topic: str) -> str:
     """Return the name of an image topic without image_transport's suffix of compressed topics."""
-    for suffix in _SUFFIXES:
+    for suffix in topics.COMPRESSED_SUFFIXES:
         topic = topic.removesuffix(suffix)
     return topic
 
@@ -150,7 +150,7 @@ def _color(
     def rank(image: _Image) -> tuple[Any, ...]:
         text = image.base.lower()
         return (
-            not _is_called(image.base, topics.RGB_IMAGE),
+            not _is_of_driver(image, _OWN, 'rgb_image', depths),
             not _is_of_driver(image, presets, 'rgb_image', depths),
             any(word in text for word in _OTHER_COLOR_WORDS),
             not any(word in text for word in _COLOR_WORDS),
@@ -169,7 +169,7 @@ def _depth(
     def rank(image: _Image) -> tuple[Any, ...]:
         text = image.base.lower()
         return (
-            not _is_called(image.base, topics.DEPTH_IMAGE),
+            not _is_of_driver(image, _OWN, 'depth_image', [color]),
             not _is_of_driver(image, presets, 'depth_image', [color]),
             any(word in text for word in _OTHER_DEPTH_WORDS),
             None not in (image.head.size_px, color.head.size_px)

@@ -29,16 +29,21 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
     return images.decode_compressed_color(message.data)
 
 
-def decode_depth(data: bytes, topic: BagTopic) -> Float32Array:
+def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a depth message.
+
+    Args:
+        data: The serialized message.
+        topic: Its topic.
+        units_per_m: Units of the depth; 0: those of the encoding.
 
     Raises:
         MessageError: The data is no depth message, or has an unsupported encoding.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
-        return images.decode_depth(message)
-    return images.decode_compressed_depth(message.format, message.data)
+        return images.decode_depth(message, units_per_m)
+    return images.decode_compressed_depth(message.format, message.data, units_per_m)
 
 
 class ImageHead(NamedTuple):

@@ -48,6 +48,7 @@ def play(
     *,
     topic_names: tuple[str, ...] = (),
     choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
+    depth_offset_ns: int = 0,
     namespace: str = '',
     min_subscribers: Mapping[str, int] | None = None,
     show_progress: bool = False,
@@ -59,6 +60,7 @@ def play(
         config: Options of the playback.
         topic_names: Topics to play; empty means all but /clock.
         choice: Topics of the images, which lockstep pairs; those that are not named are found.
+        depth_offset_ns: Time by which the stamps of depth images are too late, for lockstep.
         namespace: Prefix of every topic that is not global.
         min_subscribers: Number of subscribers to wait for, by topic of the bag.
         show_progress: Whether to draw a progress bar on stderr.
@@ -69,7 +71,11 @@ def play(
     """
     config = config or PlayConfig()
     plan = open_plan(path, config, topic_names)
-    gate = LockstepGate(BagSequence(path, choice=choice)) if config.lockstep else None
+    gate = (
+        LockstepGate(BagSequence(path, choice=choice, depth_offset_ns=depth_offset_ns))
+        if config.lockstep
+        else None
+    )
     with ros_session('hoid_play', namespace) as node, KeyPresses() as keys:
         player = Player(node, plan, config, keys, gate)
         player.wait_for_subscribers(min_subscribers or {})

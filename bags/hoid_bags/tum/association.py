@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from hoid_common.errors import InputError
-from hoid_common.sync import offset_text
+from hoid_common.sync import constant_offset_text, offset_text
 from hoid_common.values import IntArray
 
+_LOG = logging.getLogger(__name__)
 MAX_PAIR_GAP_NS = 20_000_000
 """Default of the TUM benchmark's `associate.py`; images of one stream are 33 ms apart."""
 # Largest average number of candidate partners of an image. Chosen: a 60 Hz camera has two or
@@ -54,7 +57,33 @@ def associate(
     return np.column_stack([paired, partner[paired]])
 
 
-def gap_text(first_ns: IntArray, second_ns: IntArray) -> str:
+def pair_images(
+    color_ns: IntArray, depth_ns: IntArray, limit_ns: int, offset_ns: int, source: object
+) -> IntArray:
+    """Return the pairs (N, 2) of indices of color and depth images, as `associate` does.
+
+    A constant offset that probably pairs the wrong images is logged as a warning.
+
+    Args:
+        color_ns: (A,) stamps in order of time.
+        depth_ns: (B,) stamps in order of time.
+        limit_ns: Limit for the difference of the stamps of a pair.
+        offset_ns: Time by which the stamps of depth images are too late.
+        source: Name of the recording, with which texts begin.
+
+    Raises:
+        InputError: No images belong together.
+    """
+    shifted_ns = depth_ns - offset_ns
+    pairs = associate(color_ns, shifted_ns, limit_ns, source=source)
+    if not len(pairs):
+        raise InputError(f'{source}: {_gap_text(color_ns, shifted_ns, limit_ns)}')
+    if text := constant_offset_text(color_ns, shifted_ns):
+        _LOG.warning('%s: %s', source, text)
+    return pairs
+
+
+def _gap_text(first_ns: IntArray, second_ns: IntArray, limit_ns: int) -> str:
     """Return how far apart the stamps of color (A,) and depth (B,) are that make no pair.
 
     The gap is the median of the differences from each color stamp to the nearest depth stamp.
@@ -65,4 +94,4 @@ def gap_text(first_ns: IntArray, second_ns: IntArray) -> str:
     after = np.clip(np.searchsorted(second_ns, first_ns), 1, max(len(second_ns) - 1, 1))
     near = np.stack([second_ns[after - 1], second_ns[np.minimum(after, len(second_ns) - 1)]])
     gaps_ns = (near - first_ns)[np.abs(near - first_ns).argmin(axis=0), np.arange(len(first_ns))]
-    return f'no image pairs: {offset_text(float(np.median(gaps_ns)), MAX_PAIR_GAP_NS)}'
+    return f'no image pairs: {offset_text(float(np.median(gaps_ns)), limit_ns)}'

@@ -18,10 +18,10 @@ from hoid_bags.images import (
     depth_m_from_units,
     read_image_bytes,
 )
-from hoid_bags.tum.association import MAX_PAIR_GAP_NS, associate, gap_text
+from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, camera_from_name
 from hoid_common.errors import ConfigError, InputError, MessageError
-from hoid_common.io.images import check_depth_unit
+from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.io.tum_text import NumberTable, read_numbers, sorted_rows
 from hoid_common.io.untrusted import check_path_name
@@ -51,6 +51,7 @@ class TumFolder:
     color: tuple[ListedImage, ...]  # all entries of rgb.txt
     depth: tuple[ListedImage, ...]  # all entries of depth.txt
     max_gap_ns: int = MAX_PAIR_GAP_NS
+    depth_offset_ns: int = 0  # time by which the stamps of depth images are too late
 
     @property
     def name(self) -> str:
@@ -85,8 +86,14 @@ class TumFolder:
 
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
-        """Return the pairs of color and depth images with nearly equal stamps."""
-        pairs = associate(self.color_ns, self.depth_ns, self.max_gap_ns, source=self.path)
+        """Return the pairs of color and depth images with nearly equal stamps.
+
+        Raises:
+            InputError: No images belong together.
+        """
+        pairs = pair_images(
+            self.color_ns, self.depth_ns, self.max_gap_ns, self.depth_offset_ns, self.path
+        )
         return tuple((self.color[i], self.depth[j]) for i, j in pairs.tolist())
 
     @property
@@ -103,6 +110,7 @@ class TumFolder:
         return len(self.pairs)
 
     def __iter__(self) -> Iterator[RgbdFrame]:
+        unit = DepthUnitWarning('set --depth-factor')
         for color, depth in self.pairs:
             image_bgr = decode_color(read_image_bytes(color.path), color.path)
             check_size(image_bgr, self.camera, color.path)
@@ -113,7 +121,9 @@ class TumFolder:
                 check_depth_unit(depth_m, f'1/{self.depth_units_per_m:g} m; set --depth-factor')
             except MessageError as error:
                 raise InputError(f'{depth.path}: {error}') from error
-            yield RgbdFrame(color.stamp_ns, image_bgr, depth_m)
+            if warning := unit.add(depth_m):
+                _LOG.warning('%s: %s', self.path, warning)
+            yield RgbdFrame(color.stamp_ns, image_bgr, readings_m(depth_m))
 
 
 def open_tum_folder(
@@ -121,6 +131,7 @@ def open_tum_folder(
     camera: CameraModel | None = None,
     depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M,
     max_gap_ns: int = MAX_PAIR_GAP_NS,
+    depth_offset_ns: int = 0,
 ) -> TumFolder:
     """Open a TUM folder, and check its lists of images.
 
@@ -128,6 +139,8 @@ def open_tum_folder(
         path: The folder.
         camera: Camera of the recording; None: the folder's name must contain a published camera.
         depth_units_per_m: Depth units per meter in the PNG files.
+        max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
+        depth_offset_ns: Time by which the stamps of depth images are too late.
 
     Raises:
         InputError: A list is missing, empty or out of order, or names a missing file.
@@ -144,10 +157,8 @@ def open_tum_folder(
             f'{path}: the name contains no known camera;'
             ' give --camera fr1, fr2, fr3, bonn or a YAML file'
         )
-    folder = TumFolder(path, camera, depth_units_per_m, color, depth, max_gap_ns)
-    if not folder.pairs:
-        raise InputError(f'{path}: {gap_text(folder.color_ns, folder.depth_ns)}; check both lists')
-    _ = folder.ground_truth  # its warnings come before the work, not after it
+    folder = TumFolder(path, camera, depth_units_per_m, color, depth, max_gap_ns, depth_offset_ns)
+    _ = folder.pairs, folder.ground_truth  # their warnings come before the work, not after it
     return folder
 
 

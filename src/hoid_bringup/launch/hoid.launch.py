@@ -105,7 +105,10 @@ def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
     grid = value(context, 'map_topic')
     grids = [(topics.GRID_MAP, grid), (topics.GRID_MAP_UPDATES, f'{grid}_updates')]
     parameters = {
-        'hoid_detector': {'model': value(context, 'model')},
+        'hoid_detector': {
+            'model': value(context, 'model'),
+            'base_frame': value(context, 'base_frame'),
+        },
         'hoid_filter': {'strategy': value(context, 'strategy')},
         'rgbd_slam': {'frames.base': value(context, 'base_frame')},
     }

@@ -23,6 +23,7 @@ from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import FilterCounts
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
+from hoid_common.topics import is_compressed
 
 IMAGE, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 
@@ -39,9 +40,16 @@ class FakeBag:
         depth: str = '/depth/image',
         info: str | None = '/rgb/camera_info',
         truth: str | None = None,
+        types: dict[str, str] | None = None,
     ) -> None:
+        self.depth_offset_ns, self.depth_units_per_m = 0, 0.0
+
         def topic(name: str | None) -> BagTopic | None:
-            return None if name is None else cast('BagTopic', BagTopicStub(name))
+            return (
+                None
+                if name is None
+                else cast('BagTopic', BagTopicStub(name, (types or {}).get(name, '')))
+            )
 
         self.topics = RecordedTopics(
             cast('BagTopic', topic(color)), cast('BagTopic', topic(depth)), topic(info), None,
@@ -50,8 +58,9 @@ class FakeBag:
 
 
 class BagTopicStub:
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, type_name: str = '') -> None:
         self.name, self.qos = name, None
+        self.type_name = type_name or (COMPRESSED if is_compressed(name) else IMAGE)
 
 
 def plan(bag: FakeBag, **changes: object) -> NodeOptions:
@@ -71,13 +80,24 @@ def test_foreign_and_compressed_topics_are_remapped() -> None:
     bag = FakeBag('/cam/color/compressed', '/cam/depth/compressedDepth', '/cam/info')
     options = plan(bag)
     assert dict(options.remappings) == {
-        'rgb/image': 'cam/color',
-        'depth/image': 'cam/depth',
+        'rgb/image': 'cam/color/compressed',
+        'depth/image': 'cam/depth/compressedDepth',
         'rgb/camera_info': 'cam/info',
-        'rgb/image/compressed': 'cam/color/compressed',
-        'depth/image/compressedDepth': 'cam/depth/compressedDepth',
     }
-    assert options.parameters['hoid_filter']['input.compressed'] is True
+
+
+def test_one_compressed_topic_beside_a_raw_one_is_played() -> None:
+    options = plan(FakeBag('/cam/color/compressed', '/depth/image'))
+    assert dict(options.remappings) == {'rgb/image': 'cam/color/compressed'}
+
+
+def test_offset_and_units_of_depth_reach_the_nodes() -> None:
+    bag = FakeBag()
+    bag.depth_offset_ns, bag.depth_units_per_m = 25_000_000, 10_000.0
+    for node in ('hoid_filter', 'rgbd_slam'):
+        parameters = plan(bag).parameters[node]
+        assert parameters['input.depth_offset_s'] == 0.025
+        assert parameters['input.depth_units_per_m'] == 10_000.0
 
 
 def test_ground_truth_boxes_replace_the_detector() -> None:
@@ -99,7 +119,7 @@ def test_no_filter_needs_no_detector() -> None:
     ('bag', 'message'),
     [
         (FakeBag(info=None), 'no camera_info topic'),
-        (FakeBag(color='/rgb/image/compressed'), 'only one of color and depth'),
+        (FakeBag(color='/rgb/image', types={'/rgb/image': COMPRESSED}), 'its name says otherwise'),
     ],
 )
 def test_bags_without_the_topics_of_the_nodes_are_refused(bag: FakeBag, message: str) -> None:

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
+from rgbd_slam.map_io import map_file
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 WALL_M = 2.0
 STEP_M = 2 * WALL_M / CAMERA.fx_px  # two pixels a frame
 FRAMES = 24
 PERIOD_NS = 33_333_333
+STRAY_M = np.array([1e5, 1e-4, 1e30, 101.0], np.float32)
 
 
 @dataclass
@@ -56,6 +59,18 @@ class WallSequence:
         for i in range(FRAMES):
             T[i, :2, 3] = np.array(self.step(i)) * STEP_M
         return Trajectory(PERIOD_NS * np.arange(FRAMES), T)
+
+
+class StrayWall(WallSequence):
+    """The same wall, seen by a camera with values that are no depth among its readings."""
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        rng = np.random.default_rng(1)
+        for frame in super().__iter__():
+            depth_m = frame.depth_m.copy()
+            is_stray = rng.random(depth_m.shape) < 0.05
+            depth_m[is_stray] = rng.choice(STRAY_M, is_stray.sum())
+            yield replace(frame, depth_m=depth_m)
 
 
 @pytest.fixture(scope='module', autouse=True)
@@ -143,3 +158,14 @@ def test_ground_truth_boxes_need_a_recording_that_has_them(tmp_path: Path) -> No
     with pytest.raises(InputError, match='no ground-truth boxes'):
         run_offline(WallSequence(), config, tmp_path / 'out', show_progress=False)
     assert not (tmp_path / 'out').exists()
+
+
+def test_a_map_is_saved_although_the_camera_gave_values_that_are_no_depth(tmp_path: Path) -> None:
+    config = RunConfig().updated({'filter.strategy': 'none'})
+    maps = MapFiles(save=tmp_path / 'wall.map')
+    run_offline(StrayWall(), config, tmp_path, dense=True, maps=maps, show_progress=False)
+    summary = json.loads((tmp_path / 'summary.json').read_text())
+    assert summary['frames_tracked'] == FRAMES
+    assert summary['ate_rmse_m'] < 0.01
+    depth_m = map_file.load(tmp_path / 'wall.map').map.depth_m
+    assert set(np.unique(depth_m)) == {0.0, np.float32(WALL_M)}

@@ -12,6 +12,10 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from hoid_common.values import IntArray
+
 # Chosen: a stamp that is older than its predecessor by this much means that time started anew, as
 # when a bag is played in a loop or a clock is set. Messages in flight are never reordered by 1 s.
 RESTART_NS = 1_000_000_000
@@ -21,6 +25,16 @@ MAX_COPY_AGE_NS = 250_000_000
 # Chosen: a longer offset is no delay within a driver, but another clock.
 _LONGEST_OFFSET_NS = 500_000_000
 _NUM_GAPS = 15  # chosen: half a second of images without any match shows an offset
+_NUM_STAMPS = 90  # chosen: a constant offset is estimated from the images of 3 s at 30 Hz
+_MIN_IMAGES = 30  # chosen: fewer images say nothing about a period
+_MAX_SPREAD_NS = 1_000_000  # chosen: an offset that varies more is not constant
+# Chosen: share of the period. A smaller offset belongs to the nearest image beyond doubt.
+_MIN_SHARE = 0.2
+# Chosen: the nearest image is preferred unless another one's distance varies less by this much.
+_MARGIN_NS = 200_000
+
+OFFSET_REMEDY = '--depth-offset {0:.4f} (input.depth_offset_s of live nodes)'
+"""How a constant offset in s is corrected."""
 
 
 class _Item(NamedTuple):
@@ -50,8 +64,44 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
         )
     return (
         f'the stamps of {second} are {gap_ns * 1e-6:+.1f} ms from those of {first} '
-        f'(limit {slop_ns * 1e-6:g}): raise sync_slop_s to {abs(gap_ns) * 1.2e-9:.3f}, if they '
-        'belong together'
+        f'(limit {slop_ns * 1e-6:g}): raise sync_slop_s to {abs(gap_ns) * 1.2e-9:.3f}, or set '
+        f'{OFFSET_REMEDY.format(gap_ns * 1e-9)}, if they belong together'
+    )
+
+
+def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
+    """Return one line about a constant offset that may pair the wrong images, or ''.
+
+    Images of a camera at 30 Hz are 33 ms apart. If a driver stamps depth 25 ms late, the nearest
+    depth image of each color image is that of the image before, 8 ms away. The neighbor whose
+    distance varies least belongs to the image, because the period varies more than the offset.
+
+    Args:
+        color_ns: (A,) stamps of color images, increasing.
+        depth_ns: (B,) stamps of depth images, increasing.
+    """
+    if min(len(color_ns), len(depth_ns)) < _MIN_IMAGES:
+        return ''
+    after = np.searchsorted(depth_ns, color_ns)
+    has_both = (after >= 2) & (after < len(depth_ns) - 1)
+    if has_both.sum() < _MIN_IMAGES // 2:
+        return ''
+    # Distances to the two images before and the two after each color image.
+    near = after[has_both, None] + np.arange(-2, 2)
+    gaps_ns = depth_ns[near] - color_ns[has_both, None]
+    nearest = int(np.abs(np.median(gaps_ns, axis=0)).argmin())
+    low_ns, high_ns = np.percentile(gaps_ns, (5, 95), axis=0)
+    spread_ns = high_ns - low_ns
+    spread_ns[nearest] -= _MARGIN_NS
+    best = int(spread_ns.argmin())
+    offset_ns, period_ns = float(np.median(gaps_ns[:, best])), float(np.median(np.diff(depth_ns)))
+    if spread_ns[best] > _MAX_SPREAD_NS or abs(offset_ns) < _MIN_SHARE * period_ns:
+        return ''
+    other_ns = offset_ns - np.copysign(period_ns, offset_ns)
+    return (
+        f'the stamps of depth are always {offset_ns * 1e-6:+.1f} ms from those of color, or '
+        f'{other_ns * 1e-6:+.1f} ms from those of the neighboring image: if they were taken at '
+        f'the same instant, set {OFFSET_REMEDY.format(offset_ns * 1e-9)}'
     )
 
 
@@ -107,11 +157,18 @@ class StampMatcher:
         self._newest_ns: dict[str, int] = {}
         self._period_ns: dict[str, int] = {}
         self._gaps_ns: deque[int] = deque(maxlen=_NUM_GAPS)  # of reference items without a match
+        self._stamps_ns: dict[str, deque[int]] = {}  # of the latest items of the first two streams
+        self._constant_offset = ''  # text of `constant_offset_text`
         self.reset()
 
     @property
     def mismatch(self) -> str:
-        """Return the text of `offset_text` while no items of two streams match, else ''."""
+        """Return one line while no items of two streams match, or probably wrong ones, else ''."""
+        return self.gap or self._constant_offset
+
+    @property
+    def gap(self) -> str:
+        """Return the text of `offset_text` while no items of the first two streams match."""
         if len(self._gaps_ns) < _NUM_GAPS:
             return ''
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
@@ -121,6 +178,8 @@ class StampMatcher:
         self._queues = {name: deque() for name in self._names}
         self._newest_ns = {}
         self._period_ns = {}
+        self._stamps_ns = {name: deque(maxlen=_NUM_STAMPS) for name in self._names[:2]}
+        self._constant_offset = ''
 
     def add(self, name: str, stamp_ns: int, value: Any) -> list[Match]:
         """Add an item to a stream and return the matches that it completes, oldest first.
@@ -144,6 +203,7 @@ class StampMatcher:
             period_ns = stamp_ns - newest_ns
             self._period_ns[name] = min(self._period_ns.get(name, period_ns), period_ns)
         self._newest_ns[name] = stamp_ns
+        self._note_stamp(name, stamp_ns)
         queue = self._queues[name]
         queue.append(_Item(stamp_ns, value))
         if len(queue) > self._capacity:
@@ -172,6 +232,17 @@ class StampMatcher:
             values = [self._take(n, p) for n, p in zip(self._names[1:], partners, strict=True)]
             matches.append(Match(stamp_ns, (item.value, *values)))
         return matches
+
+    def _note_stamp(self, name: str, stamp_ns: int) -> None:
+        """Store a stamp, and estimate the offset whenever all stored stamps are new."""
+        if name not in self._stamps_ns:
+            return
+        self._stamps_ns[name].append(stamp_ns)
+        if all(len(stamps) == _NUM_STAMPS for stamps in self._stamps_ns.values()):
+            first, second = (np.array(stamps, np.int64) for stamps in self._stamps_ns.values())
+            self._constant_offset = constant_offset_text(first, second)
+            for stamps in self._stamps_ns.values():
+                stamps.clear()
 
     def _note_gap(self, stamp_ns: int) -> None:
         """Note how far the second stream is from an item of the reference without a match."""

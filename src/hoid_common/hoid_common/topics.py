@@ -74,6 +74,15 @@ def compressed_depth(topic: str) -> str:
     return f'{topic}/compressedDepth'
 
 
+COMPRESSED_SUFFIXES = ('/compressedDepth', '/compressed')
+"""What image_transport appends to the topic of images for their compressed topics."""
+
+
+def is_compressed(topic: str) -> bool:
+    """Return whether a topic has a name that image_transport gives to compressed images."""
+    return topic.endswith(COMPRESSED_SUFFIXES)
+
+
 def camera_remappings(rgb: str, depth: str, camera_info: str) -> list[tuple[str, str]]:
     """Return the remappings (from, to) of the suite's camera topics to the topics of a driver.
 

@@ -56,6 +56,8 @@ def test_a_topic_whose_name_does_not_tell_is_warned_of() -> None:
     assert rectification_doubt(Info(), '/camera/image_raw') == ''
     assert rectification_doubt(Info(), '/camera/image_rect') == ''
     assert rectification_doubt(replace(Info(), p=(517.0, *Info.p[1:])), '/camera/image') == ''
+    without_p = replace(Info(), p=(0.0,) * 12)
+    assert 'no matrix P' in rectification_doubt(without_p, '/camera/image_rect')
 
 
 def test_binning_and_region_of_interest_are_applied() -> None:

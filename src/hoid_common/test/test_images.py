@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
 from hoid_common.io import images
+from hoid_common.io.depth import MAX_DEPTH_M, MIN_DEPTH_M
 
 COLOR = np.array([[[10, 20, 30], [40, 50, 60]], [[70, 80, 90], [5, 6, 7]]], np.uint8)
 
@@ -59,11 +60,11 @@ def test_bgra8_loses_its_alpha() -> None:
 @pytest.mark.parametrize('bigendian', [False, True])
 @pytest.mark.parametrize('padding', [0, 6])
 def test_millimeters_become_meters(bigendian: bool, padding: int) -> None:
-    depth_mm = np.array([[0, 1000, 65535], [1, 1234, 500]], '>u2' if bigendian else '<u2')
+    depth_mm = np.array([[0, 1000, 65535], [49, 1234, 50]], '>u2' if bigendian else '<u2')
     depth_m = images.decode_depth(message(depth_mm, '16UC1', padding=padding, bigendian=bigendian))
     assert depth_m.dtype == np.float32
     np.testing.assert_array_equal(
-        depth_m, np.array([[0, 1, 65.535], [0.001, 1.234, 0.5]], np.float32)
+        depth_m, np.array([[0, 1, 65.535], [0, 1.234, 0.05]], np.float32)
     )
 
 
@@ -78,7 +79,7 @@ def test_invalid_depth_becomes_no_reading(bigendian: bool) -> None:
 @given(arrays(np.float32, (3, 5), elements=st.floats(width=32)))
 def test_valid_depth_in_meters_is_unchanged(depth: NDArray[np.float32]) -> None:
     depth_m = images.decode_depth(message(depth, '32FC1'))
-    expected = np.where((depth > 0) & (depth < np.inf), depth, np.float32(0))
+    expected = np.where((depth >= MIN_DEPTH_M) & (depth <= MAX_DEPTH_M), depth, np.float32(0))
     assert depth_m.tobytes() == expected.tobytes()
 
 
@@ -180,7 +181,8 @@ def test_color_encodings_are_no_depth() -> None:
 def test_compressed_depth_is_lossless(depth_mm: NDArray[np.uint16]) -> None:
     data = images.encode_compressed_depth(depth_mm)
     depth_m = images.decode_compressed_depth(images.COMPRESSED_DEPTH_FORMAT, data)
-    np.testing.assert_array_equal(images.depth_mm_or_none(depth_m), depth_mm)
+    expected_mm = np.where(depth_mm >= MIN_DEPTH_M * 1000, depth_mm, 0)
+    np.testing.assert_array_equal(images.depth_mm_or_none(depth_m), expected_mm)
 
 
 def test_quantized_inverse_depth_is_decoded() -> None:

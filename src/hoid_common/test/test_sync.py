@@ -147,7 +147,8 @@ def test_streams_that_never_match_say_how_far_they_are_apart() -> None:
         assert feed(matcher, ('color', 100 * i), ('depth', 100 * i + 25)) == []
     assert matcher.mismatch == (
         'the stamps of depth are +25.0 ms from those of color (limit 20): raise sync_slop_s to '
-        '0.030, if they belong together'
+        '0.030, or set --depth-offset 0.0250 (input.depth_offset_s of live nodes), if they belong '
+        'together'
     )
     assert len(feed(matcher, ('color', 5000), ('depth', 5000))) == 1
     assert matcher.mismatch == ''

@@ -105,7 +105,8 @@ class DetectorConfig(Config):
         0.0,
         'Angle by which the camera is mounted rolled, clockwise as seen from behind (degrees). '
         'The network gets images that are turned upright by the nearest quarter turn. Set it when '
-        'the images are sideways or upside down, since people are missed in such images.',
+        'the images are sideways or upside down, since people are missed in such images. With 0 '
+        'it follows from base_frame, if that is set.',
         minimum=-360.0,
         maximum=360.0,
         read_only=False,
@@ -161,6 +162,11 @@ class DetectorConfig(Config):
 class DetectorNodeConfig(NodeConfig, DetectorConfig):
     """Parameters of the detector node."""
 
+    base_frame: str = param(
+        '',
+        "Name of the robot's base frame, whose pose relative to the camera on /tf_static tells "
+        'how the camera is rolled. Set it to the same as frames.base of rgbd_slam.',
+    )
     # Decision 016: measured with 10, the scene mapper in the idle class.
     niceness: int = param(
         10,

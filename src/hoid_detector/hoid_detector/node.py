@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray
@@ -15,6 +16,7 @@ from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
+from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
@@ -25,6 +27,7 @@ from hoid_detector.drawing import draw_detections
 from hoid_detector.model.model_path import find_model
 from hoid_detector.newest_wins import NewestWins
 from hoid_detector.onnx_detector import OnnxDetector
+from hoid_detector.quarter_turn import mounted_roll_deg
 
 
 class _Result(NamedTuple):
@@ -51,6 +54,8 @@ class DetectorNode(ManagedNode):
             Detection2DArray, topics.OWN_DETECTIONS_2D, qos.OUTPUT
         )
         self._debug_images = DebugImages(self)
+        has_base = bool(self._settings.config.base_frame)
+        self._static = StaticFrameListener(self, self.diagnostics) if has_base else None
         self.create_service(SetBool, topics.ENABLE, self._enable)
         Inputs(self, self._settings.config.input, self.diagnostics).color(self._take)
         self.begin(autostart=self._settings.config.autostart)
@@ -75,7 +80,27 @@ class DetectorNode(ManagedNode):
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:
         """Give an image message to the worker thread, unless detection is stopped."""
         if self._enabled:
+            self._find_roll(msg.header.frame_id)
             self._worker.offer(msg)
+
+    def _find_roll(self, camera_frame: str) -> None:
+        """Set the roll of the camera by its place on the base, unless the user has set it."""
+        config = self._settings.config
+        if self._static is None or self._detector is None or config.camera_roll_deg:
+            return
+        T_base_camera = self._static.frames.find(config.base_frame, camera_frame)
+        if T_base_camera is None:
+            self.diagnostics.set_problem(
+                'base',
+                f'{self.resolve_topic_name(topics.TF_STATIC)} does not join frames '
+                f'"{config.base_frame}" and "{camera_frame}", so images are not turned upright',
+            )
+            return
+        self.diagnostics.clear_problem('base')
+        roll_deg = mounted_roll_deg(T_base_camera)
+        if roll_deg != self._detector.config.camera_roll_deg:
+            self.diagnostics.set_value('camera roll', f'{roll_deg:.0f} degrees')
+            self._detector.reconfigure(replace(self._detector.config, camera_roll_deg=roll_deg))
 
     def _detect(self, msg: conversions.ReceivedImage | CompressedImage) -> _Result:
         """Detect objects in an image, publish them, and return what the diagnostics need."""

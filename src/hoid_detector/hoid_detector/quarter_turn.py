@@ -9,10 +9,25 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from hoid_common.values import ByteArray, Float32Array
+from hoid_common.values import ByteArray, Float32Array, FloatArray
 
 _QUARTER_DEG = 90
+_MIN_UP = 0.5  # chosen: a camera that looks more than 60 degrees up or down has no upright images
 _CODES = (None, cv2.ROTATE_90_CLOCKWISE, cv2.ROTATE_180, cv2.ROTATE_90_COUNTERCLOCKWISE)
+
+
+def mounted_roll_deg(T_base_camera: FloatArray) -> float:
+    """Return the angle by which a camera is rolled on its base, clockwise as seen from behind.
+
+    It is 0 for a camera that looks almost straight up or down.
+
+    Args:
+        T_base_camera: (4, 4) pose of the optical frame in a base frame whose z axis is up.
+    """
+    right, down = T_base_camera[2, :2]  # how far x and y of the image point upwards
+    if np.hypot(right, down) < _MIN_UP:
+        return 0.0
+    return float(np.rad2deg(np.arctan2(-right, -down)))
 
 
 def nearest_quarter(camera_roll_deg: float) -> int:

@@ -10,11 +10,18 @@ from __future__ import annotations
 from hoid_common.ros.launch_files import Argument, one_node
 from launch import LaunchDescription
 
-ARGUMENT = Argument(
-    'model', default_value='', description='ONNX model of the detector, a file or a known name'
-)
+ARGUMENTS = [
+    Argument(
+        'model', default_value='', description='ONNX model of the detector, a file or a known name'
+    ),
+    Argument(
+        'base_frame',
+        default_value='',
+        description='base frame of the robot, which tells how the camera is rolled; empty: level',
+    ),
+]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the launch arguments and the node."""
-    return one_node('hoid_detector', {'model': 'model'}, [ARGUMENT])
+    return one_node('hoid_detector', {'model': 'model', 'base_frame': 'base_frame'}, ARGUMENTS)

@@ -10,7 +10,12 @@ import pytest
 
 from hoid_detector.config import DetectorConfig
 from hoid_detector.onnx_detector import OnnxDetector
-from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turned
+from hoid_detector.quarter_turn import (
+    boxes_before_turn,
+    mounted_roll_deg,
+    nearest_quarter,
+    turned,
+)
 
 SHARED = Path(__file__).resolve().parents[3].parent / 'shared'
 MODEL = SHARED / 'models' / 'yolov8n_int8.onnx'
@@ -21,6 +26,29 @@ MODEL = SHARED / 'models' / 'yolov8n_int8.onnx'
 )
 def test_images_are_turned_by_the_nearest_quarter(roll_deg: float, quarters: int) -> None:
     assert nearest_quarter(roll_deg) == quarters
+
+
+# Optical axes in a level base: x right, y down, z forward.
+LEVEL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize('roll_deg', [-90, 0, 30, 90, 180])
+@pytest.mark.parametrize('pitch_deg', [-45, 0, 45])
+def test_the_roll_follows_from_the_place_of_the_camera_on_its_base(
+    roll_deg: float, pitch_deg: float
+) -> None:
+    T = LEVEL.copy()
+    for axis, angle_deg in ((0, -pitch_deg), (2, roll_deg)):  # of the camera, roll last
+        turn = np.zeros(3)
+        turn[axis] = np.deg2rad(angle_deg)
+        T[:3, :3] = T[:3, :3] @ cv2.Rodrigues(turn)[0]
+    found = mounted_roll_deg(T)
+    assert (found - roll_deg + 180) % 360 - 180 == pytest.approx(0, abs=1e-6)
+
+
+def test_a_camera_that_looks_down_has_no_roll() -> None:
+    down = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
+    assert mounted_roll_deg(down) == 0
 
 
 @pytest.mark.parametrize('quarters', range(4))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from hoid_msgs.msg import DetectionArray
 from rclpy.clock import Clock, ClockType
-from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 from hoid_common import topics
 from hoid_common.coco import COCO
 from hoid_common.config import did_you_mean
 from hoid_common.errors import MessageError
+from hoid_common.io.depth import DepthUnitWarning
 from hoid_common.ros import conversions
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
@@ -18,7 +21,7 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
 from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
-from hoid_common.values import RgbdFrame
+from hoid_common.values import CameraModel, RgbdFrame
 from hoid_filter.config import HANDLED_CLASSES
 from hoid_filter.feature_filter import FeatureFilter, check_sizes
 from hoid_filter.live_filter import LiveFilter
@@ -26,6 +29,7 @@ from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.outputs import FilterOutputs
 
 _POLL_S = 0.05  # chosen: a tenth of `detections.wait_s`
+_UNIT_REMEDY = 'set input.depth_units_per_m of hoid_filter and rgbd_slam'
 
 
 class FilterNode(ManagedNode):
@@ -37,6 +41,7 @@ class FilterNode(ManagedNode):
         config = self._settings.config
         self._filter = FeatureFilter(config)
         self._size_px: tuple[int, int] | None = None  # of the newest image
+        self._unit = DepthUnitWarning(_UNIT_REMEDY)
         # A guard condition runs after the messages that were ready in the same turn.
         idle = self.create_guard_condition(self._on_idle)
         self._live = LiveFilter(
@@ -56,10 +61,9 @@ class FilterNode(ManagedNode):
         matcher = StampMatcher(('color', 'depth'), int(config.sync_slop_s * 1e9))
         images = Synchronizer(matcher, self._on_images, self.diagnostics)
         inputs.color(images.input('color', conversions.color_from_msg))
-        inputs.depth(images.input('depth', conversions.depth_from_msg))
-        inputs.messages(
-            CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos', is_latched=True
-        )
+        to_m = partial(conversions.depth_from_msg, units_per_m=config.input.depth_units_per_m)
+        inputs.depth(images.input('depth', to_m))
+        inputs.camera(self._on_camera)
         if self._filter.needs_detections:
             type_, topic = DetectionArray, topics.DETECTIONS
             if config.detections.as_vision_msgs:
@@ -85,6 +89,8 @@ class FilterNode(ManagedNode):
         if frame.size_px != self._size_px:
             self._size_px = frame.size_px
             self._check_camera()
+        if warning := self._unit.add(depth_m):
+            self.diagnostics.set_problem('depth unit', warning)
         self._live.add_image(header, frame)
 
     def _on_detections(self, msg: DetectionArray | Detection2DArray) -> None:
@@ -103,9 +109,8 @@ class FilterNode(ManagedNode):
     def _on_idle(self) -> None:
         self._live.on_idle()
 
-    def _on_camera(self, msg: CameraInfo) -> None:
-        image_topic = self.resolve_topic_name(topics.RGB_IMAGE)
-        self._filter.camera = conversions.camera_from_msg(msg, image_topic)
+    def _on_camera(self, camera: CameraModel, _header: Header) -> None:
+        self._filter.camera = camera
         self._check_camera()
 
     def _check_camera(self) -> None:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from hoid_msgs.msg import Features, FeatureVerdicts
 from rclpy.clock import Clock, ClockType
-from sensor_msgs.msg import CameraInfo
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from hoid_common import topics
-from hoid_common.errors import MessageError
 from hoid_common.inputs.input_config import RELIABLE
 from hoid_common.io.untrusted import expand_home
 from hoid_common.ros import conversions
@@ -67,10 +64,9 @@ class RgbdSlamNode(ManagedNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._map_timer = self.create_timer(config.map_period_s, self._publish_map, clock=steady)
         inputs = Inputs(self, config.input, self.diagnostics)
-        inputs.messages(
-            CameraInfo, topics.CAMERA_INFO, self._on_camera, 'camera infos', is_latched=True
-        )
-        inputs.messages(Features, topics.FEATURES, self._on_features, 'features')
+        inputs.camera(self._lifecycle.update_camera)
+        on_features = inputs.with_frame(self._on_features, 'features')
+        inputs.messages(Features, topics.FEATURES, on_features, 'features')
         inputs.messages(
             FeatureVerdicts,
             topics.FEATURE_VERDICTS,
@@ -97,18 +93,13 @@ class RgbdSlamNode(ManagedNode):
         self._scene.close()
         super().destroy_node()
 
-    def _on_camera(self, msg: CameraInfo) -> None:
-        camera = conversions.camera_from_msg(msg, self.resolve_topic_name(topics.RGB_IMAGE))
-        header = self._with_frame(msg.header)
-        self._lifecycle.update_camera(camera, header)
-
     def _on_features(self, msg: Features) -> None:
         self._lifecycle.check_image((msg.image_width, msg.image_height))
         session = self._lifecycle.session
         if session is None:
             self.diagnostics.count('features before camera and base were known')
             return
-        header = self._with_frame(msg.header)
+        header = msg.header
         with exiting_without_mapper():
             tracked = session.track(conversions.features_from_msg(msg))
             self._outputs.publish_pose(tracked.pose, header)
@@ -118,16 +109,6 @@ class RgbdSlamNode(ManagedNode):
         self._outputs.publish_status(done.status, header)
         self._diagnose(session, done.status)
         self._tracking_log.update(done.status)
-
-    def _with_frame(self, header: Header) -> Header:
-        """Return the header with a frame that is valid in TF; MessageError if it has none."""
-        try:
-            named = conversions.with_frame(header, self._settings.config.frames.camera)
-        except MessageError as error:
-            self.diagnostics.set_problem('frame', str(error), severe=True)
-            raise
-        self.diagnostics.clear_problem('frame')
-        return named
 
     def _on_verdicts(self, msg: FeatureVerdicts) -> None:
         session = self._lifecycle.session

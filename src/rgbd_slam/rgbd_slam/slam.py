@@ -86,7 +86,7 @@ class RgbdSlam:
         self._repeated = RepeatedImages()
         self._tracked: TrackingResult | None = None  # of the last image that was tracked
         self._noise = NoiseEstimator(self._camera)
-        self._shutter = RollingShutter(camera.height_px)
+        self._shutter = RollingShutter(*camera.size_px)
         self._tracker = Tracker(self._camera, atlas, config.tracking, config.seed)
         self._relocalizer = Relocalizer(atlas, self._camera, self._tracker, config)
         close_px = self._camera.baseline_px_m / config.camera.close_limit_m

@@ -52,6 +52,17 @@ def room(rng: np.random.Generator) -> FloatArray:
     return np.concatenate([floor, table, walls])
 
 
+@pytest.mark.parametrize('tilt_deg', [35, 45, 60])
+def test_the_lowest_edge_of_a_tilted_map_is_no_floor(tilt_deg: float) -> None:
+    T = se3.exp(np.array([np.deg2rad(tilt_deg), 0, 0, 0, 0, 0]))
+    rng = np.random.default_rng(1)
+    corner = np.concatenate(
+        [np.c_[rng.uniform(0, 4, (8000, 2)), rng.normal(0, 0.005, 8000)],
+         np.c_[rng.uniform(0, 4, 6000), rng.normal(0, 0.005, 6000), rng.uniform(0, 2.4, 6000)]]
+    )  # fmt: skip
+    assert find_floor(se3.transform(T, corner), np.array([0, 0, 1.0])) is None
+
+
 def test_the_floor_is_found_below_a_larger_table_and_through_tilt() -> None:
     points = room(np.random.default_rng(1))
     T_map_room = se3.exp(np.array([0.08, -0.05, 0.4, 0.2, -0.3, -1.2]))

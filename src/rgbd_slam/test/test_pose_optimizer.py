@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.projection import MIN_DEPTH_M
 from rgbd_slam.optimize.pose_optimizer import PosePrior, PoseProblem, covariance, optimize_pose
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0), CameraConfig())

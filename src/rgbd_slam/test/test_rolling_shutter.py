@@ -25,13 +25,22 @@ TWIST = np.array([0.3, -0.4, 0.2, 0.3, -0.2, 0.25])
 SWING = se3.exp(np.outer(1 - np.cos(np.linspace(0, 2 * np.pi, 90)), TWIST / 6))  # from rest
 
 
-def rolled(features: Features, twist: FloatArray, readout_s: float) -> Features:
-    """Return features as a moving camera with a rolling shutter sees them."""
+TURNED_WH = 480, 640  # an image that its driver has turned by a quarter
+
+
+def rolled(
+    features: Features, twist: FloatArray, readout_s: float, *, is_turned: bool = False
+) -> Features:
+    """Return features as a moving camera with a rolling shutter sees them.
+
+    With `is_turned`, the rows of the sensor are the columns of the image.
+    """
+    axis, num_rows = (0, TURNED_WH[0]) if is_turned else (1, MODEL.height_px)
     uv, z = features.uv_px.astype(np.float64), features.depth_m.astype(np.float64)
     z = np.where(z > 0, z, 6.0)
     x = CAMERA.back_project(uv, z)
     for _ in range(5):  # a row's time is that of where the point is then
-        late_s = readout_s * (uv[:, 1] / MODEL.height_px - 0.5)
+        late_s = readout_s * (uv[:, axis] / num_rows - 0.5)
         moved = x + late_s[:, None] * (np.cross(twist[:3], x) + twist[3:])
         uv = MODEL.project_px(moved)
     depth_m = np.where(features.depth_m > 0, moved[:, 2], 0)
@@ -58,8 +67,8 @@ def swayed(
 class Images:
     """Images of points that the map knows exactly, from known poses of a camera that shakes."""
 
-    def __init__(self, readout_s: float) -> None:
-        self._world, self._readout_s = World(), readout_s
+    def __init__(self, readout_s: float, *, is_turned: bool = False) -> None:
+        self._world, self._readout_s, self._is_turned = World(), readout_s, is_turned
         self._rng = np.random.default_rng(0)
         self.atlas = Atlas(1.2, 8)
         seen = Frame.from_features(self._world.features(0, np.eye(4), noise_px=0), MODEL, CAMERA)
@@ -72,7 +81,8 @@ class Images:
         """Add images to a shutter's estimate, each taken by a camera of another velocity."""
         for _ in range(count):
             twist = speed * self._rng.normal(0, 0.3, 6)
-            seen = rolled(self._world.features(0, np.eye(4)), twist, self._readout_s)
+            whole = self._world.features(0, np.eye(4))
+            seen = rolled(whole, twist, self._readout_s, is_turned=self._is_turned)
             frame = Frame.from_features(seen, MODEL, CAMERA)
             straight = shutter.compensated(frame, CAMERA, twist)
             tracked = tracked_frame(straight, np.eye(4), self._points, self.atlas, 0)
@@ -84,7 +94,7 @@ def test_images_become_those_of_a_global_shutter(readout_s: float) -> None:
     seen = World().features(0, np.eye(4), noise_px=0)
     frame = Frame.from_features(rolled(seen, TWIST, readout_s), MODEL, CAMERA)
     expected = Frame.from_features(seen, MODEL, CAMERA)
-    shutter = RollingShutter(MODEL.height_px)
+    shutter = RollingShutter(*MODEL.size_px)
     shutter.readout_s = readout_s
     straight = shutter.compensated(frame, CAMERA, TWIST)
     before = np.abs(frame.measurement_px - expected.measurement_px)
@@ -97,18 +107,27 @@ def test_images_become_those_of_a_global_shutter(readout_s: float) -> None:
 
 @pytest.mark.parametrize('readout_s', [READOUT_S, -READOUT_S, 0.01])
 def test_a_readout_time_is_estimated(readout_s: float) -> None:
-    images, shutter = Images(readout_s), RollingShutter(MODEL.height_px)
+    images, shutter = Images(readout_s), RollingShutter(*MODEL.size_px)
     images.show(shutter, 39)
     assert shutter.readout_s == 0
     images.show(shutter, 81)
     assert shutter.readout_s == pytest.approx(readout_s, rel=0.08)
 
 
+def test_the_rows_of_an_image_that_was_turned_are_its_columns() -> None:
+    images = Images(READOUT_S, is_turned=True)
+    turned, upright = RollingShutter(*TURNED_WH), RollingShutter(*MODEL.size_px)
+    images.show(turned, 120)
+    images.show(upright, 120)
+    assert turned.readout_s == pytest.approx(READOUT_S, rel=0.08)
+    assert upright.readout_s == 0
+
+
 @pytest.mark.parametrize(('readout_s', 'speed'), [(0.0, 1.0), (0.002, 1.0), (READOUT_S, 1e-3)])
 def test_a_global_shutter_and_a_camera_at_rest_are_left_alone(
     readout_s: float, speed: float
 ) -> None:
-    images, shutter = Images(readout_s), RollingShutter(MODEL.height_px)
+    images, shutter = Images(readout_s), RollingShutter(*MODEL.size_px)
     images.show(shutter, 120, speed)
     assert shutter.readout_s == 0
 
@@ -134,4 +153,4 @@ def test_compensation_improves_poses() -> None:
 
 def test_nothing_is_compensated_before_the_estimate_is_significant() -> None:
     frame = Frame.from_features(World().features(0, np.eye(4)), MODEL, CAMERA)
-    assert RollingShutter(MODEL.height_px).compensated(frame, CAMERA, TWIST) is frame
+    assert RollingShutter(*MODEL.size_px).compensated(frame, CAMERA, TWIST) is frame

@@ -142,6 +142,7 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
         (DETECTOR, 'model', args.detector),
         (FILTER, 'strategy', args.filter),
         (SLAM, 'frames.base', args.base),
+        (DETECTOR, 'base_frame', args.base),
     ):
         if value is not None:
             parameters[node][name] = value

@@ -11,7 +11,7 @@ from rosbags.interfaces import QosReliability
 
 from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_bags.bag.bag_topics import base_name
+from hoid_bags.bag.bag_types import COMPRESSED_IMAGE
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_bringup.run.parameter_names import by_node
@@ -20,6 +20,8 @@ from hoid_common import topics
 from hoid_common.config import Config, param
 from hoid_common.errors import InputError
 from hoid_common.inputs.input_config import RELIABLE
+from hoid_common.topics import is_compressed
+from hoid_common.values import NS_PER_S
 
 PLAYER = 'player'
 _SUBSCRIBER_TIMEOUT_S = 30.0  # not tuned: discovery takes a second or two
@@ -56,13 +58,15 @@ class ReplayConfig(Config):
 
 @dataclass(frozen=True)
 class BagNames:
-    """Topics of a bag as they are played, without a leading slash."""
+    """Topics of a bag as they are played, without a leading slash.
 
-    color: str  # without the suffix of a compressed topic, as is `depth`
+    The nodes see in the name of a topic whether its images are compressed.
+    """
+
+    color: str
     depth: str
     camera_info: str
     true_detections: str | None  # ground-truth boxes; None: the bag has none
-    is_compressed: bool  # whether color and depth images are compressed
     is_reliable: bool  # whether the topics are played with reliable QoS
 
     @classmethod
@@ -78,19 +82,18 @@ class BagNames:
                 f'{bag.path}: has no camera_info topic, which the nodes need; record it, or use '
                 '"hoid run --camera"'
             )
-        is_compressed = [base_name(t.name) != t.name for t in (found.color, found.depth)]
-        if is_compressed[0] != is_compressed[1]:
-            raise InputError(
-                f'{bag.path}: only one of color and depth is compressed, but the nodes need both '
-                'or none; convert it again'
-            )
+        for topic in (found.color, found.depth):
+            if is_compressed(topic.name) != (topic.type_name == COMPRESSED_IMAGE):
+                raise InputError(
+                    f'{bag.path}: {topic.name} is {topic.type_name}, but its name says otherwise, '
+                    'so that the nodes cannot subscribe to it: use "hoid run"'
+                )
         truth = found.true_detections
         return cls(
-            base_name(found.color.name).lstrip('/'),
-            base_name(found.depth.name).lstrip('/'),
+            found.color.name.lstrip('/'),
+            found.depth.name.lstrip('/'),
             found.camera_info.name.lstrip('/'),
             truth.name.lstrip('/') if truth is not None else None,
-            is_compressed[0],
             not any(_is_best_effort(t) for t in (found.color, found.depth, found.camera_info)),
         )
 
@@ -112,11 +115,6 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         (topics.DEPTH_IMAGE, names.depth),
         (topics.CAMERA_INFO, names.camera_info),
     ]
-    if names.is_compressed:
-        remappings += [
-            (topics.compressed(topics.RGB_IMAGE), topics.compressed(names.color)),
-            (topics.compressed_depth(topics.DEPTH_IMAGE), bag.topics.depth.name.lstrip('/')),
-        ]
     if config.uses_truth:
         if names.true_detections is None:
             raise InputError(
@@ -125,7 +123,11 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
             )
         remappings.append((topics.DETECTIONS, names.true_detections))
     changed = by_node(config.run.changed())
-    inputs: dict[str, Any] = {'input.compressed': names.is_compressed}
+    inputs: dict[str, Any] = {}
+    if bag.depth_offset_ns:
+        inputs['input.depth_offset_s'] = bag.depth_offset_ns / NS_PER_S
+    if bag.depth_units_per_m:
+        inputs['input.depth_units_per_m'] = bag.depth_units_per_m
     if config.lockstep and names.is_reliable:
         inputs['input.reliability'] = RELIABLE
     return NodeOptions(
@@ -154,7 +156,8 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     # SLAM subscribes to images only for the dense map or objects.
     slam_needs_images = run.slam.dense.enabled or run.slam.objects.enabled
     num_subscribers = len(config.nodes) - (not slam_needs_images)
-    images = ('--rgb', found.color.name, '--depth', found.depth.name)
+    offset = ('--depth-offset', str(bag.depth_offset_ns / NS_PER_S)) if bag.depth_offset_ns else ()
+    images = ('--rgb', found.color.name, '--depth', found.depth.name, *offset)
     lockstep = ('--lockstep', *images) if config.lockstep else ()
     return ProcessSpec(
         PLAYER,

@@ -23,6 +23,7 @@ from hoid_common.values import Detections, DynamicObject, FilterResult, FloatArr
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.scene.floor import NO_FLOOR
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneScheduler
 from rgbd_slam.session import Processed, SlamSession
@@ -65,7 +66,12 @@ class OfflinePipeline:
             RobotFrames(T_base_camera),
             scene_scheduler=SceneScheduler(config.slam.dense.rate_hz if dense else None, None),
         )
-        self._scene = SceneMapper(sequence.camera, config.slam.dense, config.slam.objects)
+        self._scene = SceneMapper(
+            sequence.camera,
+            config.slam.dense,
+            config.slam.objects,
+            is_map_level=T_base_camera is not None,
+        )
         self._features_in = self._features_removed = self._objects_dynamic = 0
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
@@ -155,10 +161,7 @@ class OfflinePipeline:
         cloud = scene.cloud() if scene.num_voxels else None
         grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
-            _LOG.warning(
-                'no grid was written: no level floor was found below the camera; if the camera is '
-                'mounted tilted or turned, give --mount ROLL PITCH YAW (base_frame for the nodes)'
-            )
+            _LOG.warning('%s', NO_FLOOR)
         return RunResult(
             input_name=sequence.name,
             recording=recording,

@@ -9,7 +9,7 @@ from typing import Any
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.convert import ConvertConfig, convert
-from hoid_bags.options import open_recording
+from hoid_bags.options import depth_offset_ns, depth_units_per_m, open_recording
 from hoid_bags.sequence import Sequence
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bringup.run.run_config import SHORT_NAMES, TRUTH, RunConfig
@@ -98,9 +98,13 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
         return
     with scratch_folder(args.out, 'bag') as folder:
         path = folder / args.input.resolve().name
-        config = ConvertConfig(depth_units_per_m=args.depth_factor)
+        config = ConvertConfig(
+            depth_units_per_m=depth_units_per_m(args) or ConvertConfig().depth_units_per_m
+        )
         convert(args.input, path, config, found.camera, show_progress=True)
-        yield BagSequence(path, max_gap_ns=_max_gap_ns(args))
+        yield BagSequence(
+            path, max_gap_ns=_max_gap_ns(args), depth_offset_ns=depth_offset_ns(args)
+        )
 
 
 def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:

@@ -36,7 +36,30 @@ class InputConfig(Config):
         default=False,
         description='Whether to subscribe to the compressed images of image_transport '
         '(.../compressed and .../compressedDepth) instead of the raw images. Set it to true when '
-        'the camera runs on another computer.',
+        'the camera runs on another computer. Topics that are remapped to names with one of these '
+        'endings are compressed in any case.',
+    )
+    camera_frame: str = param(
+        '',
+        'Name of the optical frame of the camera, for drivers that publish an empty frame_id. It '
+        'has no effect on messages with a frame_id; those without are refused if it is empty.',
+        expert=True,
+    )
+    depth_offset_s: float = param(
+        0.0,
+        'Time by which the stamps of depth images are later than those of the color images that '
+        'were taken at the same instant (s). Set it when a constant offset is reported.',
+        minimum=-1.0,
+        maximum=1.0,
+        expert=True,
+    )
+    depth_units_per_m: float = param(
+        0.0,
+        'Number of units of depth images per meter (1/m); 0 means 1000 for whole numbers and 1 '
+        'for floats (REP 118). Set it for a driver with other units, such as 10000 for 0.1 mm.',
+        minimum=0.0,
+        maximum=1e6,
+        expert=True,
     )
 
 

@@ -78,15 +78,20 @@ def is_rectified(image_topic: str) -> bool:
 
 
 def rectification_doubt(info: RawCameraInfo, image_topic: str) -> str:
-    """Return a warning if the topic's name does not tell whether K and D or P describe it, or ''.
+    """Return a warning if it is doubtful whether K and D or P describe the images, or ''.
 
     Calibration writes a P that differs from K. Images beside it may be rectified or not.
     """
+    if is_rectified(image_topic) and any(info.d) and info.p[0] <= 0:
+        return (
+            f'{image_topic} has the name of rectified images, but camera_info has distortion and '
+            'no matrix P: K and the distortion are used; publish P, or one without distortion'
+        )
     is_told = is_rectified(image_topic) or 'raw' in image_topic
     if is_told or not any(info.d) or abs(info.p[0] - info.k[0]) <= _SAME_FOCAL * info.k[0]:
         return ''
     return (
         f'camera_info has distortion and a rectified focal length ({info.p[0]:.1f} px for '
         f'{info.k[0]:.1f}); {image_topic or "the color image"} is taken as not rectified: if it '
-        'is, publish a camera_info without distortion, or give the camera with --camera'
+        'is, publish a camera_info without distortion, or remap the images to a name with "rect"'
     )

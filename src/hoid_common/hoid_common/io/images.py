@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
+from hoid_common.io.depth import check_depth_unit, readings_m
 from hoid_common.io.image_size import check_image_size, is_safe_to_decode
 from hoid_common.values import MAX_PIXELS, ByteArray, Float32Array
 
@@ -32,7 +33,6 @@ COLOR_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
 _COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
 COMPRESSED_DEPTH_HEADER_BYTES = _COMPRESSED_DEPTH_HEADER.size
 _PNG_START = b'\x89PNG\r\n\x1a\n'
-_INF_BITS = np.float32(np.inf).view(np.uint32)
 # Type, channels and OpenCV's conversion to BGR (None: it is BGR) of each encoding of color. ROS
 # names a Bayer pattern by its first two pixels of two rows, OpenCV by the second row.
 _COLOR: dict[str, tuple[str, int, int | None]] = {
@@ -62,8 +62,6 @@ _COLOR: dict[str, tuple[str, int, int | None]] = {
     'nv12': ('u1', 1, cv2.COLOR_YUV2BGR_NV12),
     'nv21': ('u1', 1, cv2.COLOR_YUV2BGR_NV21),
 }
-# Chosen: a median depth that no depth camera measures, and a sample of the pixels.
-_MAX_MEDIAN_M, _UNIT_STRIDE_PX, _MIN_READINGS = 100.0, 16, 50
 _WITH_CHROMA_ROWS = ('nv12', 'nv21')  # half as many rows follow those of the image
 _DEPTH_TYPES: dict[str, np.dtype[Any]] = {
     '16UC1': np.dtype('u2'),
@@ -73,6 +71,8 @@ _DEPTH_TYPES: dict[str, np.dtype[Any]] = {
     '64FC1': np.dtype('f8'),
 }
 DEPTH_ENCODINGS = tuple(_DEPTH_TYPES)
+UNIT_REMEDY = 'set the units with --depth-factor, or input.depth_units_per_m of live nodes'
+"""How a wrong unit of depth images in messages is corrected."""
 
 
 class RawImage(Protocol):
@@ -111,37 +111,25 @@ def decode_color(image: RawImage) -> ByteArray:
         ) from error
 
 
-def decode_depth(image: RawImage) -> Float32Array:
+def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a message in mm (whole numbers) or m (floats).
 
-    NaN, infinite and negative values become 0, "no reading". The result shares the message's
-    memory when no value is changed.
+    What is no reading (see `io.depth`) becomes 0. The result shares the message's memory when no
+    value is changed.
+
+    Args:
+        image: The message.
+        units_per_m: Units of the message; 0: those of its encoding.
 
     Raises:
-        MessageError: The encoding is another one, or the data is too short for the size.
+        MessageError: The encoding is another one, the data is too short for the size, or the unit
+            is wrong.
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
             f'depth image has encoding "{image.encoding}"; use 16UC1 (mm) or 32FC1 (m)'
         )
-    depth_m = _meters(_pixels(image, _DEPTH_TYPES[image.encoding], 1))
-    check_depth_unit(depth_m, f'{image.encoding}; publish floats in m and whole numbers in mm')
-    return depth_m
-
-
-def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
-    """Raise MessageError if depth (H, W) is so large that its unit must be wrong.
-
-    Args:
-        depth_m: Depth in m; 0: no reading.
-        unit: What determines the unit and how to correct it, which ends the error.
-    """
-    sample = depth_m[::_UNIT_STRIDE_PX, ::_UNIT_STRIDE_PX]
-    readings = sample[sample > 0]
-    if len(readings) >= _MIN_READINGS and (median_m := float(np.median(readings))) > _MAX_MEDIAN_M:
-        raise MessageError(
-            f'depth image has a median of {median_m:.0f} m, so its unit is wrong: it is {unit}'
-        )
+    return _depth_m(_pixels(image, _DEPTH_TYPES[image.encoding], 1), image.encoding, units_per_m)
 
 
 def decode_compressed_color(data: Buffer) -> ByteArray:
@@ -149,7 +137,7 @@ def decode_compressed_color(data: Buffer) -> ByteArray:
     return cast('ByteArray', decode_image(data, COLOR_READ_FLAGS, 'compressed color image'))
 
 
-def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
+def decode_compressed_depth(format_: str, data: Buffer, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a message of compressed_depth_image_transport.
 
     0 means "no reading".
@@ -159,9 +147,11 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
             a message of compressed_image_transport, "16UC1; png compressed", there is no header.
         data: Field `data` of the message: a header of 12 bytes, then a 16-bit PNG with depth in mm
             (16UC1) or with quantized inverse depth (32FC1).
+        units_per_m: Units of the depth; 0: those of its encoding.
 
     Raises:
-        MessageError: The format is another one, or the data is no PNG of one 16-bit channel.
+        MessageError: The format is another one, the data is no PNG of one 16-bit channel, or the
+            unit is wrong.
     """
     encoding = format_.split(';', maxsplit=1)[0].strip()
     if encoding not in ('16UC1', '32FC1') or 'rvl' in format_.lower():
@@ -183,11 +173,12 @@ def decode_compressed_depth(format_: str, data: Buffer) -> Float32Array:
             'not one 16-bit channel'
         )
     if encoding == '16UC1':
-        return _meters(pixels)
+        return _depth_m(pixels, encoding, units_per_m)
     _, quant_a, quant_b = _COMPRESSED_DEPTH_HEADER.unpack_from(raw.data)
     with np.errstate(divide='ignore', invalid='ignore'):
         depth_m = quant_a / (pixels.astype(np.float32) - np.float32(quant_b))
-    return _meters(np.where(pixels == 0, np.float32(0), depth_m.astype(np.float32)))
+    depth_m = np.where(pixels == 0, np.float32(0), depth_m.astype(np.float32))
+    return _depth_m(depth_m, encoding, units_per_m)
 
 
 def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
@@ -258,20 +249,24 @@ def _pixels(
     return pixels.reshape(height, width, channels) if channels > 1 else pixels
 
 
-def _meters(depth: NDArray[Any]) -> Float32Array:
-    """Return float32 depth in m of uint16 depth in mm or float32 depth in m; invalid becomes 0."""
+def _depth_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
+    """Return float32 depth in m of pixels in any unit, where 0 is no reading."""
+    depth_m = _meters(depth, units_per_m)
+    check_depth_unit(
+        depth_m,
+        f'{encoding}, which is in {"m" if depth.dtype.kind == "f" else "mm"}; {UNIT_REMEDY}',
+    )
+    return readings_m(depth_m)
+
+
+def _meters(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
+    """Return float32 depth in m of pixels in mm (whole numbers), m (floats), or given units."""
     if depth.dtype == np.int16:
         depth = np.maximum(depth, 0).astype(np.uint16)
-    if depth.dtype == np.uint16:
-        meters: Float32Array = np.divide(depth, np.float32(MM_PER_M), dtype=np.float32)
-        return meters
-    # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
-    # inf, NaN and all negative numbers: one comparison finds everything that is no depth.
-    depth = depth.astype(np.float32, copy=False)
-    bits = depth.view(np.uint32)
-    if bits.max() < _INF_BITS:
-        return cast('Float32Array', depth)
-    return (bits * (bits < _INF_BITS)).view(np.float32)
+    units_per_m = units_per_m or (MM_PER_M if depth.dtype == np.uint16 else 1.0)
+    if units_per_m == 1.0:
+        return cast('Float32Array', depth.astype(np.float32, copy=False))
+    return cast('Float32Array', np.divide(depth, np.float32(units_per_m), dtype=np.float32))
 
 
 def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:

@@ -111,6 +111,13 @@ class Diagnostics:
                 self._node.get_logger().warning(text)
         self._problems[name] = _Problem(level, text)
 
+    def report_problem(self, name: str, text: str) -> None:
+        """Set a problem, or clear it if the text is empty."""
+        if text:
+            self.set_problem(name, text)
+        else:
+            self.clear_problem(name)
+
     def clear_problem(self, name: str) -> None:
         """Stop publishing a problem, if it exists."""
         self._problems.pop(name, None)

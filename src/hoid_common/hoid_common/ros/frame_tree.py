@@ -64,6 +64,9 @@ def listen_to_transforms(
 
     def on_transforms(msg: TFMessage) -> None:
         for edge in msg.transforms:
+            # As tf2 does: names that begin with a slash are those of tf1.
+            edge.header.frame_id = edge.header.frame_id.lstrip('/')
+            edge.child_frame_id = edge.child_frame_id.lstrip('/')
             try:
                 take(edge)
             except MessageError as error:

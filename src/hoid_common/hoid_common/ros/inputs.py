@@ -12,15 +12,18 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.errors import HoidError, MessageError
 from hoid_common.inputs.input_config import AUTO, BEST_EFFORT, RELIABLE, InputConfig
 from hoid_common.inputs.input_watch import InputWatch
+from hoid_common.io.camera_info import rectification_doubt
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.lifecycle import ManagedNode
+from hoid_common.values import NS_PER_S, CameraModel
 
 __all__ = ['InputConfig', 'Inputs', 'checked_callback']
 
@@ -49,29 +52,85 @@ class Inputs:
         self._config = config
         self._diagnostics = diagnostics
 
-    def color(self, callback: Callback, topic: str = topics.RGB_IMAGE) -> None:
-        """Subscribe to color images, raw or compressed as configured.
+    def color(self, callback: Callback) -> None:
+        """Subscribe to color images, compressed if configured or if the topic's name says so.
 
         Args:
             callback: Function that is called with each message; `conversions.color_from_msg`
-                converts it. It may raise HoidError.
-            topic: Topic of the raw images.
+                converts it. Its frame is valid in TF. It may raise HoidError.
         """
-        if self._config.compressed:
-            topic = topics.compressed(topic)
-        self.messages(self._image_type, topic, callback, 'color images')
+        named = self.with_frame(callback, 'color images')
+        self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
 
-    def depth(self, callback: Callback, topic: str = topics.DEPTH_IMAGE) -> None:
-        """Subscribe to depth images, raw or compressed as configured.
+    def depth(self, callback: Callback) -> None:
+        """Subscribe to depth images, compressed if configured or if the topic's name says so.
 
         Args:
             callback: Function that is called with each message; `conversions.depth_from_msg`
-                converts it. It may raise HoidError.
-            topic: Topic of the raw images.
+                converts it. Its stamp is that of the color image. It may raise HoidError.
         """
-        if self._config.compressed:
-            topic = topics.compressed_depth(topic)
-        self.messages(self._image_type, topic, callback, 'depth images')
+        offset_ns = round(self._config.depth_offset_s * NS_PER_S)
+
+        def on_depth(msg: Any) -> None:
+            stamp_ns = conversions.stamp_from_msg(msg.header.stamp) - offset_ns
+            msg.header.stamp = conversions.stamp_to_msg(max(stamp_ns, 0))
+            callback(msg)
+
+        packed = topics.compressed_depth(topics.DEPTH_IMAGE)
+        self._images(
+            topics.DEPTH_IMAGE, packed, on_depth if offset_ns else callback, 'depth images'
+        )
+
+    def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
+        """Subscribe to the camera_info of the color images, rectified or not by their topic.
+
+        Args:
+            callback: Function that is called with the camera and the header of each message. It
+                may raise HoidError.
+        """
+
+        def on_camera_info(msg: CameraInfo) -> None:
+            topic = self._image_topic(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE))
+            topic = self._node.resolve_topic_name(topic)
+            camera = conversions.camera_from_msg(msg, topic)
+            self._diagnostics.report_problem('rectification', rectification_doubt(msg, topic))
+            callback(camera, msg.header)
+
+        named = self.with_frame(on_camera_info, 'camera infos')
+        self.messages(CameraInfo, topics.CAMERA_INFO, named, 'camera infos', is_latched=True)
+
+    def with_frame(self, callback: Callback, what: str) -> Callback:
+        """Return a callback that gives the frame of the camera a name that is valid in TF.
+
+        A message without a frame is refused while the parameter `camera_frame` is empty.
+
+        Args:
+            callback: Function that is called with each message.
+            what: The messages in the plural, such as "color images".
+        """
+
+        def on_message(msg: Any) -> None:
+            try:
+                frame = conversions.camera_frame(msg.header, self._config.camera_frame)
+            except MessageError as error:
+                self._diagnostics.set_problem(f'frame of {what}', f'{what}: {error}', severe=True)
+                raise
+            self._diagnostics.clear_problem(f'frame of {what}')
+            msg.header.frame_id = frame
+            callback(msg)
+
+        return on_message
+
+    def _images(self, raw: str, packed: str, callback: Callback, what: str) -> None:
+        """Subscribe to the raw or the packed (compressed) images."""
+        topic = self._image_topic(raw, packed)
+        is_packed = topics.is_compressed(self._node.resolve_topic_name(topic))
+        self.messages(CompressedImage if is_packed else Image, topic, callback, what)
+
+    def _image_topic(self, raw: str, packed: str) -> str:
+        """Return the topic to subscribe to, before remapping."""
+        is_named = topics.is_compressed(self._node.resolve_topic_name(raw))
+        return packed if self._config.compressed and not is_named else raw
 
     def messages(
         self,
@@ -102,11 +161,6 @@ class Inputs:
         )
         on_bytes = checked_callback(callback, type_, full_name, what, self._diagnostics)
         _Input(self._node, watch, on_bytes, type_, topic, config.queue_length)
-
-    @property
-    def _image_type(self) -> type[Any]:
-        type_: type[Any] = CompressedImage if self._config.compressed else Image
-        return type_
 
 
 class _Input:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from hoid_common.io.depth import is_reading
 from hoid_common.values import (
     DESCRIPTOR_BYTES,
     BoolArray,
@@ -108,7 +109,7 @@ class OrbExtractor:
         return Features(
             stamp_ns=stamp_ns,
             uv_px=peak_px,
-            depth_m=np.where((reading_m > 0) & np.isfinite(reading_m), reading_m, np.float32(0)),
+            depth_m=np.where(is_reading(reading_m), reading_m, np.float32(0)),
             octave=octave,
             angle_deg=angle_deg,
             response=corners.score[chosen].astype(np.float32),

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera
 
@@ -26,7 +27,6 @@ _FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
 _MAX_RETURN_ERROR_PX = 0.5  # chosen: greatest error after tracking forth and back
 _MARGIN_PX = 3.0  # chosen: nearer to the border most of the window is outside
 _MAX_PREDICTED_PX = 40.0  # chosen: 1/8 of the image; a wrong prediction must not lead further
-_MIN_DEPTH_M = 0.05  # avoids a division by zero for points at the camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def predict_px(
 
 def _normalized(points_m: FloatArray) -> FloatArray:
     """Return the (N, 2) coordinates x / z, y / z."""
-    normalized: FloatArray = points_m[:, :2] / np.maximum(points_m[:, 2:], _MIN_DEPTH_M)
+    normalized: FloatArray = points_m[:, :2] / np.maximum(points_m[:, 2:], MIN_DEPTH_M)
     return normalized
 
 

@@ -33,12 +33,6 @@ class FrameConfig(Config):
         '/tf_static. Set it on every robot, usually to base_link. If it is empty, the optical '
         'frame of the camera takes the place of the base.',
     )
-    camera: str = param(
-        '',
-        'Name of the optical frame of the camera, for drivers that publish an empty frame_id. It '
-        'has no effect on messages with a frame_id.',
-        expert=True,
-    )
     publish_map_to_odom: bool = param(
         default=True,
         description='Whether to send map -> odom on /tf. Set it to false if another node '

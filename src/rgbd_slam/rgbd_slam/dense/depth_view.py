@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
+from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import (
     BoolArray,
     ByteArray,
@@ -28,7 +29,6 @@ _EDGE_SLOPE = 0.06
 _NOISE_PER_M2 = 0.003
 # Chosen: a reading this far away, of any accuracy, still shows that the space nearby is free.
 _CARVE_RANGE_M = 12.0
-_MIN_DEPTH_M = 0.1  # chosen: nearer points are behind the camera or have no reading
 _DYNAMIC = np.uint16(0x8000)  # flag of a reading; readings up to the carve range need 14 bits
 _KEY_BITS = 21  # per axis, so that the key of a voxel fits into 63 bits: +-26 km at 2.5 cm
 _KEY_OFFSET = 1 << (_KEY_BITS - 1)
@@ -107,7 +107,7 @@ class DepthCamera:
         """
         depth_m, stride, camera = view.depth_m, self._config.pixel_stride, self._camera
         z = points_m[:, 2]
-        index = np.flatnonzero((z > _MIN_DEPTH_M) & (z < self._config.max_depth_m))
+        index = np.flatnonzero((z > MIN_DEPTH_M) & (z < self._config.max_depth_m))
         z = z[index]
         uv_px = camera.project_px(points_m[index].astype(np.float64))
         col, row = np.rint(uv_px / stride).astype(np.int32).T

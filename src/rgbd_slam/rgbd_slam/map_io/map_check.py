@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.errors import MapFileError
+from hoid_common.io.depth import is_reading
 from hoid_common.values import NS_PER_S, CameraModel, FloatArray
 from rgbd_slam.dense.dense_state import DenseState
 from rgbd_slam.dense.submap import SPAN
@@ -19,7 +20,7 @@ _MAX_STAMP_NS = 2**31 * NS_PER_S  # ROS stores seconds in 32 bits
 _MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
 _ORTHONORMAL = 1e-6  # chosen: largest entry of R R^T - I; poses are stored in 64 bits
 _MIN_WEIGHT, _MAX_WEIGHT = 1e-30, 1e30  # chosen: no product with a color or a coordinate overflows
-_MIN_DEPTH_M = 1e-3  # chosen: no depth camera reads nearer, and disparities stay finite
+_MIN_RAY_M = 1e-3  # chosen: a nearer point has no direction
 
 
 def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
@@ -122,9 +123,8 @@ def _check_features(state: MapState, camera: CameraModel, num_octaves: int) -> N
     size_px = np.array([camera.width_px, camera.height_px])
     is_near = (np.abs(state.uv_px - size_px / 2) < _MAX_IMAGES * size_px).all()
     _require(is_near, "a feature's pixel is out of range")
-    near = (state.depth_m > 0) & (state.depth_m < _MIN_DEPTH_M)
-    is_depth = _within(state.depth_m, 0, MAX_POSITION_M) and not near.any()
-    _require(is_depth, "a feature's depth is invalid")
+    is_depth = (state.depth_m == 0) | is_reading(state.depth_m)
+    _require(is_depth.all(), "a feature's depth is invalid")
     _require(_within(state.octave, 0, num_octaves), "a feature's octave is out of range")
     _require(_within(state.angle_deg, -360, 361), "a feature's angle is out of range")
 
@@ -138,7 +138,7 @@ def _check_observations(state: MapState) -> None:
     _require((pairs[1:] != pairs[:-1]).all(), 'a keyframe observes one point twice')
     _require((np.bincount(point, minlength=count) > 0).all(), 'a point is observed by no keyframe')
     ray = state.position_m[point] - state.T_map_camera[keyframe, :3, 3]
-    _require((np.abs(ray).max(axis=1) > _MIN_DEPTH_M).all(), 'a point lies in the camera')
+    _require((np.abs(ray).max(axis=1) > _MIN_RAY_M).all(), 'a point lies in the camera')
     map_id = state.map_id[state.reference]
     _require((map_id[point] == state.map_id[keyframe]).all(), 'two maps share a point')
     of_reference = point[keyframe == state.reference[point]]

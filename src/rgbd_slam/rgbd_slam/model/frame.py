@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from hoid_common.errors import MessageError
+from hoid_common.io.depth import is_reading
 from hoid_common.values import (
     BoolArray,
     ByteArray,
@@ -155,7 +156,7 @@ class Frame:
         """Return a frame with undistorted key points and virtual right columns."""
         uv = model.undistort_px(features.uv_px)
         depth = features.depth_m
-        readable = np.isfinite(depth) & (depth > 0)
+        readable = is_reading(depth)
         measurement = np.full((len(depth), 3), np.nan, np.float32)
         measurement[:, :2] = uv
         measurement[readable, 2] = uv[readable, 0] - camera.baseline_px_m / depth[readable]

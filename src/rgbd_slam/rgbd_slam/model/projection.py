@@ -6,8 +6,6 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
-MIN_DEPTH_M = 0.05  # nearer points are not projected; the native kernels have the same limit
-
 
 def to_camera(T_camera_map: FloatArray, points_m: FloatArray) -> FloatArray:
     """Return (3, N) points in the camera frame for (3, N) points in the map frame."""

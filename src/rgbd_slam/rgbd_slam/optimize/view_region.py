@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import BoolArray, Float32Array, FloatArray
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.projection import MIN_DEPTH_M
 
 # Chosen, not tuned: how far beyond the outermost matches a moving object may extend: 0.02 in
 # x / z and y / z (10 px at a focal length of 520 px) and 5 % in depth.

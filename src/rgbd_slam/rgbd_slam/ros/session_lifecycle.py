@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.errors import ConfigError, InputError, MapFileError
+from hoid_common.inputs.camera_info_check import CameraInfoCheck
 from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamStatus
@@ -21,7 +22,6 @@ from rgbd_slam.map_io.map_directory import MAP, path_in
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.ros.camera_info_check import CameraInfoCheck
 from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
@@ -54,10 +54,11 @@ class SessionLifecycle:
         self._config, self._frames, self._scene = config, frames, scene
         self._diagnostics, self._publish_status = diagnostics, publish_status
         self._wheel_motion = wheel_motion
-        self._reset_service = node.resolve_service_name(topics.RESET)
+        reset = node.resolve_service_name(topics.RESET)
+        self._camera_remedy = f'call {reset} to begin a new map with the camera as it is now'
         self._tf_static = node.resolve_topic_name(topics.TF_STATIC)
         self.session: SlamSession | None = None
-        self._cameras = CameraInfoCheck(self._reset_service)
+        self._cameras = CameraInfoCheck(self._camera_remedy)
         self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
         self._first_map: MapFile | None = None  # loaded into the next session
         self._is_reset = False  # True: the map file to start with is not loaded again
@@ -120,7 +121,7 @@ class SessionLifecycle:
         self._first_map, self._is_reset = None, True
         self.checkpoints.discard()
         self._scene.clear()
-        self._cameras = CameraInfoCheck(self._reset_service)
+        self._cameras = CameraInfoCheck(self._camera_remedy)
         if self._last_camera is not None:
             self.update_camera(*self._last_camera)
 
@@ -155,10 +156,7 @@ class SessionLifecycle:
             self.session = None
 
     def _report_camera(self) -> None:
-        if self._cameras.problem:
-            self._diagnostics.set_problem('camera', self._cameras.problem)
-        else:
-            self._diagnostics.clear_problem('camera')
+        self._diagnostics.report_problem('camera', self._cameras.problem)
 
     def _robot_frames(self, header: Header) -> RobotFrames | None:
         """Return where the camera is mounted on the robot, or None while that is unknown."""

@@ -8,12 +8,21 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
+NO_FLOOR = (
+    'no level floor has been seen, so there is no grid: if the camera is mounted tilted or '
+    'turned, set base_frame (frames.base) and its place on /tf_static, or --mount ROLL PITCH YAW '
+    'of "hoid run"; otherwise let the camera see the floor'
+)
+"""Why there is no grid, and what to do."""
 _TRIALS = 300  # level planes that are compared; not tuned
 _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
 _THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `voxel_map.py`)
 _MAX_TILT_RAD = np.deg2rad(20.0)  # not tuned: without a base frame the map is only nearly level
 _MAX_SHARE_BELOW = 0.03  # of all points; a plane with more points below is a table; not tuned
 _MIN_SHARE = 0.03  # of all points that must lie on the floor; not tuned
+# Chosen: least standard deviation of the floor across its length. In a map that is tilted by 45
+# degrees, the lowest edge between floor and wall is a strip of about 0.03 m.
+_MIN_WIDTH_M = 0.1
 _MAX_POINTS = 6000  # chosen, to bound the time: all planes are compared with all points
 _MIN_POINTS = 100  # not tuned: fewer points show no floor
 _MIN_NORMAL_M2 = 1e-3  # twice the area of the smallest triangle that defines a plane: 5 cm2
@@ -69,6 +78,9 @@ def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | N
     if score[best] == 0:
         return None
     inliers = points_m[np.abs(heights[:, best]) < _THICKNESS_M]
+    width_m = np.linalg.svd(inliers - inliers.mean(0), compute_uv=False)[1] / len(inliers) ** 0.5
+    if width_m < _MIN_WIDTH_M:
+        return None
     normal, offset = _fit_plane(inliers, up)
     return Floor(_frame_on(normal, offset))
 

@@ -86,6 +86,11 @@ class SceneMapper:
         """Return the number of voxels of the dense map."""
         return len(self._voxels)
 
+    @property
+    def has_floor(self) -> bool:
+        """Return whether a floor has been found, which the grid needs."""
+        return self._floors is not None
+
     def fuse(
         self,
         request: SceneRequest,

@@ -4,6 +4,9 @@ The rows of an image are read one after another. In a moving camera they belong 
 A wrong pose of the whole image explains most of that displacement. What it does not explain
 depends on the row and is proportional to the readout time, which is estimated from the residuals
 of several seconds.
+
+Sensors have more columns than rows. An image with more rows than columns was therefore turned by
+its driver, and the rows of the sensor are its columns.
 """
 
 from __future__ import annotations
@@ -14,11 +17,12 @@ from dataclasses import replace
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.io.depth import MAX_DEPTH_M, MIN_DEPTH_M
 from hoid_common.values import Float32Array, FloatArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
+from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame
 
 # Not tuned, except where another source is named.
@@ -40,12 +44,14 @@ class RollingShutter:
     """Estimates the readout time of an image, and moves features to where the middle row saw them.
 
     Args:
-        height_px: Number of rows of an image.
+        width_px: Width of an image.
+        height_px: Its height.
     """
 
-    def __init__(self, height_px: int) -> None:
+    def __init__(self, width_px: int, height_px: int) -> None:
         self.readout_s = 0.0  # time from the first row to the last; 0 until it is significant
-        self._height_px = height_px
+        self._is_turned = height_px > width_px
+        self._num_rows = min(width_px, height_px)
         # Estimates of the readout time [s], each with its information [1/s^2].
         self._estimates: deque[tuple[float, float]] = deque(maxlen=_MAX_ESTIMATES)
         self._begin()
@@ -67,9 +73,9 @@ class RollingShutter:
         has_depth = frame.has_depth
         depth_m = np.where(has_depth, frame.depth_m, np.median(frame.depth_m[has_depth]))
         x = camera.back_project(frame.measurement_px[:, :2], depth_m).T
-        delay_s = self.readout_s * self._rows(frame.measurement_px[:, 1])
+        delay_s = self.readout_s * self._rows(frame.measurement_px.T)
         x -= delay_s * (se3.hat(twist[:3]) @ x + twist[3:, None])
-        np.maximum(x[2], MIN_DEPTH_M, out=x[2])
+        np.clip(x[2], MIN_DEPTH_M, MAX_DEPTH_M, out=x[2])
         measurement_px = camera.project_rows(x).T.astype(np.float32, order='C')
         measurement_px[~has_depth, 2] = np.nan
         compensated_m = np.where(has_depth, x[2], 0).astype(np.float32)
@@ -98,7 +104,7 @@ class RollingShutter:
         sigma[2] = camera.disparity_sigma_px(measured[0] - measured[2])
         residual = _with_disparity(measured - camera.project_rows(x)) / sigma
         by_pose = _pose_derivatives(camera, x) / sigma
-        by_time = self._rows(measured[1]) * (twist @ by_pose.reshape(6, -1)).reshape(3, -1)
+        by_time = self._rows(measured) * (twist @ by_pose.reshape(6, -1)).reshape(3, -1)
         information, weighted_s = _marginal_of_time(by_pose, by_time, residual)
         self._information += information
         self._weighted_s += weighted_s + self.readout_s * information
@@ -122,9 +128,10 @@ class RollingShutter:
             float(np.clip(mean_s, -_MAX_READOUT_S, _MAX_READOUT_S)) if is_significant else 0.0
         )
 
-    def _rows(self, v_px: Float32Array | FloatArray) -> FloatArray:
-        """Return the positions of rows in the image, from -0.5 at the top to 0.5."""
-        return v_px.astype(np.float64) / self._height_px - 0.5
+    def _rows(self, measured_px: Float32Array | FloatArray) -> FloatArray:
+        """Return the (N,) rows of the sensor, from -0.5 to 0.5, of pixels (3, N) u, v, u_right."""
+        row_px = measured_px[0 if self._is_turned else 1]
+        return np.asarray(row_px, np.float64) / self._num_rows - 0.5
 
 
 def _pose_derivatives(camera: StereoCamera, x: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import S_PER_NS, BoolArray, FloatArray, IntArray
 from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.matching.landmarks import (
@@ -26,7 +27,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTally
-from rgbd_slam.model.projection import MIN_DEPTH_M, to_camera
+from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import align_image
 from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus

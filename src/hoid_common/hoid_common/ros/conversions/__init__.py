@@ -32,10 +32,10 @@ from hoid_common.ros.conversions.geometry import (
     twist_to_msg,
 )
 from hoid_common.ros.conversions.headers import (
+    camera_frame,
     header_to_msg,
     stamp_from_msg,
     stamp_to_msg,
-    with_frame,
 )
 from hoid_common.ros.conversions.images import (
     color_from_msg,
@@ -53,6 +53,7 @@ __all__ = [
     'Cloud',
     'FeatureCounts',
     'ReceivedImage',
+    'camera_frame',
     'camera_from_msg',
     'camera_to_msg',
     'cloud_from_msg',
@@ -88,5 +89,4 @@ __all__ = [
     'transform_to_msg',
     'twist_from_msg',
     'twist_to_msg',
-    'with_frame',
 ]

@@ -25,8 +25,8 @@ def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
     return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)
 
 
-def with_frame(header: Header, default: str) -> Header:
-    """Return a header whose frame is valid in TF: without leading slash, and not empty.
+def camera_frame(header: Header, default: str) -> str:
+    """Return the frame of a header as it is valid in TF: without leading slash, and not empty.
 
     Args:
         header: Header of a message from a camera.
@@ -35,10 +35,10 @@ def with_frame(header: Header, default: str) -> Header:
     Raises:
         MessageError: The header has no frame, and there is no default.
     """
-    frame = header.frame_id.lstrip('/') or default
+    frame: str = header.frame_id.lstrip('/') or default
     if not frame:
         raise MessageError(
             'frame_id is empty, so the camera has no place in TF: set it in the driver, or name '
-            'the frame with the parameter frames.camera'
+            'the frame with the parameter input.camera_frame'
         )
-    return header if frame == header.frame_id else Header(stamp=header.stamp, frame_id=frame)
+    return frame

@@ -34,11 +34,13 @@ def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) 
     return CompressedImage(header=header, format=images.JPEG_FORMAT, data=bytes_field(jpeg))
 
 
-def depth_from_msg(msg: images.RawImage | CompressedImage) -> Float32Array:
+def depth_from_msg(
+    msg: images.RawImage | CompressedImage, units_per_m: float = 0.0
+) -> Float32Array:
     """Return the (H, W) float32 depth in m, 0 = no reading; see `io.images.decode_depth`."""
     if isinstance(msg, CompressedImage):
-        return images.decode_compressed_depth(msg.format, msg.data)
-    return images.decode_depth(msg)
+        return images.decode_compressed_depth(msg.format, msg.data, units_per_m)
+    return images.decode_depth(msg, units_per_m)
 
 
 def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:

@@ -9,6 +9,7 @@ from hoid_common.errors import InputError
 from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.map_io.map_directory import write_whole
 from rgbd_slam.scene.export import write_ply
+from rgbd_slam.scene.floor import NO_FLOOR
 from rgbd_slam.scene.grid import Grid, write_map_server
 from rgbd_slam.scene.scene_mapper import SceneMapper
 
@@ -42,7 +43,7 @@ def save_grid(
     scene = _require_map(scene)
     grid = grid_of(scene, scene.cloud())
     if grid is None:
-        raise InputError('no floor has been seen yet: a grid needs one')
+        raise InputError(NO_FLOOR)
     stem = path.with_suffix('')
     write_whole(stem, lambda aside: write_map_server(grid, aside))
     height, width = grid.cells.shape

@@ -41,6 +41,7 @@ from rgbd_slam.ros.scene.messages import (
 )
 from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.ros.timers import set_period
+from rgbd_slam.scene.floor import NO_FLOOR
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
@@ -50,6 +51,7 @@ _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict 
 # Chosen: share of the time in which maps are published and bent submaps are fused again. The rest
 # is for new images, however large the map is.
 _MAX_SHARE = 0.25
+_MAX_IMAGES_WITHOUT_FLOOR = 30  # chosen: several seconds, in which a robot sees its floor
 _CAPACITY = 60  # chosen: images that wait for their pose; 2 s at 30 Hz
 
 
@@ -76,6 +78,7 @@ class SceneNode(Node):
         self._stamp_ns = 0  # of the latest image in the dense map
         self._is_published = True  # whether the published maps are up to date
         self._rest_until_s = 0.0  # when the maps may be published again
+        self._num_fused = 0  # images in this scene
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
         )
@@ -168,7 +171,7 @@ class SceneNode(Node):
         if self._scene is not None:
             self._scene.ledger.clear()
             self._report_changes(self._scene)
-        self._camera, self._scene = camera, None
+        self._camera, self._scene, self._num_fused = camera, None, 0
         if camera is not None:
             self._scene = SceneMapper(
                 camera,
@@ -198,13 +201,14 @@ class SceneNode(Node):
             except HoidError as error:
                 self._diagnostics.report(error, 'images refused')
         self._diagnostics.set_count('images missing', self._matcher.counts['pose'].unmatched)
+        self._diagnostics.report_problem('stamps', self._matcher.gap)
 
     def _map_image(self, match: Match) -> None:
         """Add one image, with its pose and its objects, to the maps for which it was requested."""
         request, depth, color, objects_msg = match.values
         if self._scene is None:
             return
-        depth_m = conversions.depth_from_msg(depth)
+        depth_m = conversions.depth_from_msg(depth, self._setup.input.depth_units_per_m)
         self._check_size(depth_m, 'depth')
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
         if self._setup.objects.enabled and request.track_objects:
@@ -216,6 +220,7 @@ class SceneNode(Node):
             self._scene.fuse(request, depth_m, image_bgr, objects)
             self._stamp_ns = request.stamp_ns
             self._on_map_change(self._scene)
+            self._num_fused += 1
             self._diagnostics.count('images fused')
             self._diagnostics.set_count('voxels', self._scene.num_voxels)
 
@@ -237,8 +242,14 @@ class SceneNode(Node):
         if not self._is_published:
             self._is_published = True
             self._outputs.publish_map(self._scene, self._stamp_ns)
+            self._report_floor(self._scene)
         end_s = time.monotonic()
         self._rest_until_s = end_s + (end_s - start_s) / _MAX_SHARE
+
+    def _report_floor(self, scene: SceneMapper) -> None:
+        """Report a map without a floor, once it has enough images to show one."""
+        is_late = self._num_fused >= _MAX_IMAGES_WITHOUT_FLOOR and not scene.has_floor
+        self._diagnostics.report_problem('floor', NO_FLOOR if is_late else '')
 
 
 def run_scene_node(messages: Connection, reports: Connection, setup: SceneSetup) -> None:

@@ -5,18 +5,19 @@ from dataclasses import replace
 import pytest
 
 from hoid_common.errors import MessageError
+from hoid_common.inputs.camera_info_check import CameraInfoCheck
 from hoid_common.values import CameraModel
-from rgbd_slam.ros.camera_info_check import CameraInfoCheck
 
 RIGHT = CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0)
 TWICE = CameraModel(1280, 960, 1000.0, 1000.0, 640.0, 480.0)
 OTHER = replace(RIGHT, fx_px=700.0)
 SIZE = RIGHT.size_px
+REMEDY = 'begin anew'
 
 
 def with_kept_calibration() -> CameraInfoCheck:
     """Return a check that has used the right calibration for longer than its trial."""
-    check = CameraInfoCheck()
+    check = CameraInfoCheck(REMEDY)
     assert check.update(RIGHT)
     for _ in range(100):
         check.check_image(SIZE)
@@ -24,14 +25,14 @@ def with_kept_calibration() -> CameraInfoCheck:
 
 
 def test_first_calibration_is_used_at_once_and_reported_once() -> None:
-    check = CameraInfoCheck()
+    check = CameraInfoCheck(REMEDY)
     assert [check.update(RIGHT) for _ in range(3)] == [True, False, False]
     assert check.camera == RIGHT
     assert check.problem == ''
 
 
 def test_first_calibration_of_wrong_size_is_replaced() -> None:
-    check = CameraInfoCheck()
+    check = CameraInfoCheck(REMEDY)
     assert check.update(TWICE)
     for _ in range(50):
         with pytest.raises(MessageError, match='1280x960 px, images are of 640x480 px'):
@@ -45,7 +46,7 @@ def test_first_calibration_of_wrong_size_is_replaced() -> None:
 
 
 def test_calibration_on_trial_is_replaced_after_two_messages() -> None:
-    check = CameraInfoCheck()
+    check = CameraInfoCheck(REMEDY)
     check.update(OTHER)
     check.check_image(SIZE)
     assert not check.update(RIGHT)  # a single message may be wrong
@@ -65,10 +66,13 @@ def test_another_calibration_after_the_trial_is_only_reported(stray: CameraModel
     assert (check.camera, check.problem) == (RIGHT, '')
 
 
-def test_images_of_another_size_are_refused_until_the_calibration_follows() -> None:
+def test_the_map_of_a_kept_calibration_outlives_images_of_another_size() -> None:
     check = with_kept_calibration()
-    with pytest.raises(MessageError):
+    with pytest.raises(MessageError, match=r'camera_info is of 640x480 px.*: begin anew'):
         check.check_image(TWICE.size_px)
-    assert check.update(TWICE)
-    check.check_image(TWICE.size_px)
-    assert check.problem == ''
+    assert not check.update(TWICE)
+    assert 'has changed from 640x480 px, fx 500.0' in check.problem
+    assert check.problem.endswith('begin anew')
+    check.update(RIGHT)
+    check.check_image(SIZE)
+    assert (check.camera, check.problem) == (RIGHT, '')

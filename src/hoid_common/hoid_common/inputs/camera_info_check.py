@@ -1,0 +1,98 @@
+"""Choice of the camera calibration when camera_info messages and images contradict.
+
+The same rule is used live and for recordings.
+"""
+
+from __future__ import annotations
+
+from hoid_common.errors import MessageError
+from hoid_common.values import CameraModel
+
+# Chosen: number of matching images (1 s at 30 Hz) after which the calibration is kept, because a
+# map depends on it by then.
+_TRIAL_IMAGES = 30
+# Chosen: number of identical messages in a row after which another calibration replaces the one
+# that is on trial.
+_MIN_REPEATS = 2
+
+
+class CameraInfoCheck:
+    """Decides which calibration to use when camera_info messages contradict each other or images.
+
+    The first calibration is used at once, on trial for 30 images. On trial it is replaced by
+    another one that is repeated, or that has the size of the images when it has not. After the
+    trial it is kept (decision 045): another calibration, and images of another size, are reported.
+
+    Args:
+        remedy: What to do when the calibration changes after the trial.
+    """
+
+    def __init__(self, remedy: str) -> None:
+        self._remedy = remedy
+        self.camera: CameraModel | None = None  # the calibration in use
+        self.change = ''  # one line about another calibration after the trial, until it has ended
+        self._size_problem = ''  # one line about a size that is not that of the images
+        self._image_size_px: tuple[int, int] | None = None
+        self._num_images = 0  # number of images that matched the calibration in use
+        self._candidate: CameraModel | None = None  # another calibration
+        self._num_repeats = 0  # number of messages in a row with the candidate
+
+    @property
+    def problem(self) -> str:
+        """Return the current contradiction, in one line; empty if there is none."""
+        return self.change or self._size_problem
+
+    def update(self, camera: CameraModel) -> bool:
+        """Process a camera_info; return whether its calibration has just come into use.
+
+        Also updates `camera` and `problem`.
+        """
+        self._size_problem = self._mismatch(camera)
+        if camera == self.camera:
+            self._candidate, self.change = None, ''
+            return False
+        if self.camera is not None and self._num_images >= _TRIAL_IMAGES:
+            self.change = (
+                f'camera_info has changed from {_text(self.camera)} to {_text(camera)}: the '
+                f'first is kept, since the map depends on it; {self._remedy}'
+            )
+            return False
+        if self._size_problem:
+            return False
+        self._num_repeats = self._num_repeats + 1 if camera == self._candidate else 1
+        self._candidate = camera
+        is_wrong_size = self.camera is not None and self._mismatch(self.camera)
+        if self.camera is not None and not is_wrong_size and self._num_repeats < _MIN_REPEATS:
+            return False
+        self.camera, self._candidate, self._num_images = camera, None, 0
+        return True
+
+    def check_image(self, size_px: tuple[int, int]) -> None:
+        """Count an image; raise MessageError if its size is not that of the calibration in use.
+
+        Args:
+            size_px: Width and height of the image.
+        """
+        self._image_size_px = size_px
+        self._size_problem = self._mismatch(self.camera) if self.camera is not None else ''
+        if self._size_problem:
+            raise MessageError(self._size_problem)
+        self._num_images += self.camera is not None
+
+    def _mismatch(self, camera: CameraModel) -> str:
+        if self._image_size_px in (None, camera.size_px):
+            return ''
+        (width, height), (seen_width, seen_height) = camera.size_px, self._image_size_px or (0, 0)
+        is_kept = self._num_images >= _TRIAL_IMAGES
+        remedy = self._remedy if is_kept else 'publish the camera_info of the color images'
+        return (
+            f'camera_info is of {width}x{height} px, images are of {seen_width}x{seen_height} px: '
+            f'{remedy}'
+        )
+
+
+def _text(camera: CameraModel) -> str:
+    return (
+        f'{camera.width_px}x{camera.height_px} px, fx {camera.fx_px:.1f}, '
+        f'{len(camera.distortion)} distortion coefficients'
+    )
