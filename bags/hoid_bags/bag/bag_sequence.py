@@ -115,7 +115,7 @@ class BagSequence:
                         problems.add(error)
                     else:
                         problems.num_frames += 1
-                        if warning := unit.add(frame.depth_m):
+                        if warning := unit.warning_for(frame.depth_m):
                             _LOG.warning('%s: %s', self.path, warning)
                         yield frame
                     color_ns, depth_ns = next(waiting, (-1, -1))

@@ -121,7 +121,7 @@ class TumFolder:
                 check_depth_unit(depth_m, f'1/{self.depth_units_per_m:g} m; set --depth-factor')
             except MessageError as error:
                 raise InputError(f'{depth.path}: {error}') from error
-            if warning := unit.add(depth_m):
+            if warning := unit.warning_for(depth_m):
                 _LOG.warning('%s: %s', self.path, warning)
             yield RgbdFrame(color.stamp_ns, image_bgr, readings_m(depth_m))
 

@@ -39,16 +39,21 @@ _KINDS = {  # of a text, by the name of the function that takes it
     **dict.fromkeys(_ERRORS, 'error'),
     'MessageError': 'message',
     'set_problem': 'problem',
+    'report_problem': 'problem',
     'warning': 'warning',
 }
 _SPEAKERS = {  # kinds of the texts of functions whose callers do not show that they are said
+    '_change_text': 'problem',
     '_clock_message': 'problem',
+    'constant_offset_text': 'problem',
+    'gap': 'problem',
     'loss_message': 'problem',
-    'mismatch': 'problem',
     'missing_message': 'problem',
     'non_finite_warning': 'problem',
     '_provider_warning': 'problem',
     'rectification_doubt': 'warning',
+    'size_mismatch': 'message',
+    'warning_for': 'warning',
 }
 _MAX_DEPTH = 5  # of functions and variables through which a text is followed
 _MAX_VARIANTS = 8  # of one text
@@ -85,7 +90,7 @@ def _said(path: Path) -> Iterator[tuple[str, str]]:
     """Yield text and kind of the calls in a module that take a text."""
     for call, function in _calls(path):
         name = _name_of(call.func)
-        place = 1 if name == 'set_problem' else 0
+        place = 1 if name.endswith('_problem') else 0
         if name in _KINDS and len(call.args) > place:
             for text in _Texts(path, function).of(call.args[place]):
                 yield text, _KINDS[name]

@@ -50,7 +50,7 @@ def test_the_page_of_messages_is_what_make_reference_writes() -> None:
 def test_the_page_of_refusals_is_what_make_reference_writes() -> None:
     page = PAGE.with_name('refusals.md').read_text()
     assert page == refusal_reference(PAGE.parents[2]), 'run "make reference"'
-    zeros = '*path*: the *kind* images have no stamps (zeros); set the stamp in the driver'
+    zeros = '*source*: the *kind* images have no stamps (zeros); set the stamp in the driver'
     for row in (
         '| *name* must be one of *join*, got *value* | error |',  # raised
         '| frames.planar needs frames.base, the frame that moves on the plane | problem |',

@@ -89,7 +89,7 @@ class FilterNode(ManagedNode):
         if frame.size_px != self._size_px:
             self._size_px = frame.size_px
             self._check_camera()
-        if warning := self._unit.add(depth_m):
+        if warning := self._unit.warning_for(depth_m):
             self.diagnostics.set_problem('depth unit', warning)
         self._live.add_image(header, frame)
 

@@ -47,21 +47,18 @@ class CameraInfoCheck:
 
         Also updates `camera` and `problem`.
         """
-        self._size_problem = self._mismatch(camera)
+        self._size_problem = self.size_mismatch(camera)
         if camera == self.camera:
             self._candidate, self.change = None, ''
             return False
         if self.camera is not None and self._num_images >= _TRIAL_IMAGES:
-            self.change = (
-                f'camera_info has changed from {_text(self.camera)} to {_text(camera)}: the '
-                f'first is kept, since the map depends on it; {self._remedy}'
-            )
+            self.change = self._change_text(self.camera, camera)
             return False
         if self._size_problem:
             return False
         self._num_repeats = self._num_repeats + 1 if camera == self._candidate else 1
         self._candidate = camera
-        is_wrong_size = self.camera is not None and self._mismatch(self.camera)
+        is_wrong_size = self.camera is not None and self.size_mismatch(self.camera)
         if self.camera is not None and not is_wrong_size and self._num_repeats < _MIN_REPEATS:
             return False
         self.camera, self._candidate, self._num_images = camera, None, 0
@@ -74,12 +71,19 @@ class CameraInfoCheck:
             size_px: Width and height of the image.
         """
         self._image_size_px = size_px
-        self._size_problem = self._mismatch(self.camera) if self.camera is not None else ''
+        self._size_problem = self.size_mismatch(self.camera) if self.camera is not None else ''
         if self._size_problem:
             raise MessageError(self._size_problem)
         self._num_images += self.camera is not None
 
-    def _mismatch(self, camera: CameraModel) -> str:
+    def _change_text(self, kept: CameraModel, other: CameraModel) -> str:
+        return (
+            f'camera_info has changed from {_text(kept)} to {_text(other)}: the first is kept, '
+            f'since the map depends on it; {self._remedy}'
+        )
+
+    def size_mismatch(self, camera: CameraModel) -> str:
+        """Return one line if a calibration has not the size of the latest image, else ''."""
         if self._image_size_px in (None, camera.size_px):
             return ''
         (width, height), (seen_width, seen_height) = camera.size_px, self._image_size_px or (0, 0)

@@ -71,8 +71,8 @@ class DepthUnitWarning:
         self._remedy = remedy
         self._medians_m: list[float] = []
 
-    def add(self, depth_m: Float32Array) -> str:
-        """Add the depth (H, W) of the next image in m; return the warning once it is due."""
+    def warning_for(self, depth_m: Float32Array) -> str:
+        """Return the warning when it is due with the next image's depth (H, W) in m, else ''."""
         if len(self._medians_m) >= _NUM_IMAGES or (median_m := _median_m(depth_m)) is None:
             return ''
         self._medians_m.append(median_m)
