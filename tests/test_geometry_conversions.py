@@ -65,14 +65,3 @@ def test_covariances_have_the_order_and_axes_of_ros() -> None:
     )
     assert np.diag(np.reshape(msg.twist.covariance, (6, 6))).tolist() == [4, 5, 6, 1, 2, 3]
     assert (msg.twist.twist.angular.z, msg.twist.twist.linear.x) == (2.0, 3.0)
-
-
-def test_path_round_trip() -> None:
-    T = se3.exp(np.random.default_rng(0).normal(size=(5, 6)))
-    stamps = np.arange(5) * 33_000_000 + 1_305_031_102_000_000_000
-    msg = sent(conversions.path_to_msg(stamps, T, HEADER))
-    assert msg.poses[3].header.frame_id == 'camera'
-    back_stamps = [conversions.stamp_from_msg(pose.header.stamp) for pose in msg.poses]
-    np.testing.assert_array_equal(back_stamps, stamps)
-    back_T = [conversions.pose_from_msg(pose.pose) for pose in msg.poses]
-    np.testing.assert_allclose(back_T, T, atol=1e-12)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from hoid_msgs.msg import Features, FeatureVerdicts
-from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
 from hoid_common import topics
@@ -18,12 +17,12 @@ from hoid_common.ros.run import is_end_asked_for, run_node
 from hoid_common.slam_status import SlamStatus
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.initial_pose import InitialPose
+from rgbd_slam.ros.map_outputs import MapOutputs
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
 from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper
-from rgbd_slam.ros.timers import set_period
 from rgbd_slam.ros.tracking_log import TrackingLog
 from rgbd_slam.session import SlamSession
 
@@ -60,9 +59,7 @@ class RgbdSlamNode(ManagedNode):
         self._map_services = MapServices(
             self, config, require_session, self._scene, self.diagnostics
         )
-        # A timer publishes the map, so that publishing does not delay the odometry of an image.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._map_timer = self.create_timer(config.map_period_s, self._publish_map, clock=steady)
+        self._map_outputs = MapOutputs(self, config, lambda: self._lifecycle.session)
         inputs = Inputs(self, config.input, self.diagnostics)
         inputs.camera(self._lifecycle.update_camera)
         on_features = inputs.with_frame(self._on_features, 'features')
@@ -88,6 +85,7 @@ class RgbdSlamNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """End the node's threads and processes, then the node."""
+        self._map_outputs.close()
         self._map_services.close()
         self._lifecycle.close(is_asked_for=is_end_asked_for())
         self._scene.close()
@@ -136,14 +134,9 @@ class RgbdSlamNode(ManagedNode):
 
     def _reconfigure(self, config: SlamNodeConfig) -> None:
         self._outputs.reconfigure(config.frames)
-        set_period(self._map_timer, config.map_period_s)
+        self._map_outputs.reconfigure(config)
         self._scene.reconfigure(config)
         self._lifecycle.reconfigure(config)
-
-    def _publish_map(self) -> None:
-        session = self._lifecycle.session
-        if session is not None and session.robot_map.take_change():
-            self._outputs.publish_map(session)
 
 
 def main() -> int:

@@ -5,14 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import numpy as np
+
 from hoid_common import se3
 from hoid_common.errors import ConfigError
-from hoid_common.values import CameraModel, FloatArray, IntArray, Trajectory
+from hoid_common.values import (
+    BoolArray,
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    Trajectory,
+)
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.map_io.map_file import MapFile, check_extendable
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.map_state import snapshot
-from rgbd_slam.model.trajectory import keyframe_poses, main_map
+from rgbd_slam.model.trajectory import current_pass, keyframe_poses, main_map
+from rgbd_slam.records.soa_table import DEAD
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import SlamStats
@@ -23,6 +33,22 @@ class LoadedMap(NamedTuple):
 
     keyframe_uids: IntArray  # (K,) of the saved keyframes
     keyframes: KeyframePoses  # all keyframes of the running map now, in the map frame
+
+
+class MapPoses(NamedTuple):
+    """Copy of the K keyframe poses of the main map in order of insertion, in the core's frame."""
+
+    map_id: int | None  # None: there is no other map
+    stamps_ns: IntArray  # (K,)
+    is_loaded: BoolArray  # (K,) whether the keyframe is from a saved map
+    T_core_camera: FloatArray  # (K, 4, 4)
+
+
+class PointRows(NamedTuple):
+    """Copy of R rows of the table of map points, in the core's map frame."""
+
+    position_m: Float32Array  # (R, 3); in rows that are not shown, anything
+    is_shown: BoolArray  # (R,) whether the row holds a point of the main map
 
 
 class RobotMap:
@@ -66,9 +92,58 @@ class RobotMap:
         is_main = points.map_id == main_map(self._slam.map.atlas.keyframes)
         return self._frames.points_m(points.position_m[points.alive & is_main])
 
-    def base_path(self) -> Trajectory:
-        """Return the poses T_map_base of the robot's base at the keyframes, by the current map."""
-        return self._frames.bases(self._slam.trajectory.keyframes())
+    def copy_poses(self) -> MapPoses:
+        """Copy the keyframe poses of the main map.
+
+        `path_of` and `cameras_of` convert them in any thread.
+        """
+        keyframes = self._slam.map.atlas.keyframes
+        map_id, rows = main_map(keyframes), keyframes.indices()
+        is_main = keyframes.map_id[rows] == map_id
+        rows = rows[is_main]
+        rows = rows[np.argsort(keyframes.uid[rows])]
+        return MapPoses(
+            None if is_main.all() else map_id,
+            keyframes.stamp_ns[rows],
+            keyframes.is_loaded[rows],
+            keyframes.T_map_camera[rows],
+        )
+
+    def copy_points(self, map_id: int | None, first: int, count: int) -> PointRows:
+        """Copy rows of the table of points, at most `count` and fewer at its end.
+
+        Copying one part after the other delays no image as copying a large map at once does.
+        `shown_points_m` converts them in any thread.
+
+        Args:
+            map_id: The map whose points are shown; None: there is no other map.
+            first: The first row.
+            count: Number of rows.
+        """
+        points, rows = self._slam.map.atlas.points, slice(first, first + count)
+        is_shown = points.uid[rows] != DEAD
+        if map_id is not None:
+            is_shown &= points.map_id[rows] == map_id
+        return PointRows(points.position_m[rows].astype(np.float32), is_shown)
+
+    def path_of(self, poses: MapPoses) -> Trajectory:
+        """Return the poses T_map_base of the robot's base at this session's keyframes.
+
+        They are those since the stamps started again last, with increasing stamps.
+        """
+        is_own = ~poses.is_loaded
+        path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
+        return self._frames.bases(path)
+
+    def cameras_of(self, poses: MapPoses) -> FloatArray:
+        """Return T_map_camera (K, 4, 4) of the keyframes."""
+        return self._frames.T_map_core @ poses.T_core_camera
+
+    def shown_points_m(self, rows: PointRows) -> Float32Array:
+        """Return the (N, 3) points [m] of copied rows in the map frame."""
+        T_map_core = self._frames.T_map_core.astype(np.float32)
+        shown_m = rows.position_m.take(np.flatnonzero(rows.is_shown), axis=0)
+        return shown_m @ T_map_core[:3, :3].T + T_map_core[:3, 3]
 
     def trajectory(self, kind: str) -> Trajectory:
         """Return the camera poses of a kind: `final`, `online` or `keyframes`.

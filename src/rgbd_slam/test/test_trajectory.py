@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hoid_common import se3
+from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import KeyframeTable
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
-from rgbd_slam.model.trajectory import TrajectoryRecorder
+from rgbd_slam.model.trajectory import TrajectoryRecorder, current_pass
 
 MANY = 5000
 
@@ -104,3 +107,18 @@ def test_a_revised_frame_is_elsewhere_now_and_was_where_it_was_said() -> None:
 
 def test_a_frame_whose_map_is_gone_is_nowhere() -> None:
     assert recorded(3, KeyframeTable()).pose(1) is None
+
+
+@given(st.lists(st.integers(0, 4 * RESTART_NS).map(lambda ns: ns // 10**8 * 10**8), max_size=12))
+def test_the_current_pass_has_increasing_stamps(stamps_ns: list[int]) -> None:
+    poses = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
+    poses[:, 0, 3] = np.arange(len(stamps_ns))
+    found = current_pass(Trajectory(np.array(stamps_ns, np.int64), poses))
+    restarts = [
+        n for n in range(1, len(stamps_ns)) if stamps_ns[n] <= stamps_ns[n - 1] - RESTART_NS
+    ]
+    latest = stamps_ns[restarts[-1] if restarts else 0 :]
+    assert found.stamps_ns.tolist() == sorted(set(latest))
+    skipped = len(stamps_ns) - len(latest)
+    first = [skipped + latest.index(stamp_ns) for stamp_ns in sorted(set(latest))]
+    assert found.T_world_camera[:, 0, 3].tolist() == first  # each pose keeps its stamp

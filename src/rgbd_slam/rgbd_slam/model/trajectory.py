@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError
+from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframe_poses import KeyframePoses
@@ -117,12 +118,12 @@ class TrajectoryRecorder:
         raise ConfigError(f'no trajectory "{kind}"; use one of final, online, keyframes')
 
     def keyframes(self) -> Trajectory:
-        """Return the poses of this session's keyframes in the main map, sorted by time."""
+        """Return the poses of this session's keyframes in the main map, in order of insertion."""
         keyframes = self._keyframes
         rows = keyframes.indices()
         rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
-        rows = rows[np.argsort(keyframes.stamp_ns[rows], kind='stable')]
-        return Trajectory(keyframes.stamp_ns[rows].copy(), keyframes.T_map_camera[rows].copy())
+        rows = rows[np.argsort(keyframes.uid[rows])]
+        return Trajectory(keyframes.stamp_ns[rows], keyframes.T_map_camera[rows])
 
     def _final(self) -> Iterator[Trajectory]:
         snapshot, num_removed = _PoseSnapshot(self._keyframes), len(self._removed)
@@ -192,6 +193,21 @@ def _find(ascending: IntArray, uids: IntArray) -> IntArray:
     """Return the index of each uid (K,) among ascending ones (the last of equals), or 0."""
     n = np.searchsorted(ascending, uids, side='right') - 1
     return np.where(ascending[n] == uids, n, 0)
+
+
+def current_pass(poses: Trajectory) -> Trajectory:
+    """Return the poses since the stamps started again last, with increasing stamps.
+
+    Stamps start again where a bag is played in a loop. Of poses with equal stamps, the first is
+    returned.
+
+    Args:
+        poses: N poses in the order of their images.
+    """
+    restarts = np.flatnonzero(np.diff(poses.stamps_ns) <= -RESTART_NS)
+    first = int(restarts[-1]) + 1 if len(restarts) else 0
+    stamps_ns, rows = np.unique(poses.stamps_ns[first:], return_index=True)
+    return Trajectory(stamps_ns, poses.T_world_camera[first:][rows])
 
 
 def main_map(keyframes: KeyframeTable) -> int:

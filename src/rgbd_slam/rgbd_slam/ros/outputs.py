@@ -1,18 +1,15 @@
-"""Everything that the SLAM node publishes."""
+"""What the SLAM node publishes after each image: odometry, transforms and status."""
 
 from __future__ import annotations
 
-import numpy as np
 from hoid_msgs.msg import SlamStatus as SlamStatusMsg
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
-from visualization_msgs.msg import MarkerArray
 
 from hoid_common import se3, topics
 from hoid_common.ros import conversions, qos
-from hoid_common.ros.conversions.slam import keyframes_to_msg, slam_status_to_msg
+from hoid_common.ros.conversions.slam import slam_status_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import TransformPublisher
 from hoid_common.slam_status import SlamStatus
@@ -21,7 +18,6 @@ from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.robot_frames import RobotPose
 from rgbd_slam.ros.wheels import WheelOdometry
-from rgbd_slam.session import SlamSession
 
 _WHEELS = 'wheels'
 
@@ -36,7 +32,7 @@ def visual_frame(odom: str) -> str:
 
 
 class SlamOutputs:
-    """The publishers of the node.
+    """The publishers for each image.
 
     Every message has the stamp of the image that it follows from, except map -> odom while another
     node sends odom -> base: its stamp is later by `transform_tolerance_s`.
@@ -57,9 +53,6 @@ class SlamOutputs:
             self._wheels = WheelOdometry(node, frames.odom, static, diagnostics)
         self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
         self._status = node.create_publisher(SlamStatusMsg, topics.SLAM_STATUS, qos.STATE)
-        self._path = node.create_publisher(Path, topics.PATH, qos.LATCHED)
-        self._points = node.create_publisher(PointCloud2, topics.MAP_POINTS, qos.LATCHED)
-        self._keyframes = node.create_publisher(MarkerArray, topics.KEYFRAMES, qos.LATCHED)
 
     def reconfigure(self, frames: FrameConfig) -> None:
         """Apply the parameters that may change at run time: the transforms that are sent."""
@@ -105,18 +98,6 @@ class SlamOutputs:
         if T_odom_first is None or T_odom_second is None:
             return None
         return se3.inverse(T_odom_first) @ T_odom_second
-
-    def publish_map(self, session: SlamSession) -> None:
-        """Publish path, points and keyframes of the main map, in the map frame."""
-        header = conversions.header_to_msg(session.stamp_ns, self.frames.map)
-        robot_map = session.robot_map
-        path, keyframes = robot_map.base_path(), robot_map.keyframes()
-        cloud = conversions.Cloud(robot_map.points_m().astype(np.float32))
-        self._path.publish(conversions.path_to_msg(path.stamps_ns, path.T_world_camera, header))
-        self._points.publish(conversions.cloud_to_msg(cloud, header))
-        self._keyframes.publish(
-            keyframes_to_msg(keyframes.T_map_camera[keyframes.is_main], header)
-        )
 
     def _publish_odometry(self, pose: RobotPose, header: Header) -> None:
         self._odom.publish(

@@ -22,7 +22,6 @@ from hoid_common.ros.conversions.features import (
 )
 from hoid_common.ros.conversions.geometry import (
     odometry_to_msg,
-    path_to_msg,
     pose_from_msg,
     pose_to_msg,
     pose_with_sigmas_from_msg,
@@ -79,7 +78,6 @@ __all__ = [
     'image_from_cdr',
     'mask_to_msg',
     'odometry_to_msg',
-    'path_to_msg',
     'pose_from_msg',
     'pose_to_msg',
     'pose_with_sigmas_from_msg',

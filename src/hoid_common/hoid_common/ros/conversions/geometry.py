@@ -1,4 +1,4 @@
-"""Conversions of poses, transforms, twists, odometry and paths.
+"""Conversions of poses, transforms, twists and odometry.
 
 In the suite, twists and covariances have the rotation first, as in GTSAM; in ROS messages they
 have the translation first. Only this module converts between the two orders.
@@ -12,20 +12,19 @@ import numpy as np
 from geometry_msgs.msg import (
     Point,
     Pose,
-    PoseStamped,
     PoseWithCovariance,
     Quaternion,
     TransformStamped,
     Twist,
     Vector3,
 )
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.headers import stamp_to_msg
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import FloatArray
 
 _ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # the permutation is its own inverse
 
@@ -130,32 +129,6 @@ def odometry_to_msg(
     msg.pose.covariance = rotated.ravel()
     msg.twist.twist = twist_to_msg(twist)
     msg.twist.covariance = twist_covariance[_ROS_ORDER].ravel()
-    return msg
-
-
-def path_to_msg(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> Path:
-    """Return the Path message of N poses.
-
-    Args:
-        stamps_ns: (N,) stamps of the poses.
-        T_map_base: (N, 4, 4) poses of the base in the header's frame, translation in m.
-        header: Header of the path.
-    """
-    quats = se3.quat_xyzw_from_rotation(T_map_base[:, :3, :3]).tolist()
-    positions_m = T_map_base[:, :3, 3].tolist()
-    msg = Path(header=header)
-    # Setting the whole list checks its elements once; appending poses would check each time.
-    msg.poses = [
-        PoseStamped(
-            header=Header(stamp=stamp_to_msg(stamp), frame_id=header.frame_id),
-            pose=Pose(
-                position=Point(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)
-            ),
-        )
-        for stamp, (x, y, z), (qx, qy, qz, qw) in zip(
-            stamps_ns.tolist(), positions_m, quats, strict=True
-        )
-    ]
     return msg
 
 

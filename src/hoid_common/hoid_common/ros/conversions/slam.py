@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Vector3
 from hoid_msgs.msg import SlamStatus as SlamStatusMsg
 from std_msgs.msg import ColorRGBA, Header
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import Marker
 
 from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
@@ -62,25 +62,33 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
     )
 
 
-def keyframes_to_msg(T_map_camera: FloatArray, header: Header) -> MarkerArray:
-    """Return one line marker that shows each keyframe as a pyramid with its tip at the camera.
-
-    Without keyframes, the marker is deleted.
+def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
+    """Return the marker of the keyframes' lines, without its points.
 
     Args:
-        T_map_camera: (N, 4, 4) poses of the keyframes' optical frames in the map frame.
         header: Header with the map frame.
+        is_empty: Whether there are no keyframes; the marker is then deleted.
     """
-    lines_m = _pyramid_lines()
-    placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]
     marker = Marker(header=header, ns='keyframes', id=0, type=Marker.LINE_LIST)
     # RViz reports an error for an empty list of lines.
-    marker.action = Marker.ADD if len(T_map_camera) else Marker.DELETE
+    marker.action = Marker.DELETE if is_empty else Marker.ADD
     marker.pose.orientation.w = 1.0
     marker.scale = Vector3(x=_LINE_M, y=0.0, z=0.0)
     marker.color = _COLOR
-    marker.points = [Point(x=x, y=y, z=z) for x, y, z in placed.reshape(-1, 3).tolist()]
-    return MarkerArray(markers=[marker])
+    return marker
+
+
+def keyframe_lines_m(T_map_camera: FloatArray) -> FloatArray:
+    """Return the end points (16 N, 3) in m of the lines that show N keyframes as pyramids.
+
+    The tip of a pyramid is at the camera.
+
+    Args:
+        T_map_camera: (N, 4, 4) poses of the keyframes' optical frames in the map frame.
+    """
+    lines_m = _pyramid_lines()
+    placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]
+    return np.asarray(placed.reshape(-1, 3))
 
 
 def _pyramid_lines() -> FloatArray:

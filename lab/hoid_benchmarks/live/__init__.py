@@ -1,0 +1,1 @@
+"""Measurements of running nodes: processor time, memory, wake-ups and latency."""

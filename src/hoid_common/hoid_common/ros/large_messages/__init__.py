@@ -1,0 +1,1 @@
+"""Large messages: serialized from whole arrays, and published without delaying other threads."""

@@ -1,0 +1,153 @@
+"""Publishes path, map points and keyframes of the main map in a thread of their own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from queue import SimpleQueue
+from threading import Thread
+from typing import NamedTuple
+
+import numpy as np
+from nav_msgs.msg import Path
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from visualization_msgs.msg import MarkerArray
+
+from hoid_common import topics
+from hoid_common.ros import conversions, qos
+from hoid_common.ros.large_messages.publisher import OnDemandPublisher
+from hoid_common.ros.large_messages.serialized import (
+    cloud_to_cdr,
+    keyframes_to_cdr,
+    path_to_cdr,
+)
+from hoid_common.values import ByteArray, Float32Array
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.robot_map import MapPoses, RobotMap
+from rgbd_slam.ros.node_thread import NodeThread
+from rgbd_slam.ros.timers import set_period
+from rgbd_slam.session import SlamSession
+
+# Chosen: share of one core that making and publishing these messages takes at most, so that the
+# rate falls in large maps. 10,000 keyframes with 1.7 million points take 0.1 s, which is 2 s.
+_MAX_SHARE = 0.05
+_ROWS = 2**19  # chosen: copying so many points delays an image by less than 2 ms
+
+
+class _Snapshot(NamedTuple):
+    """The poses of the map at one time, copied in the node's thread."""
+
+    robot_map: RobotMap
+    header: Header
+    poses: MapPoses
+
+
+class _Job(NamedTuple):
+    snapshot: _Snapshot
+    publishers: list[OnDemandPublisher]
+
+
+class MapOutputs:
+    """The latched topics of the map: path, map points and keyframes.
+
+    A message is made only for a topic that has subscribers. It is made when the map has changed
+    since the last one, at most once per `map_period_s`, and at once for a subscriber that joins.
+    The node's thread only copies the map.
+
+    Args:
+        node: The SLAM node.
+        config: Its parameters.
+        session: Returns the session; None while there is none.
+    """
+
+    def __init__(
+        self, node: Node, config: SlamNodeConfig, session: Callable[[], SlamSession | None]
+    ) -> None:
+        self._frame, self._session = config.frames.map, session
+        self._node_thread, self._context = NodeThread(node), node.context
+        self._makers: dict[OnDemandPublisher, Callable[[_Snapshot], ByteArray]] = {
+            OnDemandPublisher(node, type_, topic, qos.LATCHED, self._on_subscribers): make
+            for type_, topic, make in (
+                (Path, topics.PATH, _path),
+                (PointCloud2, topics.MAP_POINTS, self._points),
+                (MarkerArray, topics.KEYFRAMES, _keyframes),
+            )
+        }
+        self._outdated: set[OnDemandPublisher] = set()  # whose last message is not the map's
+        self._is_busy, self._rest_until_s = False, 0.0
+        self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
+        self._thread = Thread(target=self._run, name='map outputs', daemon=True)
+        self._thread.start()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(config.map_period_s, self._on_timer, clock=steady)
+
+    def reconfigure(self, config: SlamNodeConfig) -> None:
+        """Apply the parameters that may change at run time: the period."""
+        set_period(self._timer, config.map_period_s)
+
+    def close(self) -> None:
+        """End the thread after the message that is being made."""
+        self._jobs.put(None)
+
+    def _on_timer(self) -> None:
+        if time.monotonic() >= self._rest_until_s:
+            self._publish()
+
+    def _on_subscribers(self) -> None:
+        self._publish()
+
+    def _publish(self) -> None:
+        """Have messages made for all topics that have subscribers and are not up to date."""
+        session = self._session()
+        if session is None or self._is_busy:
+            return
+        if session.robot_map.take_change():
+            self._outdated.update(self._makers)
+        wanted = [publisher for publisher in self._outdated if publisher.is_wanted]
+        if wanted:
+            self._outdated.difference_update(wanted)
+            self._is_busy = True
+            self._jobs.put(_Job(self._snapshot(session), wanted))
+
+    def _snapshot(self, session: SlamSession) -> _Snapshot:
+        header = conversions.header_to_msg(session.stamp_ns, self._frame)
+        return _Snapshot(session.robot_map, header, session.robot_map.copy_poses())
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            start_s, start_cpu_s = time.monotonic(), time.thread_time()
+            try:
+                for publisher in job.publishers:
+                    publisher.publish(self._makers[publisher](job.snapshot))
+            except Exception:
+                if self._context.ok():
+                    raise
+                return  # the node is ending
+            self._rest_until_s = start_s + (time.thread_time() - start_cpu_s) / _MAX_SHARE
+            self._is_busy = False
+
+    def _points(self, snapshot: _Snapshot) -> ByteArray:
+        """Return the serialized cloud of the map points, which are copied part by part."""
+        robot_map, map_id = snapshot.robot_map, snapshot.poses.map_id
+        points_m: list[Float32Array] = []
+        for first in count(0, _ROWS):
+            copy = partial(robot_map.copy_points, map_id, first, _ROWS)
+            rows = self._node_thread.call(copy)
+            points_m.append(robot_map.shown_points_m(rows))
+            if len(rows.is_shown) < _ROWS:
+                break
+        return cloud_to_cdr(conversions.Cloud(np.concatenate(points_m)), snapshot.header)
+
+
+def _path(snapshot: _Snapshot) -> ByteArray:
+    path = snapshot.robot_map.path_of(snapshot.poses)
+    return path_to_cdr(path.stamps_ns, path.T_world_camera, snapshot.header)
+
+
+def _keyframes(snapshot: _Snapshot) -> ByteArray:
+    return keyframes_to_cdr(snapshot.robot_map.cameras_of(snapshot.poses), snapshot.header)
