@@ -230,7 +230,7 @@ def test_reset_empties_the_maps_and_mapping_continues(
     assert len(peer.cloud_m()) > 0
     assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request()).success
     peer.probe.spin_until(lambda: peer.clouds[-1].width == 0, 'the cloud is not empty', 30.0)
-    assert peer.grids[-1].info.width == 0
+    peer.probe.spin_until(lambda: peer.grids[-1].info.width == 0, 'the grid is not empty', 30.0)
     peer.track(messages[40:80])
     peer.await_map(messages[60].stamp_ns)
     assert len(peer.cloud_m()) > 0

@@ -22,6 +22,7 @@ from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
+EVERY = frozenset(output.name for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS))
 STAMP_NS = 5_000_000_000
 PERSON = TrackedObject(
     1, 'person', ObjectState.PERSON, STAMP_NS, 0.9, np.zeros(3), np.zeros(3), np.ones(3)
@@ -33,7 +34,9 @@ def new_outputs(*, is_map_level: bool) -> tuple[SceneOutputs, list[Output]]:
         'scene', 'map', is_map_level, DenseConfig(), ObjectTrackerConfig(), InputConfig()
     )
     sent: list[Output] = []
-    return SceneOutputs(sent.append, setup), sent
+    scene_outputs = SceneOutputs(sent.append, setup)
+    scene_outputs.subscribed = EVERY
+    return scene_outputs, sent
 
 
 def floor_scene() -> SceneMapper:
@@ -55,6 +58,7 @@ def floor_scene() -> SceneMapper:
 @pytest.mark.parametrize('is_map_level', [False, True])
 def test_every_message_has_the_type_of_its_topic(is_map_level: bool) -> None:
     scene_outputs, sent = new_outputs(is_map_level=is_map_level)
+    scene_outputs.note_change()
     scene_outputs.publish_map(floor_scene(), STAMP_NS)
     scene_outputs.publish_objects((PERSON,), STAMP_NS)
     scene_outputs.clear(STAMP_NS)
@@ -79,6 +83,32 @@ def test_a_row_of_the_table_adds_a_topic(monkeypatch: pytest.MonkeyPatch) -> Non
     row = OutputTopic('num_people', UInt32, qos.OUTPUT, num_people_to_msg)
     monkeypatch.setattr(outputs, 'OBJECT_OUTPUTS', (*OBJECT_OUTPUTS, row))
     scene_outputs, sent = new_outputs(is_map_level=True)
+    scene_outputs.subscribed = frozenset({'num_people'})
     scene_outputs.publish_objects((PERSON, PERSON), STAMP_NS)
     assert sent[-1].topic == 'num_people'
     assert deserialize_message(sent[-1].data, UInt32).data == 2
+
+
+@pytest.mark.parametrize(
+    ('subscribed', 'published'),
+    [
+        (set(), []),
+        ({'people'}, ['people']),
+        ({'cloud_map'}, ['cloud_map']),
+        ({'grid_map'}, ['/tf_static', 'grid_map']),
+        ({'cloud_map', 'grid_map_updates'}, ['cloud_map', '/tf_static', 'grid_map']),
+    ],
+)
+def test_messages_are_made_for_subscribers_only(
+    subscribed: set[str], published: list[str]
+) -> None:
+    scene_outputs, sent = new_outputs(is_map_level=False)
+    scene_outputs.note_change()
+    scene_outputs.subscribed = frozenset(subscribed)
+    scene_outputs.publish_map(floor_scene(), STAMP_NS)
+    scene_outputs.publish_objects((PERSON,), STAMP_NS)
+    assert [output.topic for output in sent] == published
+    assert not scene_outputs.due
+    scene_outputs.subscribed = EVERY  # late subscribers get what was not made so far
+    late = {'cloud_map', '/tf_static', 'grid_map', 'grid_map_updates'} - set(published)
+    assert scene_outputs.due == (late if 'grid_map' not in published else late & {'cloud_map'})

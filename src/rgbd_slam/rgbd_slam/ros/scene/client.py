@@ -7,18 +7,19 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 
 from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.large_messages.publisher import OnDemandPublisher
 from hoid_common.values import CameraModel
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
-from rgbd_slam.ros.scene.messages import ClearScene, Output, SceneSetup
+from rgbd_slam.ros.scene.messages import ClearScene, Output, SceneSetup, Subscribed
 from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_OUTPUTS
 from rgbd_slam.ros.scene.process import SceneProcess
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
@@ -53,11 +54,13 @@ class SceneClient:
         self._diagnostics = diagnostics
         self._process: SceneProcess | None = None
         self._camera: CameraModel | None = None
-        self._publishers: dict[str, Publisher] = {}
+        self._publishers: dict[str, OnDemandPublisher] = {}
         if not config.dense.enabled and not config.objects.enabled:
             return
         self._publishers = {
-            output.name: node.create_publisher(output.type, output.name, output.qos)
+            output.name: OnDemandPublisher(
+                node, output.type, output.name, output.qos, self._report_subscribers
+            )
             for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS)
             if output.name != topics.TF_STATIC or not config.frames.base
         }
@@ -160,9 +163,15 @@ class SceneClient:
         if self._process is not None:
             self._process.close()
 
+    def _report_subscribers(self) -> None:
+        """Tell the process which topics have subscribers; /tf_static has them everywhere."""
+        if self._process is not None:
+            names = {name for name, publisher in self._publishers.items() if publisher.is_wanted}
+            self._process.send(Subscribed(frozenset(names - {topics.TF_STATIC})))
+
     def _publish(self, output: Output) -> None:
         self._diagnostics.clear_problem(_PROBLEM)  # a new process is at work
-        self._publishers[output.topic].publish(output.data)
+        self._publishers[output.topic].publish(np.frombuffer(output.data, np.uint8))
 
     def _report_end(self, how: str, is_restarted: bool) -> None:
         self._diagnostics.count(_DEATHS)

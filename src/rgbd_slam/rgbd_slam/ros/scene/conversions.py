@@ -12,13 +12,13 @@ from hoid_msgs.msg import TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from people_msgs.msg import People, Person
-from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from hoid_common.ros import conversions
-from hoid_common.values import FloatArray
+from hoid_common.ros.large_messages.serialized import cloud_to_cdr
+from hoid_common.values import ByteArray, FloatArray
 from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.ros.scene.steady_grid import GridPatch
 from rgbd_slam.scene.grid import Grid
@@ -49,10 +49,10 @@ class SceneMaps(NamedTuple):
     is_discarded: bool = False  # True: the scene was discarded, and the maps are empty
 
 
-def cloud_to_msg(maps: SceneMaps) -> PointCloud2:
-    """Return the message of the dense map."""
+def serialized_cloud(maps: SceneMaps) -> ByteArray:
+    """Return the serialized sensor_msgs/PointCloud2 of the dense map."""
     cloud = conversions.Cloud(maps.cloud.points_m, maps.cloud.colors_bgr)
-    return conversions.cloud_to_msg(cloud, maps.header)
+    return cloud_to_cdr(cloud, maps.header)
 
 
 def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:

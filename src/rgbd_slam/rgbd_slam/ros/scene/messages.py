@@ -31,6 +31,12 @@ class ClearScene(NamedTuple):
     """Discards the scene; the next `CameraModel` starts a new one."""
 
 
+class Subscribed(NamedTuple):
+    """Names of the topics that have subscribers; messages are made only for these."""
+
+    topics: frozenset[str] = frozenset()
+
+
 class SavedSubmaps(NamedTuple):
     """Adds the dense map of a saved map, whose keyframes are in the last `KeyframePoses`."""
 
@@ -53,6 +59,7 @@ SceneMessage = (
     CameraModel
     | ClearScene
     | DenseConfig
+    | Subscribed
     | SceneRequest
     | KeyframePoses
     | StoredView

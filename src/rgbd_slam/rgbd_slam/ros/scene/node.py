@@ -38,6 +38,7 @@ from rgbd_slam.ros.scene.messages import (
     SceneMessage,
     SceneReport,
     SceneSetup,
+    Subscribed,
 )
 from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.ros.timers import set_period
@@ -76,7 +77,6 @@ class SceneNode(Node):
         self._camera: CameraModel | None = None
         self._outputs = SceneOutputs(self._report, setup)
         self._stamp_ns = 0  # of the latest image in the dense map
-        self._is_published = True  # whether the published maps are up to date
         self._rest_until_s = 0.0  # when the maps may be published again
         self._num_fused = 0  # images in this scene
         self._matcher = StampMatcher(
@@ -121,6 +121,9 @@ class SceneNode(Node):
                 self._begin(None)
             case DenseConfig():
                 self._reconfigure(message)
+            case Subscribed():
+                self._outputs.subscribed = message.topics
+                self._publish()
             case SceneCommand():
                 self._report(self._execute(message))
             case KeyframePoses() if self._scene is not None:
@@ -137,8 +140,8 @@ class SceneNode(Node):
     def _reconfigure(self, dense: DenseConfig) -> None:
         self._setup = self._setup._replace(dense=dense)
         set_period(self._timer, dense.publish_period_s)
-        if self._scene is not None:
-            self._is_published &= not self._scene.reconfigure(dense)
+        if self._scene is not None and self._scene.reconfigure(dense):
+            self._outputs.note_change()
 
     def _execute(self, command: SceneCommand) -> CommandResult:
         try:
@@ -155,7 +158,7 @@ class SceneNode(Node):
         return CommandResult(command.number, True, text)
 
     def _on_map_change(self, scene: SceneMapper) -> None:
-        self._is_published = False
+        self._outputs.note_change()
         self._report_changes(scene)
 
     def _report_changes(self, scene: SceneMapper) -> None:
@@ -238,9 +241,8 @@ class SceneNode(Node):
             return
         start_s = time.monotonic()
         if self._scene.ledger.fuse_bent():
-            self._is_published = False
-        if not self._is_published:
-            self._is_published = True
+            self._outputs.note_change()
+        if self._outputs.due:
             self._outputs.publish_map(self._scene, self._stamp_ns)
             self._report_floor(self._scene)
         end_s = time.monotonic()

@@ -35,7 +35,10 @@ from rgbd_slam.scene.scene_mapper import SceneMapper
 
 
 class OutputTopic(NamedTuple):
-    """A topic, and the function that makes its message, or None if nothing is to be published."""
+    """A topic, and the function that makes its message or the bytes of its serialized message.
+
+    The function returns None if nothing is to be published.
+    """
 
     name: str
     type: Any
@@ -44,7 +47,7 @@ class OutputTopic(NamedTuple):
 
 
 # `to_msg` is called with (objects: tuple[TrackedObject, ...], header: Header) after each image
-# that is used to track objects.
+# that is used to track objects, if the topic has subscribers.
 OBJECT_OUTPUTS = (
     OutputTopic(
         topics.TRACKED_OBJECTS, TrackedObjectArray, qos.OUTPUT, conversions.tracked_objects_to_msg
@@ -55,9 +58,10 @@ OBJECT_OUTPUTS = (
     ),
 )
 # `to_msg` is called with (maps: SceneMaps) once per `dense.publish_period_s`, if the maps have
-# changed.
+# changed and a topic of the table has subscribers. The cloud is made for its own subscribers, and
+# all other messages for those of any other topic.
 MAP_OUTPUTS = (
-    OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, conversions.cloud_to_msg),
+    OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, conversions.serialized_cloud),
     OutputTopic(topics.TF_STATIC, TFMessage, qos.TF_STATIC, conversions.level_frame_to_msg),
     OutputTopic(topics.GRID_MAP, OccupancyGrid, qos.LATCHED, conversions.grid_to_msg),
     OutputTopic(
@@ -81,15 +85,32 @@ class SceneOutputs:
         self._frame, self._is_map_level = setup.map_frame, setup.is_map_level
         self._steady = SteadyGrid()
         self._T_map_level: FloatArray | None = None  # as published last
+        self._outdated: set[str] = set()  # topics of maps whose last message is not up to date
+        self.subscribed: frozenset[str] = frozenset()  # names of the topics with subscribers
+
+    def note_change(self) -> None:
+        """Note that the maps have changed, so that all of them are to be published."""
+        self._outdated = {output.name for output in MAP_OUTPUTS}
+
+    @property
+    def due(self) -> frozenset[str]:
+        """Return the names of the maps that have changed and are to be published now."""
+        wanted = self._outdated & self.subscribed
+        if wanted - {topics.CLOUD_MAP}:
+            wanted |= self._outdated - {topics.CLOUD_MAP}
+        return frozenset(wanted)
 
     def publish_objects(self, objects: tuple[TrackedObject, ...], stamp_ns: int) -> None:
         """Publish the tracks of people and objects after an image with this stamp."""
-        self._publish(OBJECT_OUTPUTS, objects, header_to_msg(stamp_ns, self._frame))
+        wanted = [output for output in OBJECT_OUTPUTS if output.name in self.subscribed]
+        self._publish(wanted, objects, header_to_msg(stamp_ns, self._frame))
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
-        """Publish the cloud and, once a floor is known, the grid."""
+        """Publish what is due: the cloud and, once a floor is known, the grid."""
+        due = self.due
+        self._outdated -= due
         header, cloud = header_to_msg(stamp_ns, self._frame), scene.cloud()
-        grid = self.place_grid(scene, cloud)
+        grid = self.place_grid(scene, cloud) if due - {topics.CLOUD_MAP} else None
         if grid is None:
             maps = SceneMaps(cloud, header)
         elif self._is_map_level:
@@ -99,7 +120,7 @@ class SceneOutputs:
             level_header = header_to_msg(stamp_ns, f'{self._frame}_level')
             patch, T_map_level = self._steady.take_patch(grid), self._take_level(grid.T_map_level)
             maps = SceneMaps(cloud, header, grid, level_header, 0.0, patch, T_map_level)
-        self._publish(MAP_OUTPUTS, maps)
+        self._publish([output for output in MAP_OUTPUTS if output.name in due], maps)
 
     def place_grid(self, scene: SceneMapper, cloud: ColoredCloud) -> Grid | None:
         """Return the grid of a cloud of the scene, with the size in which it is published.
@@ -120,8 +141,10 @@ class SceneOutputs:
         self._steady.clear()
         empty = ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         header = header_to_msg(stamp_ns, self._frame)
+        self._outdated.clear()
+        # Late subscribers must not get a map that was discarded.
         self._publish(MAP_OUTPUTS, SceneMaps(empty, header, is_discarded=True))
-        self.publish_objects((), stamp_ns)
+        self._publish(OBJECT_OUTPUTS, (), header)
 
     def _take_level(self, T_map_level: FloatArray) -> FloatArray | None:
         """Return the pose (4, 4) of the level frame if it has changed since it was published."""
@@ -134,5 +157,7 @@ class SceneOutputs:
     def _publish(self, outputs: Sequence[OutputTopic], *source: object) -> None:
         for output in outputs:
             message = output.to_msg(*source)
-            if message is not None:
+            if isinstance(message, np.ndarray):
+                self._send(Output(output.name, message.tobytes()))
+            elif message is not None:
                 self._send(Output(output.name, serialize_message(message)))

@@ -33,6 +33,7 @@ from rgbd_slam.ros.scene.messages import (
     SceneMessage,
     SceneReport,
     SceneSetup,
+    Subscribed,
 )
 from rgbd_slam.ros.scene.node import run_scene_node
 from rgbd_slam.scene.scene_scheduler import SceneRequest
@@ -50,6 +51,7 @@ class _State:
     """What a new process needs to continue."""
 
     dense: DenseConfig
+    subscribed: Subscribed = field(default_factory=Subscribed)
     camera: CameraModel | None = None
     keyframes: KeyframePoses | None = None
     loaded: list[SavedSubmaps] = field(default_factory=list)
@@ -89,7 +91,13 @@ class SceneProcess:
     def send(
         self,
         message: (
-            CameraModel | ClearScene | DenseConfig | KeyframePoses | StoredView | SavedSubmaps
+            CameraModel
+            | ClearScene
+            | DenseConfig
+            | KeyframePoses
+            | SavedSubmaps
+            | StoredView
+            | Subscribed
         ),
     ) -> None:
         """Send a message that changes the scene.
@@ -106,6 +114,8 @@ class SceneProcess:
                     self._forget()
                 case DenseConfig():
                     self._state.dense = message
+                case Subscribed():
+                    self._state.subscribed = message
                 case KeyframePoses():
                     self._state.keyframes = message
                 case SavedSubmaps():
@@ -235,6 +245,7 @@ class SceneProcess:
     def _restore_state(self) -> None:
         """Send a new process everything that its predecessor had."""
         self._worker.send(self._state.dense)
+        self._worker.send(self._state.subscribed)
         if self._state.camera is None:
             return
         self._worker.send(self._state.camera)
