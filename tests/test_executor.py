@@ -170,6 +170,39 @@ def test_spinning_ends_with_the_context(node: Node, executor: SteadyExecutor) ->
         executor.spin()
 
 
+def test_spinning_ends_with_the_context_just_after_a_message(
+    node: Node, executor: SteadyExecutor
+) -> None:
+    """Requests and events are not waited for then, but the end of the context is."""
+    received: list[Header] = []
+    node.create_subscription(Header, 'words', received.append, 10)
+    publisher = node.create_publisher(Header, 'words', 10)
+    spin_until(executor, lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(Header())
+    spin_until(executor, lambda: len(received) == 1)
+    ending = threading.Timer(0.02, rclpy.try_shutdown)
+    ending.start()
+    # RuntimeError: this thread was so late that the context had ended before.
+    with pytest.raises((ExternalShutdownException, RuntimeError)):
+        executor.spin_once()
+    ending.join()
+
+
+def test_requests_are_served_while_messages_arrive(node: Node, executor: SteadyExecutor) -> None:
+    received: list[Header] = []
+    node.create_subscription(Header, 'words', received.append, 10)
+    publisher = node.create_publisher(Header, 'words', 10)
+    node.create_service(SetBool, 'enable', lambda _, response: response)
+    client = node.create_client(SetBool, 'enable')
+    spin_until(executor, client.service_is_ready)
+    node.create_timer(1e-3, lambda: publisher.publish(Header()))
+    spin_until(executor, lambda: len(received) > 10)
+    future = client.call_async(SetBool.Request())
+    sent = len(received)
+    spin_until(executor, future.done)
+    assert len(received) - sent < 1000  # of 20 in the longest time for which a request waits
+
+
 def test_a_service_thread_answers_while_the_node_is_busy(
     node: Node, executor: SteadyExecutor
 ) -> None:

@@ -1,4 +1,4 @@
-"""Round trips of poses, odometry and paths, with messages that are serialized as by ROS."""
+"""Round trips of poses and odometry, with messages that are serialized as by ROS."""
 
 import numpy as np
 import pytest
@@ -30,6 +30,15 @@ def test_pose_and_transform_round_trip(T: FloatArray) -> None:
         5,
     )
     np.testing.assert_allclose(conversions.transform_from_msg(msg), T, atol=1e-12)
+
+
+# Turns by up to 180 degrees about each axis make each component of the quaternion the largest.
+@given(arrays(np.float64, 3, elements=st.floats(-np.pi, np.pi)))
+def test_the_quaternion_of_one_pose_is_that_of_many(rotation: FloatArray) -> None:
+    T = se3.exp(np.array([*rotation, 0, 0, 0]))
+    q = conversions.pose_to_msg(T).orientation
+    expected = se3.quat_xyzw_from_rotation(T[:3, :3])
+    np.testing.assert_allclose([q.x, q.y, q.z, q.w], expected, rtol=0, atol=1e-15)
 
 
 def test_a_pose_without_rotation_is_refused() -> None:

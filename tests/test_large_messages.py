@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, Quaternion
 from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Path
@@ -51,7 +51,9 @@ def test_a_path_has_every_pose_in_the_frame_of_its_header(count: int, frame: str
     expected = Path(header=header(frame))
     for stamp_ns, T in zip(stamps_ns.tolist(), T_map_base, strict=True):
         pose = PoseStamped(header=conversions.header_to_msg(stamp_ns, frame))
+        x, y, z, w = se3.quat_xyzw_from_rotation(T[:3, :3]).tolist()
         pose.pose = conversions.pose_to_msg(T)
+        pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
         expected.poses.append(pose)
     assert read(path_to_cdr(stamps_ns, T_map_base, header(frame)), Path) == expected
 
