@@ -19,9 +19,16 @@ from hoid_benchmarks.jobs.masks import mask_report
 from hoid_benchmarks.jobs.pairs import pair_report
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
+from hoid_benchmarks.live.cases import CASES, PUBLISHING
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
 from hoid_benchmarks.plan.sequences import Store
-from hoid_benchmarks.publish.pages import publish_faults, publish_rooms, results_path, write_pages
+from hoid_benchmarks.publish.pages import (
+    publish_faults,
+    publish_live,
+    publish_rooms,
+    results_path,
+    write_pages,
+)
 from hoid_benchmarks.publish.results_file import keep
 from hoid_benchmarks.report.check import check
 from hoid_benchmarks.report.report import Report
@@ -31,8 +38,8 @@ from hoid_common.errors import HoidError
 
 _MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
 _FAULTS, _COVARIANCES = 'faults', 'covariances'
-_BUILDING = 'building'
-REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING)
+_BUILDING, _LIVE = 'building', 'live'
+REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING, _LIVE)
 """Reports that `hoid bench` can write besides experiments and the times of stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
@@ -51,7 +58,8 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         f'{_ROOMS}: dense map, grid and object tracks of rendered rooms; '
         f'{_COVARIANCES}: published covariances compared with the errors; '
         f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)}); '
-        f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)})',
+        f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)}); '
+        f'{_LIVE}: what the nodes use while they run ({", ".join((*CASES, PUBLISHING))})',
     )
     add('--quick', action='store_true', help='run the plan "quick", which takes a few minutes')
     add(
@@ -146,7 +154,9 @@ def bench_command(args: argparse.Namespace) -> None:
         return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)
     store.made.mkdir(parents=True, exist_ok=True)
-    if args.what in STAGES and not args.quick:
+    if args.what == _LIVE:
+        _live(args, store)
+    elif args.what in STAGES and not args.quick:
         sys.stdout.write(time_stage(args.what, store))
     elif args.what == _MASKS and not args.quick:
         sys.stdout.write(mask_report(args.only, store))
@@ -171,6 +181,18 @@ def _faults(args: argparse.Namespace) -> None:
     sys.stdout.write(text)
     if args.publish:
         publish_faults(_ROOT, text)
+
+
+def _live(args: argparse.Namespace, store: Store) -> None:
+    from hoid_benchmarks.live.live_report import live_report  # imports ROS
+
+    lines = []
+    for line in live_report(args.only, store, args.out / _LIVE, args.detector, quick=args.quick):
+        sys.stdout.write(line)
+        sys.stdout.flush()
+        lines.append(line)
+    if args.publish:
+        publish_live(_ROOT, ''.join(lines))
 
 
 def _experiments(args: argparse.Namespace, store: Store) -> None:

@@ -1,9 +1,10 @@
 """Writes the tables of README and of the result pages from the files of results.
 
 A table is written between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`. The word
-`summary` instead of experiments means the table of README. The output of `hoid bench faults` and
-`rooms` is written between `<!-- printed -->` and `<!-- /printed -->` of their pages. `make
-reference` writes all tables, the figures, the list of decisions and the page of published values.
+`summary` instead of experiments means the table of README. The output of `hoid bench faults`,
+`live` and `rooms` is written between `<!-- printed -->` and `<!-- /printed -->` of their pages.
+`make reference` writes all tables, the figures, the list of decisions and the page of published
+values.
 """
 
 from __future__ import annotations
@@ -98,6 +99,11 @@ def publish_faults(root: Path, table: str) -> None:
 def publish_rooms(root: Path, report: str) -> None:
     """Write the report of mapped rooms into its page."""
     _replace_printed(root, 'rooms', lambda _: f'\n{report}\n')
+
+
+def publish_live(root: Path, report: str) -> None:
+    """Write the report of running nodes into its page."""
+    _replace_printed(root, 'live', lambda _: f'\n{report}\n')
 
 
 def _replace_printed(root: Path, name: str, new: Callable[[str], str]) -> None:
