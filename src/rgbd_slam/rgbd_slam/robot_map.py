@@ -49,6 +49,7 @@ class PointRows(NamedTuple):
 
     position_m: Float32Array  # (R, 3); in rows that are not shown, anything
     is_shown: BoolArray  # (R,) whether the row holds a point of the main map
+    is_last: bool  # whether no rows follow
 
 
 class RobotMap:
@@ -110,7 +111,7 @@ class RobotMap:
         )
 
     def copy_points(self, map_id: int | None, first: int, count: int) -> PointRows:
-        """Copy rows of the table of points, at most `count` and fewer at its end.
+        """Copy the rows up to the last point among `count` rows of the table of points.
 
         Copying one part after the other delays no image as copying a large map at once does.
         `shown_points_m` converts them in any thread.
@@ -124,7 +125,12 @@ class RobotMap:
         is_shown = points.uid[rows] != DEAD
         if map_id is not None:
             is_shown &= points.map_id[rows] == map_id
-        return PointRows(points.position_m[rows].astype(np.float32), is_shown)
+        num_used = len(is_shown) - int(is_shown[::-1].argmax()) if is_shown.any() else 0
+        return PointRows(
+            points.position_m[first : first + num_used].astype(np.float32),
+            is_shown[:num_used],
+            first + count >= points.capacity,
+        )
 
     def path_of(self, poses: MapPoses) -> Trajectory:
         """Return the poses T_map_base of the robot's base at this session's keyframes.

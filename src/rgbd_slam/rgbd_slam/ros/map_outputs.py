@@ -139,7 +139,7 @@ class MapOutputs:
             copy = partial(robot_map.copy_points, map_id, first, _ROWS)
             rows = self._node_thread.call(copy)
             points_m.append(robot_map.shown_points_m(rows))
-            if len(rows.is_shown) < _ROWS:
+            if rows.is_last:
                 break
         return cloud_to_cdr(conversions.Cloud(np.concatenate(points_m)), snapshot.header)
 
