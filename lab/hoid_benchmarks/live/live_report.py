@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_benchmarks.jobs.machine import machine
+from hoid_benchmarks.jobs.machine import Code, machine
 from hoid_benchmarks.live.cases import CASES, PUBLISHING, QUICK, LiveCase
 from hoid_benchmarks.live.live_case import PROCESSES, LiveResult, run_case
 from hoid_benchmarks.live.publishing import publishing
@@ -17,6 +17,7 @@ from hoid_benchmarks.plan.sequences import Store
 from hoid_bringup.cli import main as hoid
 from hoid_common.errors import HoidError, InputError
 
+_ROOT = Path(__file__).parents[3]
 _LIMIT_S, _QUICK_S = 20.0, 5.0  # chosen: time that is measured of each case
 _HEADS = (
     *('case', 'filter', 'subscribed', 'cores', 'Hz', 'process'),
@@ -50,7 +51,8 @@ def live_report(
         for name in cases:
             yield from _case_lines(name, store, out, detector, _QUICK_S if quick else _LIMIT_S)
         load = os.getloadavg()[1]
-        yield f'\nMade on {machine()}; load average {load:.1f}.\n'
+        commit = Code.of(_ROOT).commit
+        yield f'\nMade at commit {commit}, on {machine()}; load average {load:.1f}.\n'
     if PUBLISHING in names:
         yield f'\n{publishing(0).table()}'
 

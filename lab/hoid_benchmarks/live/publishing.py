@@ -138,7 +138,7 @@ class _Rounds:
         with _Ticker() as ticker:
             while (left_s := end_s - time.monotonic()) > 0:
                 self._session.robot_map.has_changed |= changing
-                self._executor.spin_once(timeout_sec=left_s)
+                self._executor.spin_once(timeout_sec=min(left_s, _POLL_S))
         return _Idle((time.thread_time() - start_s) / _IDLE_S, ticker.longest_s)
 
     def _round(self, arrived: Connection) -> _Round:
