@@ -67,7 +67,7 @@ def run_case(
     )
     with scratch_folder(folder, 'live') as scratch, own_domain(), _on_cores(case.num_cores):
         try:
-            nodes = node_specs(node_options(bag, config, scratch.resolve()), scratch)
+            nodes = node_specs(node_options(bag, config, scratch.resolve()))
             with (
                 ros_session('hoid_live') as node,
                 Supervisor(nodes, log_dir=folder / 'logs') as running,
