@@ -9,6 +9,7 @@ from hoid_common import se3
 from hoid_common.errors import ConfigError
 from hoid_common.values import CameraModel, FloatArray, IntArray, Trajectory
 from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_file import MapFile, check_extendable
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.map_state import snapshot
@@ -98,6 +99,13 @@ class RobotMap:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
         state = snapshot(self._slam.map.atlas).moved(self._frames.T_map_core)
         return MapFile(self._camera, self._config.scale_factor, self._config.num_octaves, state)
+
+    def header(self) -> MapHeader:
+        """Return what the map is, beside its rows, for a checkpoint."""
+        config = self._config
+        return MapHeader(
+            self._camera, config.scale_factor, config.num_octaves, self._frames.T_map_core
+        )
 
     def load(self, content: MapFile, *, keep: bool = False, extend: bool = True) -> LoadedMap:
         """Load a saved map between two images; the map frame becomes that of the saved map.

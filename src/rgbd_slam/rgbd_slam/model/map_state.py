@@ -117,18 +117,18 @@ def snapshot(atlas: Atlas) -> MapState:
     features = list(zip(i.tolist(), num_features.tolist(), strict=True))
     row_of_point = np.full(points.capacity + 1, NONE)
     row_of_point[j] = np.arange(len(j))
-    point = row_of_point[_joined(keyframes.point_of_feature, features)]
-    reference = _rows_of(keyframes.uid[i], points.reference_keyframe_uid[j])
+    point = row_of_point[joined_rows(keyframes.point_of_feature, features)]
+    reference = rows_of_uids(keyframes.uid[i], points.reference_keyframe_uid[j])
     _, map_id = np.unique(keyframes.map_id[i], return_inverse=True)
     return MapState.of(
         {
             'stamp_ns': keyframes.stamp_ns[i],
             'T_map_camera': keyframes.T_map_camera[i],
             'map_id': map_id,
-            'parent': _rows_of(keyframes.uid[i], keyframes.parent_uid[i]),
+            'parent': rows_of_uids(keyframes.uid[i], keyframes.parent_uid[i]),
             'num_features': num_features,
-            'uv_px': _joined(keyframes.measurement_px[..., :2], features),
-            **{name: _joined(getattr(keyframes, name), features) for name in _COPIED},
+            'uv_px': joined_rows(keyframes.measurement_px[..., :2], features),
+            **{name: joined_rows(getattr(keyframes, name), features) for name in _COPIED},
             'point': point,
             'position_m': points.position_m[j],
             'reference': reference,
@@ -168,7 +168,7 @@ def restore(
     return i
 
 
-def _joined(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
+def joined_rows(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
     """Return the first n entries of each row i of a table, concatenated.
 
     Args:
@@ -225,7 +225,7 @@ def _feature_rows(state: MapState) -> IntArray:
     return np.arange(len(state.point)) - np.repeat(first, state.num_features)
 
 
-def _rows_of(uids: IntArray, wanted: IntArray) -> Any:
+def rows_of_uids(uids: IntArray, wanted: IntArray) -> Any:
     """Return the (M,) index of each wanted uid among the ascending `uids`; NONE if missing."""
     at = np.minimum(np.searchsorted(uids, wanted), max(len(uids) - 1, 0))
     return np.where(uids[at] == wanted, at, NONE) if len(uids) else np.full(len(wanted), NONE)

@@ -22,6 +22,7 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.dense.submap_export import SubmapExport
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_directory import (
@@ -32,6 +33,7 @@ from rgbd_slam.map_io.map_directory import (
     FileKind,
     path_in,
     printable,
+    remove_abandoned,
     write_whole,
 )
 from rgbd_slam.map_io.map_file import MapFile
@@ -69,6 +71,7 @@ class MapServices:
         diagnostics: Diagnostics,
     ) -> None:
         self._config = config
+        self._logger = node.get_logger()
         self._session = session
         self._scene = scene
         self._node_thread = NodeThread(node)
@@ -83,6 +86,7 @@ class MapServices:
             (SetMode, topics.SET_MODE, self._set_mode),
         ):
             handlers.add(type_, topic, handle)
+        self._remove_abandoned()
         self._thread.start(handlers.report_fault)
 
     def close(self) -> None:
@@ -92,28 +96,41 @@ class MapServices:
     def _path(self, name: str, kind: FileKind) -> Path:
         return path_in(self._config.map_directory, name, kind)
 
+    def _new_path(self, name: str, kind: FileKind) -> Path:
+        """Return the path of a file to write, after removing what killed processes have left."""
+        self._remove_abandoned()
+        return self._path(name, kind)
+
+    def _remove_abandoned(self) -> None:
+        directory = self._config.map_directory
+        if removed := remove_abandoned(directory):
+            self._logger.info(
+                f'{directory}: unfinished files of killed processes removed: {", ".join(removed)}'
+            )
+
     def _save_cloud(self, request: SaveMap.Request) -> str:
-        return self._scene.save(cloud_path=self._path(request.name, CLOUD))
+        return self._scene.save(cloud_path=self._new_path(request.name, CLOUD))
 
     def _save_grid(self, request: SaveMap.Request) -> str:
-        return self._scene.save(grid_path=self._path(request.name, GRID))
+        return self._scene.save(grid_path=self._new_path(request.name, GRID))
 
     def _save(self, request: SaveMap.Request) -> str:
-        path = self._path(request.name, MAP)
+        path = self._new_path(request.name, MAP)
         content, receive_submaps = self._node_thread.call(self._copy)
         if receive_submaps is not None:
-            content = content._replace(dense=receive_submaps())
+            submaps = receive_submaps()
+            content = content._replace(dense=None if submaps is None else submaps.changed)
         size = map_file.save(path, content)
         return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
-    def _copy(self) -> tuple[MapFile, Callable[[], SubmapState | None] | None]:
+    def _copy(self) -> tuple[MapFile, Callable[[], SubmapExport | None] | None]:
         """Return the map, and a function that waits for its dense map."""
         robot_map = self._session().robot_map
         return robot_map.export(), self._scene.request_submaps(robot_map.keyframes())
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
-        path, note = self._path(request.name, TRAJECTORY), ''
+        path, note = self._new_path(request.name, TRAJECTORY), ''
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
         parts = self._node_thread.call(lambda: self._session().robot_map.trajectory_parts(kind))

@@ -15,6 +15,7 @@ from hoid_common.errors import InputError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.values import CameraModel
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
 from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
@@ -102,15 +103,21 @@ class SceneClient:
         if self._process is not None:
             self._process.send(ClearScene())
 
-    def request_submaps(self, keyframes: KeyframePoses) -> Callable[[], SubmapState | None] | None:
+    def request_submaps(
+        self, keyframes: KeyframePoses, since: ExportMark | None = None
+    ) -> Callable[[], SubmapExport | None] | None:
         """Request the dense map, relative to keyframes that are saved with it.
+
+        Args:
+            keyframes: These keyframes.
+            since: Only the contents that have changed since this export; None: all.
 
         Returns:
             A function that waits for the dense map and returns it (None: it is empty), or raises
             InputError. None if the dense map is off.
         """
         process = self._dense_process
-        return None if process is None else process.request_submaps(keyframes)
+        return None if process is None else process.request_submaps(keyframes, since)
 
     def save(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> str:
         """Write the dense map or the grid to a file; return a message for the user.
