@@ -58,7 +58,7 @@ class RgbdSlamNode(ManagedNode):
         handlers.add(Trigger, topics.PAUSE, lambda _: self._set_paused(is_paused=True))
         handlers.add(Trigger, topics.RESUME, lambda _: self._set_paused(is_paused=False))
         self._map_services = MapServices(
-            self, config, require_session, self._scene, self.diagnostics
+            self, config, require_session, self._scene, self._lifecycle.loader, self.diagnostics
         )
         # A timer publishes the map, so that publishing does not delay the odometry of an image.
         steady = Clock(clock_type=ClockType.STEADY_TIME)

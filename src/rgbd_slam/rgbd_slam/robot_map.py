@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from hoid_common import se3
@@ -12,8 +12,9 @@ from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_file import MapFile, check_extendable
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.model.trajectory import keyframe_poses, main_map
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import SlamStats
@@ -24,6 +25,13 @@ class LoadedMap(NamedTuple):
 
     keyframe_uids: IntArray  # (K,) of the saved keyframes
     keyframes: KeyframePoses  # all keyframes of the running map now, in the map frame
+
+
+class PreparedMap(NamedTuple):
+    """A saved map that is ready to be loaded."""
+
+    loading: MapLoading
+    made_with: CameraModel
 
 
 class RobotMap:
@@ -107,6 +115,37 @@ class RobotMap:
             self._camera, config.scale_factor, config.num_octaves, self._frames.T_map_core
         )
 
+    def prepare_load(self, content: MapFile, *, extend: bool = True) -> PreparedMap:
+        """Return a saved map for `begin_load`. Any thread may call this.
+
+        Args:
+            content: The saved map.
+            extend: Whether the map will be extended, and not only localized in.
+
+        Raises:
+            MapFileError: The map was made with a camera that differs too much to extend it, or
+                with other features.
+        """
+        state = self._in_core(content, extend=extend)
+        return PreparedMap(self._slam.prepare_load(state), content.camera)
+
+    def begin_load(self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]) -> int:
+        """Begin to replace the map by a saved one; return the uid of its first keyframe.
+
+        The map frame becomes that of the saved map; see `SlamMap.begin_load`.
+
+        Args:
+            prepared: The saved map.
+            on_loaded: Called between two images, when the map has been replaced.
+        """
+
+        def loaded(uids: IntArray) -> None:
+            self.has_changed = True
+            self._made_with = prepared.made_with
+            on_loaded(LoadedMap(uids, self.keyframes()))
+
+        return self._slam.begin_load(prepared.loading, loaded)
+
     def load(self, content: MapFile, *, keep: bool = False, extend: bool = True) -> LoadedMap:
         """Load a saved map between two images; the map frame becomes that of the saved map.
 
@@ -121,10 +160,13 @@ class RobotMap:
             MapFileError: The map was made with a camera that differs too much to extend it, or
                 with other features; the running map is unchanged.
         """
-        octaves = self._config.scale_factor, self._config.num_octaves
-        state = content.seen_by(self._camera, *octaves, extend=extend).map
-        state = state.moved(se3.inverse(self._frames.T_map_core))
-        uids = self._slam.load(state, keep=keep)
+        uids = self._slam.load(self._in_core(content, extend=extend), keep=keep)
         self.has_changed = True
         self._made_with = content.camera
         return LoadedMap(uids, self.keyframes())
+
+    def _in_core(self, content: MapFile, *, extend: bool) -> MapState:
+        """Return a saved map as this camera would have made it, in the core's map frame."""
+        octaves = self._config.scale_factor, self._config.num_octaves
+        state = content.seen_by(self._camera, *octaves, extend=extend).map
+        return state.moved(se3.inverse(self._frames.T_map_core))

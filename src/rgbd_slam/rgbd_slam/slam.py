@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from rgbd_slam.model.tracked_frame import tracked_keyframe
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.noise_estimator import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.slam_map import SlamMap
 from rgbd_slam.statistics import SlamStats, slam_stats
 from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
@@ -128,7 +130,7 @@ class RgbdSlam:
             return result
         start_s = time.thread_time()
         self._update_estimates(tracking)
-        is_keyframe = self.map.is_growing and self._policy.wants(tracking)
+        is_keyframe = self.map.takes_keyframes and self._policy.wants(tracking)
         learned_s = time.thread_time()
         if is_keyframe:
             self._insert_keyframe(tracking)
@@ -151,6 +153,23 @@ class RgbdSlam:
         if not keep:
             self._forget_pose()
         return uids
+
+    def prepare_load(self, state: MapState) -> MapLoading:
+        """Return a saved map for `begin_load`. Any thread may call this."""
+        camera = self._config.camera
+        return MapLoading(state, self._camera, (camera.scale_factor, camera.num_octaves))
+
+    def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
+        """Begin to replace the map by a saved one, in which the camera is then relocalized.
+
+        See `SlamMap.begin_load`.
+        """
+
+        def loaded(uids: IntArray) -> None:
+            self._forget_pose()
+            on_loaded(uids)
+
+        return self.map.begin_load(loading, loaded)
 
     def reconfigure(self, config: SlamConfig) -> None:
         """Apply the parameters that may change at run time."""
@@ -179,6 +198,8 @@ class RgbdSlam:
         self.map.update()
         self.odometry.follow(frame.stamp_ns)
         if self.map.is_empty:
+            if self.map.is_loading:
+                return TrackingResult(frame.stamp_ns, SlamState.NOT_INITIALIZED)
             return self._start_map(frame, np.eye(4))  # the first camera pose is the map's origin
         tracking = self._track(frame) or self._relocalize(frame)
         if tracking is None:
@@ -311,7 +332,7 @@ class RgbdSlam:
         self.odometry.forget_velocity()
         bridge = self.odometry.bridge()
         limit_s = self._config.places.new_map_after_s
-        if self.map.is_growing and self._new_map.wants(
+        if self.map.takes_keyframes and self._new_map.wants(
             frame, self.odometry.last, self._loss_timer.lost_s, limit_s
         ):
             pose = bridge.T_map_camera if bridge else self.odometry.pose()

@@ -290,8 +290,29 @@ class Atlas(MapTables):
         kf.is_loaded[i] = True
         kf.parent_uid[i] = np.where(saved.parent == DEAD, DEAD, kf.uid[i[saved.parent]])
         kf.point_of_feature[i] = NO_POINT
-        kf.append_features(i[saved.keyframe], saved.feature, saved.features)
+        kf.append_features(i, saved.features)
         return i
+
+    def adopt(self, loaded: Atlas, version: int, first_point_uid: int) -> None:
+        """Take over the content of another atlas, which must not be used any more.
+
+        The tables are filled by exchanging their columns, because others refer to the tables.
+
+        Args:
+            loaded: An atlas that a saved map was restored in.
+            version: The version of the map from now on.
+            first_point_uid: The uid of its first point in the mapper's atlas; the others follow.
+        """
+        for table, new in ((self.keyframes, loaded.keyframes), (self.points, loaded.points)):
+            if new.capacity < table.capacity:  # rows of the old map may still be looked up
+                new.grow(table.capacity)
+            new.version[:] = new.born[:] = version
+            vars(table).update(vars(new))
+        self.points.shift_uids(first_point_uid)
+        self._graph = loaded._graph
+        self.pending.clear()
+        self._moves.clear()
+        self.version = version
 
     def append_points(self, columns: Mapping[str, Column], reference: IntArray) -> IntArray:
         """Add points of an earlier session and return their (N,) rows.

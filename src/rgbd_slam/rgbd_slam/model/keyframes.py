@@ -38,9 +38,7 @@ class SavedKeyframes(NamedTuple):
 
     columns: dict[str, Column]  # (N, ...) each
     parent: IntArray  # (N,) index of the parent among them, or DEAD for a root
-    keyframe: IntArray  # (F,) index of the keyframe of each feature
-    feature: IntArray  # (F,) number of each feature within its keyframe
-    features: dict[str, Column]  # (F, ...) each
+    features: dict[str, Column]  # (F, ...) each, sorted by keyframe
 
 
 class KeyframeTable(SoaTable):
@@ -166,16 +164,20 @@ class KeyframeTable(SoaTable):
         if max_features > self.max_features:
             self.grow_features(max_features)
 
-    def append_features(self, i: IntArray, k: IntArray, columns: Mapping[str, Column]) -> None:
-        """Store F features of several keyframes: feature n becomes number `k[n]` of `i[n]`.
+    def append_features(self, rows: IntArray, columns: Mapping[str, Column]) -> None:
+        """Store the features of several keyframes, whose numbers of features are known.
 
         Args:
-            i: (F,) rows of the keyframes.
-            k: (F,) numbers of the features within their keyframes.
-            columns: (F, ...) values of the features by column.
+            rows: (N,) rows of the keyframes.
+            columns: (F, ...) values of the features by column, sorted by keyframe.
         """
+        counts = self.num_features[rows]
+        firsts = np.cumsum(counts) - counts
+        runs = np.stack([rows, counts, firsts], axis=1).tolist()
         for name, values in columns.items():
-            getattr(self, name)[i, k] = values
+            table = getattr(self, name)
+            for i, n, first in runs:  # ten times as fast as one assignment by index arrays
+                table[i, :n] = values[first : first + n]
         self.release_memory()
 
     def frame(self, i: int) -> Frame:

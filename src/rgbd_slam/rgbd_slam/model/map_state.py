@@ -188,8 +188,6 @@ def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
             'num_features': state.num_features,
         },
         np.where(state.parent == NONE, DEAD, state.parent),
-        state.keyframe,
-        _feature_rows(state),
         {
             'measurement_px': measurement_px(state, camera),
             **{name: getattr(state, name) for name in _COPIED},

@@ -171,6 +171,17 @@ class MapTables:
         self.version += 1
         return change
 
+    def skip_changes(self) -> int:
+        """Start a new version, because the copies of the map have its changes already.
+
+        Returns the version that the copies have.
+        """
+        self._moves, self._has_copies = [], True
+        self.keyframes.is_reobserved[:] = False
+        self.redirects.take()
+        self.version += 1
+        return self.version - 1
+
     def whole(self) -> MapChange:
         """Return the change that makes an empty atlas equal to this one."""
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)

@@ -108,6 +108,11 @@ class SoaTable:
             getattr(self, name)[rows] = values
         return rows
 
+    def shift_uids(self, by: int) -> None:
+        """Add a number to the uids of all elements."""
+        self.uid[self.uid != DEAD] += by
+        self._next_uid += by
+
     def release(self, rows: IntArray, version: int) -> None:
         """Remove the elements of rows, which become empty, at a version of the map."""
         rows = np.unique(rows[self.uid[rows] != DEAD])

@@ -18,13 +18,12 @@ from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import NS_PER_S
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
-from rgbd_slam.dense.submap_state import DenseMap
 from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFolder, CheckpointWriter
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_file import SUFFIX
 from rgbd_slam.map_io.map_parts import MapPart
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.robot_map import LoadedMap
+from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import Processed, SlamSession
 
@@ -107,35 +106,34 @@ class Checkpoints:
         """Return whether there is a checkpoint that may be resumed; waits until it is read."""
         return self._stored.result() is not None
 
-    def resume(
-        self, session: SlamSession, stamp_ns: int
-    ) -> tuple[LoadedMap, DenseMap | None] | None:
-        """Load the map that a killed node has left into a new session, and return it.
+    def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
+        """Load the map of a killed node into a new session; return whether there is one.
 
-        The session only localizes until `finish_resume` returns it to mapping. None is returned if
-        there is no checkpoint, or if it is too old or from another camera.
+        The session only localizes until `finish_resume` returns it to mapping. A checkpoint that
+        is too old or from another camera is not loaded.
 
         Args:
             session: The new session.
             stamp_ns: Stamp of the camera's first message.
+            loader: Loads the map; a large one is there some seconds later.
         """
         stored = self._stored.result()
         if stored is None or not stored.is_recent(stamp_ns):
-            return None
+            return False
         try:
-            loaded = session.robot_map.load(stored.content)
+            loader.load_first(session, stored.content, lambda: None, extend=True)
         except MapFileError as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
-            return None  # it is kept, because a corrected camera info that fits it may follow
+            return False  # it is kept, because a corrected camera info that fits it may follow
         self._forget_stored()
-        session.set_mode(SlamMode.LOCALIZATION)
+        session.slam.map.is_growing = False
         self._search_end_ns = stamp_ns + _RELOCALIZE_NS
         away_s = (stamp_ns - stored.stamp_ns) / NS_PER_S
         self._logger.warning(
             f'SLAM ended unexpectedly {away_s:.1f} s ago: relocalizing the camera in its map of '
             f'{len(stored.content.map)} keyframes'
         )
-        return loaded, stored.content.dense
+        return True
 
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
         """Switch the session to mapping once the camera is found or the search has taken too long.
@@ -149,6 +147,8 @@ class Checkpoints:
         """
         if self._search_end_ns is None:
             return done
+        if session.slam.map.is_loading:
+            self._search_end_ns = max(self._search_end_ns, session.stamp_ns + _RELOCALIZE_NS)
         is_found = done.status.state is SlamState.TRACKING
         message = _SEARCHING
         if is_found or session.stamp_ns > self._search_end_ns:

@@ -37,6 +37,7 @@ from rgbd_slam.map_io.map_directory import (
     write_whole,
 )
 from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
@@ -59,6 +60,7 @@ class MapServices:
         config: Its parameters.
         session: Returns the session, or raises InputError while there is no session.
         scene: The scene mapper's process, which has the dense map.
+        loader: Loads saved maps.
         diagnostics: Diagnostics of the node.
     """
 
@@ -68,12 +70,13 @@ class MapServices:
         config: SlamNodeConfig,
         session: Callable[[], SlamSession],
         scene: SceneClient,
+        loader: MapLoader,
         diagnostics: Diagnostics,
     ) -> None:
         self._config = config
         self._logger = node.get_logger()
         self._session = session
-        self._scene = scene
+        self._scene, self._loader = scene, loader
         self._node_thread = NodeThread(node)
         self._thread = ServiceThread(node)
         handlers = ServiceHandlers(node, diagnostics, self._thread.group)
@@ -171,21 +174,11 @@ class MapServices:
         return value
 
     def _load(self, request: LoadMap.Request) -> str:
-        path, keep = self._path(request.name, MAP), request.merge
+        path = self._path(request.name, MAP)
         content = map_file.load(path)
-
-        def load() -> str | None:
-            session = self._session()
-            session.slam.map.update()
-            if session.slam.map.mapper.queue_length > 0:
-                return None  # tracking would stop until the mapper has emptied its queue
-            extend = session.mode is SlamMode.MAPPING
-            loaded = session.robot_map.load(content, keep=keep, extend=extend)
-            return self._scene.load(content.dense, loaded, keep=keep)
-
-        note = self._poll(load, time.monotonic() + _SETTLE_S)
-        if note is None:
-            raise InputError('keyframes still wait for the mapper; try again')
+        session = self._node_thread.call(self._session)
+        extend = session.mode is SlamMode.MAPPING
+        note = self._loader.load(session, content, keep=request.merge, extend=extend)
         return f'{_summary(content)} loaded from {path}{note}'
 
     def _set_mode(self, request: SetMode.Request) -> str:

@@ -23,6 +23,7 @@ from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
+from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
 
@@ -64,6 +65,7 @@ class SessionLifecycle:
         self._first_map: MapFile | None = None  # loaded into the next session
         self._first_map_error: HoidError | None = None  # why there is none
         self._is_reset = False  # True: the map file to start with is not loaded again
+        self.loader = MapLoader(node, lambda: self.session, scene)
         self.checkpoints = Checkpoints(
             node, config, diagnostics, lambda: self.session, scene.request_submaps
         )
@@ -191,8 +193,8 @@ class SessionLifecycle:
     def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
         """Start a session and return it; None while the camera's pose on the base is unknown.
 
-        The session resumes the map of a killed node, or else loads the configured map file. This
-        takes one or two seconds.
+        The session resumes the map of a killed node, or else loads the configured map file. If
+        the map is large, this ends in the background.
         """
         frames = self._robot_frames(header)
         if frames is None:
@@ -214,12 +216,10 @@ class SessionLifecycle:
                 wheels=camera_motion,
             )
         self._scene.start_map(camera)
-        resumed = self.checkpoints.resume(session, stamp_from_msg(header.stamp))
-        if resumed is not None:
-            loaded, dense = resumed
-            self._scene.load(dense, loaded, keep=False)
+        self.session = session  # the loader checks that it is still the present one
+        if self.checkpoints.resume(session, stamp_from_msg(header.stamp), self.loader):
+            self._first_map = None
         elif self._first_map_error is not None:
-            session.close()
             raise SystemExit(f'error: {self._first_map_error}') from self._first_map_error
         elif self._first_map is not None:
             self._load_first_map(session, self._first_map)
@@ -240,12 +240,15 @@ class SessionLifecycle:
     def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
         self._first_map = None
         try:
-            extend = self._config.mode == SlamMode.MAPPING.name.lower()
-            loaded = session.robot_map.load(content, extend=extend)
+            mode = SlamMode[self._config.mode.upper()]
+            self.loader.load_first(
+                session,
+                content,
+                lambda: session.set_mode(mode),
+                extend=mode is SlamMode.MAPPING,
+            )
         except MapFileError as error:
             raise SystemExit(f'error: {self._config.map_file}: {error}') from error
-        session.set_mode(SlamMode[self._config.mode.upper()])
-        self._scene.load(content.dense, loaded, keep=False)
 
 
 @contextmanager

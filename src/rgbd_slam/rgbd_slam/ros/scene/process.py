@@ -158,11 +158,11 @@ class SceneProcess:
 
         return receive
 
-    def load(self, submaps: SubmapState, keyframe_uids: IntArray) -> None:
-        """Add the dense map of a saved map, whose keyframes were sent before."""
+    def stored(self, submaps: SubmapState, keyframe_uids: IntArray) -> SavedSubmaps:
+        """Return the message that adds the dense map of a saved map, whose file is written."""
         path = self._folder.path / f'loaded-{next(self._numbers)}.npz'
         submaps.write(path)
-        self.send(SavedSubmaps(path, keyframe_uids))
+        return SavedSubmaps(path, keyframe_uids)
 
     def _send_command(self, command: SceneCommand) -> int:
         with self._lock:
