@@ -19,6 +19,7 @@ _INITIAL_CAPACITY = 32
 _INITIAL_FEATURES = 1024
 # Chosen: rows from which features are in a file. Those of 1,000 keyframes take 60 MB.
 _MEMORY_ROWS = 1024
+_ROWS_AT_ONCE = 64  # chosen: keyframes that are stored at once; their columns fit the cache
 # Chosen: number of new keyframes after which the operating system may take back the memory of the
 # columns below; they are read from the file again when they are used.
 _RELEASE_AFTER = 100
@@ -172,13 +173,28 @@ class KeyframeTable(SoaTable):
             columns: (F, ...) values of the features by column, sorted by keyframe.
         """
         counts = self.num_features[rows]
-        firsts = np.cumsum(counts) - counts
-        runs = np.stack([rows, counts, firsts], axis=1).tolist()
+        ends = np.cumsum(counts)
+        is_run = bool((np.diff(rows) == 1).all())
+        step = _ROWS_AT_ONCE if is_run else 1
         for name, values in columns.items():
             table = getattr(self, name)
-            for i, n, first in runs:  # ten times as fast as one assignment by index arrays
-                table[i, :n] = values[first : first + n]
+            for start in range(0, len(rows), step):
+                part = slice(start, start + step)
+                block = np.zeros((len(rows[part]), *table.shape[1:]), table.dtype)
+                # Ten times as fast as one assignment by index arrays.
+                for row, n, end in zip(
+                    block, counts[part].tolist(), ends[part].tolist(), strict=True
+                ):
+                    row[:n] = values[end - n : end]
+                self._put_rows(name, int(rows[start]), block)
         self.release_memory()
+
+    def _put_rows(self, name: str, first: int, rows: Column) -> None:
+        column = self._on_disk.get(name)
+        if column is None:
+            getattr(self, name)[first : first + len(rows)] = rows
+        else:
+            column.write_rows(first, rows)
 
     def frame(self, i: int) -> Frame:
         """Return the features of row `i` as a frame, whose arrays are views and not copies."""
