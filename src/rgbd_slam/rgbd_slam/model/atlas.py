@@ -294,9 +294,10 @@ class Atlas(MapTables):
         return i
 
     def adopt(self, loaded: Atlas, version: int, first_point_uid: int) -> None:
-        """Take over the content of another atlas, which must not be used any more.
+        """Take over the content of another atlas, which gets the old one.
 
-        The tables are filled by exchanging their columns, because others refer to the tables.
+        The tables stay the same objects, because others refer to them; their columns are
+        exchanged. The old content is not freed here: that takes 90 ms for 10,000 keyframes.
 
         Args:
             loaded: An atlas that a saved map was restored in.
@@ -307,9 +308,11 @@ class Atlas(MapTables):
             if new.capacity < table.capacity:  # rows of the old map may still be looked up
                 new.grow(table.capacity)
             new.version[:] = new.born[:] = version
+            old = dict(vars(table))
             vars(table).update(vars(new))
+            vars(new).update(old)
         self.points.shift_uids(first_point_uid)
-        self._graph = loaded._graph
+        self._graph, loaded._graph = loaded._graph, self._graph
         self.pending.clear()
         self._moves.clear()
         self.version = version
