@@ -159,6 +159,10 @@ class RgbdSlam:
         camera = self._config.camera
         return MapLoading(state, self._camera, (camera.scale_factor, camera.num_octaves))
 
+    def restore(self, loading: MapLoading, first_uid: int) -> None:
+        """Restore a map that is being loaded. Another thread than the tracker's calls this."""
+        loading.restore(first_uid, self._relocalizer.prepare_index)
+
     def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
         """Begin to replace the map by a saved one, in which the camera is then relocalized.
 
@@ -166,6 +170,7 @@ class RgbdSlam:
         """
 
         def loaded(uids: IntArray) -> None:
+            self._relocalizer.use_prepared_index()
             self._forget_pose()
             on_loaded(uids)
 

@@ -7,6 +7,7 @@ to send its result to the other. The tracker then exchanges its map for the new 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
 
@@ -46,11 +47,18 @@ class MapLoading:
         source = self.state if self._shared is None else self._shared.location
         return Load(source, first_uid, keep=False)
 
-    def restore(self, first_uid: int) -> None:
-        """Restore the map for the tracker; its keyframes get the uids from `first_uid` on."""
+    def restore(self, first_uid: int, prepare: Callable[[Atlas], None] | None = None) -> None:
+        """Restore the map for the tracker.
+
+        Args:
+            first_uid: The uid of its first keyframe; the others follow.
+            prepare: Called with the restored map before the tracker uses it; None: nothing is.
+        """
         try:
             atlas = Atlas(*self._octaves)
             restore(atlas, self.state, self._camera, first_uid, keep=False)
+            if prepare is not None:
+                prepare(atlas)
             self.atlas = atlas
         finally:
             self._is_restored.set()
