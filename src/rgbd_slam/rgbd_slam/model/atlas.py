@@ -8,7 +8,7 @@ keyframe i observes point j in its feature k.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -330,14 +330,22 @@ class Atlas(MapTables):
         points.map_id[j] = kf.map_id[reference]
         return j
 
-    def append_observations(self, seen: Observations) -> None:
-        """Add the observations of appended points, whose columns already count them."""
-        self._note_features(seen.i, seen.k)
-        self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
-        self._graph.observe(*seen)
-        for i in np.flatnonzero(np.bincount(seen.i)).tolist():
+    def append_observations(self, blocks: Iterable[Observations], points: IntArray) -> None:
+        """Add the observations of appended points (P,), whose columns already count them.
+
+        Args:
+            blocks: The observations, sorted by keyframe. There are several blocks, so that no
+                call holds the lock of the interpreter for long.
+            points: Ascending rows of the points.
+        """
+        rows = []
+        for seen in blocks:
+            self._note_features(seen.i, seen.k)
+            self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
+            self._graph.observe(*seen)
+            rows += np.unique(seen.i).tolist()
+        for i in sorted(rows):
             self.update_connections(i)
-        points = np.flatnonzero(np.bincount(seen.j))
         for start in range(0, len(points), _REFRESHED):
             self.refresh(points[start : start + _REFRESHED])
         self.keyframes.release_memory()

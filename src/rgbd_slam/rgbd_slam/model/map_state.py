@@ -6,7 +6,7 @@ creation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -31,6 +31,7 @@ from rgbd_slam.records.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]
 NONE = -1
+_BLOCK = 256  # chosen: keyframes whose observations are restored at once, in some ms
 _OUTSIDE = 1.0  # chosen: image sizes by which a pixel of another camera may lie outside the image
 _COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
@@ -162,9 +163,7 @@ def restore(
         atlas.clear()
     i = atlas.append_keyframes(_saved_keyframes(state, camera), first_uid)
     j = atlas.append_points(_saved_points(state), i[state.reference])
-    seen = state.point != NONE
-    of_i, k = i[state.keyframe], _feature_rows(state)
-    atlas.append_observations(Observations(of_i[seen], k[seen], j[state.point[seen]]))
+    atlas.append_observations(_observations(state, i, j), np.sort(j))
     return i
 
 
@@ -217,10 +216,23 @@ def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
     return out
 
 
-def _feature_rows(state: MapState) -> IntArray:
-    """Return the (F,) number of each feature within its keyframe."""
-    first = np.cumsum(state.num_features) - state.num_features
-    return np.arange(len(state.point)) - np.repeat(first, state.num_features)
+def _observations(state: MapState, i: IntArray, j: IntArray) -> Iterator[Observations]:
+    """Yield the observations of a saved map in blocks of keyframes.
+
+    Args:
+        state: The saved map.
+        i: (K,) rows of its keyframes in the atlas.
+        j: (P,) rows of its points in the atlas.
+    """
+    end = 0
+    for start in range(0, len(state), _BLOCK):
+        counts = state.num_features[start : start + _BLOCK]
+        begin, end = end, end + int(counts.sum())
+        point = state.point[begin:end]
+        keyframe = np.repeat(i[start : start + _BLOCK], counts)
+        k = np.arange(len(point)) - np.repeat(np.cumsum(counts) - counts, counts)
+        seen = point != NONE
+        yield Observations(keyframe[seen], k[seen], j[point[seen]])
 
 
 def rows_of_uids(uids: IntArray, wanted: IntArray) -> Any:
