@@ -105,8 +105,12 @@ class RobotMap:
         """
         if len(self._slam.map.atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
-        state = snapshot(self._slam.map.atlas).moved(self._frames.T_map_core)
-        return MapFile(self._camera, self._config.scale_factor, self._config.num_octaves, state)
+        return self.content_of(snapshot(self._slam.map.atlas))
+
+    def content_of(self, state: MapState) -> MapFile:
+        """Return the content of a file, without a dense map, for the map in the core's frame."""
+        config, state = self._config, state.moved(self._frames.T_map_core)
+        return MapFile(self._camera, config.scale_factor, config.num_octaves, state)
 
     def header(self) -> MapHeader:
         """Return what the map is, beside its rows, for a checkpoint."""

@@ -21,6 +21,7 @@ from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import checkpoint, map_parts
 from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
 from rgbd_slam.map_io.checkpoint_index import MapHeader
+from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.model.map_state import snapshot
 
 from .map_content import OCTAVES, SCALE, new_map, ring
@@ -399,3 +400,16 @@ def submap(anchor_uid: int, seed: int) -> Submap:
     made = Submap(np.eye(4), anchor_uid, 0, se3.exp(np.full(6, 0.1 * seed)), CONFIG)
     made.update(no_evidence(0), surface(seed))
     return made
+
+
+def test_a_map_that_is_collected_in_parts_is_its_snapshot(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_parts, '_MAX_KEYFRAMES', 2)
+    monkeypatch.setattr(map_parts, '_MAX_POINTS', 40)
+    collector, changes = MapCollector(robot.copy), list(CHANGES.values())
+    while (state := collector.add(collector.copy())) is None:
+        if changes:
+            changes.pop(0)(robot)
+    assert not changes
+    assert state.digest() == snapshot(robot.copy).digest()

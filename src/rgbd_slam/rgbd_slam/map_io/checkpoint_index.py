@@ -168,15 +168,20 @@ def _content(reader: archive.Reader, folder: Path) -> MapFile:
     }
     keyframes = cast('IndexedKeyframes', records['keyframes'])
     camera = manifest['camera'] | {'distortion': tuple(manifest['camera']['distortion'])}
-    state = _map_state(keyframes, rows).moved(np.array(manifest['T_map_core'], np.float64))
+    state = map_state(keyframes, rows).moved(np.array(manifest['T_map_core'], np.float64))
     dense = _submap_state(cast('IndexedSubmaps', records['submaps']), keyframes.uid, rows)
     return MapFile(
         CameraModel(**camera), manifest['scale_factor'], manifest['num_octaves'], state, dense
     )
 
 
-def _map_state(keyframes: IndexedKeyframes, rows: Mapping[str, Rows]) -> MapState:
-    """Return the map in the core's map frame."""
+def map_state(keyframes: IndexedKeyframes, rows: Mapping[str, Rows]) -> MapState:
+    """Return the map in the core's map frame.
+
+    Args:
+        keyframes: The keyframes.
+        rows: The rows of features, states and points.
+    """
     counts = keyframes.num_features
     features = rows['features'].taken(keyframes.first_feature, counts)
     states = rows['states'].taken(keyframes.first_state, counts)

@@ -25,6 +25,7 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.dense.submap_export import SubmapExport
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.map_io.map_directory import (
     CLOUD,
     GRID,
@@ -37,6 +38,7 @@ from rgbd_slam.map_io.map_directory import (
     write_whole,
 )
 from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.map_io.map_parts import MapPart
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.client import SceneClient
@@ -119,17 +121,33 @@ class MapServices:
 
     def _save(self, request: SaveMap.Request) -> str:
         path = self._new_path(request.name, MAP)
-        content, receive_submaps = self._node_thread.call(self._copy)
+        content, receive_submaps = self._copied()
         if receive_submaps is not None:
             submaps = receive_submaps()
             content = content._replace(dense=None if submaps is None else submaps.changed)
         size = map_file.save(path, content)
         return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
-    def _copy(self) -> tuple[MapFile, Callable[[], SubmapExport | None] | None]:
-        """Return the map, and a function that waits for its dense map."""
-        robot_map = self._session().robot_map
-        return robot_map.export(), self._scene.request_submaps(robot_map.keyframes())
+    def _copied(self) -> tuple[MapFile, Callable[[], SubmapExport | None] | None]:
+        """Return the map, and a function that waits for its dense map; None: there is none."""
+        session = self._node_thread.call(self._session)
+        if len(session.slam.map.atlas.keyframes) == 0:
+            raise InputError('nothing has been mapped yet: there is nothing to save')
+        collector = MapCollector(session.slam.map.atlas)
+
+        def copy() -> tuple[MapPart, Callable[[], SubmapExport | None] | None]:
+            part, keyframes = collector.copy(), session.robot_map.keyframes()
+            is_last = part.keyframes is not None
+            return part, self._scene.request_submaps(keyframes) if is_last else None
+
+        while True:
+            start_s = time.perf_counter()
+            part, receive_submaps = self._node_thread.call(copy)
+            copy_s = time.perf_counter() - start_s
+            state = collector.add(part)
+            if state is not None:
+                return session.robot_map.content_of(state), receive_submaps
+            time.sleep(min(copy_s, _POLL_S))  # tracking has at least half of the time
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
