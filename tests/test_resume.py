@@ -87,7 +87,7 @@ def test_a_damaged_map_file_does_not_keep_a_checkpoint_from_being_resumed(
 ) -> None:
     params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_SCENE
     node = start('rgbd_slam', 'rgbd_slam_node', params)
-    peer = Peer(probe)
+    peer = RunningCamera(probe)
     peer.await_ready()
     for place in range(20):
         peer.send(place)
