@@ -70,7 +70,7 @@ def load_costs(drive: Drive) -> dict[str, Any]:
     prepared, prepare_s = _timed(lambda: session.robot_map.prepare_load(content))
     loaded: list[LoadedMap] = []
     first_uid = session.robot_map.begin_load(prepared, loaded.append)
-    _, restore_s = _timed(lambda: session.robot_map.restore(prepared, first_uid))
+    _, restore_s = _timed(lambda: prepared.loading.restore(first_uid))
     drive.worker.serve_all()
     _, swap_s = _timed(session.slam.map.update)
     if len(loaded) != 1 or len(session.slam.map.atlas.keyframes) != len(content.map):

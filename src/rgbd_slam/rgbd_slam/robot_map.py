@@ -150,10 +150,6 @@ class RobotMap:
 
         return self._slam.begin_load(prepared.loading, loaded)
 
-    def restore(self, prepared: PreparedMap, first_uid: int) -> None:
-        """Restore a map that is being loaded; see `RgbdSlam.restore`."""
-        self._slam.restore(prepared.loading, first_uid)
-
     def load(self, content: MapFile, *, keep: bool = False, extend: bool = True) -> LoadedMap:
         """Load a saved map between two images; the map frame becomes that of the saved map.
 

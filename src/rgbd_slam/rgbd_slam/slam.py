@@ -46,7 +46,7 @@ _BY_WHEELS = (
 )
 # Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
 # Triangulation adds points to the first map later.
-_MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
+_MIN_USABLE = 50  # features with depth that a new map needs
 
 
 class RgbdSlam:
@@ -156,18 +156,10 @@ class RgbdSlam:
 
     def prepare_load(self, state: MapState) -> MapLoading:
         """Return a saved map for `begin_load`. Any thread may call this."""
-        camera = self._config.camera
-        return MapLoading(state, self._camera, (camera.scale_factor, camera.num_octaves))
-
-    def restore(self, loading: MapLoading, first_uid: int) -> None:
-        """Restore a map that is being loaded. Another thread than the tracker's calls this."""
-        loading.restore(first_uid, self._relocalizer.prepare_index)
+        return MapLoading(state, self._camera, self._config, self._relocalizer.prepare_index)
 
     def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
-        """Begin to replace the map by a saved one, in which the camera is then relocalized.
-
-        See `SlamMap.begin_load`.
-        """
+        """Begin to replace the map (`SlamMap.begin_load`); then relocalize the camera in it."""
 
         def loaded(uids: IntArray) -> None:
             self._relocalizer.use_prepared_index()
@@ -203,8 +195,6 @@ class RgbdSlam:
         self.map.update()
         self.odometry.follow(frame.stamp_ns)
         if self.map.is_empty:
-            if self.map.is_loading:
-                return TrackingResult(frame.stamp_ns, SlamState.NOT_INITIALIZED)
             return self._start_map(frame, np.eye(4))  # the first camera pose is the map's origin
         tracking = self._track(frame) or self._relocalize(frame)
         if tracking is None:
@@ -285,9 +275,8 @@ class RgbdSlam:
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map with this frame as its first keyframe, if it has enough depth readings."""
-        if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
-            is_first = self.map.is_empty
-            state = SlamState.NOT_INITIALIZED if is_first else SlamState.LOST
+        if self.map.is_loading or np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_USABLE:
+            state = SlamState.NOT_INITIALIZED if self.map.is_empty else SlamState.LOST
             return TrackingResult(frame.stamp_ns, state)
         uid = self.map.start(frame, T_map_camera)
         self._policy.inserted(frame.stamp_ns)

@@ -147,11 +147,7 @@ def test_a_map_that_is_loaded_in_the_background_replaces_the_running_one(
     client.wait()
     before, uids = snapshot(live).digest(), live.points.uid.copy()
     camera = CONFIG.camera
-    loading = MapLoading(
-        saved,
-        StereoCamera.from_model(CAMERA, camera),
-        (camera.scale_factor, camera.num_octaves),
-    )
+    loading = MapLoading(saved, StereoCamera.from_model(CAMERA, camera), CONFIG)
     client.begin_load(loading, 100)
     client.update()
     assert client.is_loading

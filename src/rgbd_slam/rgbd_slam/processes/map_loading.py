@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
 
+from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_state import MapState, restore
@@ -27,11 +28,19 @@ class MapLoading:
     Args:
         state: The saved map.
         camera: The camera with its configured noise.
-        octaves: Ratio of the scales of two successive octaves, and number of octaves.
+        config: Parameters of the core.
+        prepare: Called with the restored map before the tracker uses it; None: nothing is.
     """
 
-    def __init__(self, state: MapState, camera: StereoCamera, octaves: tuple[float, int]) -> None:
-        self._camera, self._octaves = camera, octaves
+    def __init__(
+        self,
+        state: MapState,
+        camera: StereoCamera,
+        config: SlamConfig,
+        prepare: Callable[[Atlas], None] | None = None,
+    ) -> None:
+        self._camera, self._prepare = camera, prepare
+        self._octaves = config.camera.scale_factor, config.camera.num_octaves
         self._shared: SharedRecord[MapState] | None = None
         with suppress(OSError):  # the state is sent through the pipe instead
             self._shared = SharedRecord(state)
@@ -47,18 +56,13 @@ class MapLoading:
         source = self.state if self._shared is None else self._shared.location
         return Load(source, first_uid, keep=False)
 
-    def restore(self, first_uid: int, prepare: Callable[[Atlas], None] | None = None) -> None:
-        """Restore the map for the tracker.
-
-        Args:
-            first_uid: The uid of its first keyframe; the others follow.
-            prepare: Called with the restored map before the tracker uses it; None: nothing is.
-        """
+    def restore(self, first_uid: int) -> None:
+        """Restore the map for the tracker; its keyframes get the uids from `first_uid` on."""
         try:
             atlas = Atlas(*self._octaves)
             restore(atlas, self.state, self._camera, first_uid, keep=False)
-            if prepare is not None:
-                prepare(atlas)
+            if self._prepare is not None:
+                self._prepare(atlas)
             self.atlas = atlas
         finally:
             self._is_restored.set()

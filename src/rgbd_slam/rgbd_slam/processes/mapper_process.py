@@ -178,8 +178,7 @@ class MapperProcess:
         if keep:
             self._append(Load(state, first_uid, keep))
         else:
-            octaves = self._config.camera.scale_factor, self._config.camera.num_octaves
-            loading = MapLoading(state, self._camera, octaves)
+            loading = MapLoading(state, self._camera, self._config)
             self.begin_load(loading, first_uid)
             loading.restore(first_uid)
         self.wait(_LOAD_S)

@@ -147,7 +147,7 @@ class MapLoader:
         results: list[LoadedMap],
     ) -> LoadedMap:
         """Restore a map for the tracker, and wait until the tracker uses it."""
-        session.robot_map.restore(prepared, first_uid)
+        prepared.loading.restore(first_uid)
 
         def loaded() -> LoadedMap | None:
             session.slam.map.update()
