@@ -235,6 +235,35 @@ def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Pat
     assert peer.status[-1].frames_processed == peer.num_sent
 
 
+@pytest.mark.alone
+def test_images_are_tracked_while_a_large_map_is_loaded(begin: Begin, folder: Path) -> None:
+    peer, _ = begin()
+    peer.send(*range(40))
+    assert peer.save('one').success
+    one = map_file.load(folder / 'one.hoidmap')
+    large = one._replace(map=repeated(one.map, 1 + 300 // len(one.map)))
+    map_file.save(folder / 'large.hoidmap', large)
+    client = peer.probe.node.create_client(LoadMap, 'rgbd_slam/load_map')
+    peer.probe.spin_until(client.service_is_ready, 'no load_map')
+    loading = client.call_async(LoadMap.Request(name='large'))
+    statuses, start_s = [], time.monotonic()
+    while not loading.done():
+        statuses += peer.send(39)
+    assert loading.result().success, loading.result().message
+    loading_s = time.monotonic() - start_s
+    # Tracking continues in the old map; the first image after that is found in the new one.
+    assert len([status for status in statuses if status.maps == 1]) > 4
+    assert {status.state for status in statuses} == {SlamStatus.TRACKING}
+    status = peer.send(39)[-1]
+    num_maps = len(np.unique(large.map.map_id))
+    assert (status.state, status.maps) == (SlamStatus.TRACKING, num_maps)
+    assert num_maps > 50
+    check_pose(peer, 39)
+    assert len(statuses) / loading_s > 5  # images per second, on a busy machine
+    assert peer.save('again').success
+    assert map_file.load(folder / 'again.hoidmap').map.digest() == large.map.digest()
+
+
 @contextmanager
 def suspended_mapper(node: Supervisor) -> Iterator[None]:
     """Suspend a node's mapper, so that it seems to be busy."""

@@ -82,6 +82,27 @@ def test_a_killed_node_resumes_its_map(
     peer.check_pose(109)
 
 
+def test_a_damaged_map_file_does_not_keep_a_checkpoint_from_being_resumed(
+    start: Start, probe: Probe, folder: Path
+) -> None:
+    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_SCENE
+    node = start('rgbd_slam', 'rgbd_slam_node', params)
+    peer = RunningCamera(probe)
+    peer.await_ready()
+    for place in range(20):
+        peer.send(place)
+    peer.await_checkpoint(folder)
+    kill(node)
+    (folder / 'damaged.hoidmap').write_bytes(b'half a map')
+    start('rgbd_slam', 'rgbd_slam_node', params | {'map_file': 'damaged'})
+    peer.await_ready()
+    assert 'relocalizing the camera' in peer.status[0].message
+    status = peer.send(10)
+    assert status.state == SlamStatus.TRACKING
+    assert 'is found in the map from before' in status.message
+    peer.check_pose(10)
+
+
 def test_a_map_that_was_stopped_or_reset_is_not_resumed(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:

@@ -183,7 +183,7 @@ def test_a_tiled_map_is_valid_and_starts_with_the_map_itself() -> None:
     )
     assert (bits == bits[0]).all()
     assert 80 < bits[0].sum() < 176
-    map_file._check(three)
+    map_file.check(three)
 
 
 def test_reattachment_counts_from_the_answer_and_has_to_last() -> None:

@@ -62,8 +62,8 @@ class RunningCamera(SlamPeer):
         before_ns = time.time_ns()
         self.probe.spin_until(
             lambda: any(
-                f.name.startswith('.checkpoint') and f.stat().st_ctime_ns > before_ns
-                for f in folder.iterdir()
+                index.stat().st_ctime_ns > before_ns
+                for index in folder.glob('.checkpoint-*/index')
             ),
             'no checkpoint',
             _WRITTEN_S,

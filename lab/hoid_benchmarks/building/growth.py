@@ -1,7 +1,8 @@
 """Scenario `growth`: what an image and a keyframe cost in maps of different sizes.
 
 A map of 100 keyframes is driven and then tiled to the wanted sizes. The same images are processed
-in each, so that nothing but the size of the map differs.
+in each, so that nothing but the size of the map differs. A checkpoint is written before and after
+a minute of driving, and the map is saved and loaded again.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from hoid_benchmarks.building.drive import Drive
+from hoid_benchmarks.building.files import checkpoint_costs, load_costs
 from hoid_benchmarks.building.report import Outcome
 from hoid_benchmarks.building.tiled_map import tiled
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building
-from hoid_benchmarks.building.world.route import Route
+from hoid_benchmarks.building.world.route import RATE_HZ, Route
 from hoid_common.values import Trajectory
 from rgbd_slam.map_io.map_file import MapFile
 
@@ -24,6 +26,7 @@ SIZES = (100, 1000, 10000)
 BASE_KEYFRAMES = 100
 _WARM_UP_IMAGES = 20  # relocalization and first calls
 _NUM_IMAGES = 200
+_MINUTE_IMAGES = round(60 * RATE_HZ)
 _COLUMNS = {
     'keyframes': 'd',
     'points': 'd',
@@ -35,6 +38,15 @@ _COLUMNS = {
     'change kB': '.0f',
     'measured keyframes': 'd',
     'tracked': '.0f',
+    'first checkpoint MB': '.0f',
+    'first checkpoint s': '.2f',
+    'new keyframes': 'd',
+    'checkpoint MB': '.1f',
+    'checkpoint ms': '.0f',
+    'copy ms': '.1f',
+    'read s': '.1f',
+    'load s': '.1f',
+    'swap ms': '.0f',
 }
 
 
@@ -76,6 +88,9 @@ def _measured(
         drive.run(first, first + _NUM_IMAGES)
         images = drive.images[warm:]
         answers = drive.worker.answers[num_answers:]
+        first += _NUM_IMAGES
+        files = checkpoint_costs(drive, lambda: drive.run(first, first + _MINUTE_IMAGES))
+        files |= load_costs(drive)
         cpu_ms = np.array([image.cpu_ms for image in images])
         map_ms = np.array([answer.cpu_ms for answer in answers])
         return {
@@ -90,4 +105,4 @@ def _measured(
             'measured keyframes': len(answers),
             'tracked': float(np.median([image.num_tracked for image in images])),
             'lost': sum(not image.is_tracked for image in images),
-        }
+        } | files

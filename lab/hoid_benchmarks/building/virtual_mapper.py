@@ -78,7 +78,7 @@ class VirtualWorker:
     def proceed(self, stamp_ns: int) -> None:
         """Proceed to the image with this stamp: serve the requests that were sent before it."""
         self.now_s = stamp_ns / NS_PER_S
-        self._serve_all()
+        self.serve_all()
 
     # ---- the interface of `ChildWorker`
 
@@ -98,7 +98,7 @@ class VirtualWorker:
             ChildTimeoutError: No report is due, and the caller does not wait.
         """
         if timeout_s > 0:
-            self._serve_all()
+            self.serve_all()
         elif not self.has_report:
             raise ChildTimeoutError('no report is due')
         due = self._reports.popleft()
@@ -120,7 +120,8 @@ class VirtualWorker:
         self._server.close()
         return 'exit code 0'
 
-    def _serve_all(self) -> None:
+    def serve_all(self) -> None:
+        """Serve all requests that were sent."""
         while self._requests:
             self._reports.append(self._serve(*self._requests.popleft()))
 

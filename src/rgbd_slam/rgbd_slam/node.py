@@ -57,7 +57,7 @@ class RgbdSlamNode(ManagedNode):
         handlers.add(Trigger, topics.PAUSE, lambda _: self._set_paused(is_paused=True))
         handlers.add(Trigger, topics.RESUME, lambda _: self._set_paused(is_paused=False))
         self._map_services = MapServices(
-            self, config, require_session, self._scene, self.diagnostics
+            self, config, require_session, self._scene, self._lifecycle.loader, self.diagnostics
         )
         self._map_outputs = MapOutputs(self, config, lambda: self._lifecycle.session)
         inputs = Inputs(self, config.input, self.diagnostics)

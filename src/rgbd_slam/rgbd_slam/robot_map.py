@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +18,12 @@ from hoid_common.values import (
     Trajectory,
 )
 from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_file import MapFile, check_extendable
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.model.trajectory import current_pass, keyframe_poses, main_map
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.records.soa_table import DEAD
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.slam import RgbdSlam
@@ -50,6 +52,13 @@ class PointRows(NamedTuple):
     position_m: Float32Array  # (R, 3); in rows that are not shown, anything
     is_shown: BoolArray  # (R,) whether the row holds a point of the main map
     is_last: bool  # whether no rows follow
+
+
+class PreparedMap(NamedTuple):
+    """A saved map that is ready to be loaded."""
+
+    loading: MapLoading
+    made_with: CameraModel
 
 
 class RobotMap:
@@ -177,8 +186,50 @@ class RobotMap:
         """
         if len(self._slam.map.atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
-        state = snapshot(self._slam.map.atlas).moved(self._frames.T_map_core)
-        return MapFile(self._camera, self._config.scale_factor, self._config.num_octaves, state)
+        return self.content_of(snapshot(self._slam.map.atlas))
+
+    def content_of(self, state: MapState) -> MapFile:
+        """Return the content of a file, without a dense map, for the map in the core's frame."""
+        config, state = self._config, state.moved(self._frames.T_map_core)
+        return MapFile(self._camera, config.scale_factor, config.num_octaves, state)
+
+    def header(self) -> MapHeader:
+        """Return what the map is, beside its rows, for a checkpoint."""
+        config = self._config
+        return MapHeader(
+            self._camera, config.scale_factor, config.num_octaves, self._frames.T_map_core
+        )
+
+    def prepare_load(self, content: MapFile, *, extend: bool = True) -> PreparedMap:
+        """Return a saved map for `begin_load`. Any thread may call this.
+
+        Args:
+            content: The saved map.
+            extend: Whether the map will be extended, and not only localized in.
+
+        Raises:
+            MapFileError: The map was made with a camera that differs too much to extend it, or
+                with other features.
+        """
+        state = self._in_core(content, extend=extend)
+        return PreparedMap(self._slam.prepare_load(state), content.camera)
+
+    def begin_load(self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]) -> int:
+        """Begin to replace the map by a saved one; return the uid of its first keyframe.
+
+        The map frame becomes that of the saved map; see `SlamMap.begin_load`.
+
+        Args:
+            prepared: The saved map.
+            on_loaded: Called between two images, when the map has been replaced.
+        """
+
+        def loaded(uids: IntArray) -> None:
+            self.has_changed = True
+            self._made_with = prepared.made_with
+            on_loaded(LoadedMap(uids, self.keyframes()))
+
+        return self._slam.begin_load(prepared.loading, loaded)
 
     def load(self, content: MapFile, *, keep: bool = False, extend: bool = True) -> LoadedMap:
         """Load a saved map between two images; the map frame becomes that of the saved map.
@@ -194,10 +245,13 @@ class RobotMap:
             MapFileError: The map was made with a camera that differs too much to extend it, or
                 with other features; the running map is unchanged.
         """
-        octaves = self._config.scale_factor, self._config.num_octaves
-        state = content.seen_by(self._camera, *octaves, extend=extend).map
-        state = state.moved(se3.inverse(self._frames.T_map_core))
-        uids = self._slam.load(state, keep=keep)
+        uids = self._slam.load(self._in_core(content, extend=extend), keep=keep)
         self.has_changed = True
         self._made_with = content.camera
         return LoadedMap(uids, self.keyframes())
+
+    def _in_core(self, content: MapFile, *, extend: bool) -> MapState:
+        """Return a saved map as this camera would have made it, in the core's map frame."""
+        octaves = self._config.scale_factor, self._config.num_octaves
+        state = content.seen_by(self._camera, *octaves, extend=extend).map
+        return state.moved(se3.inverse(self._frames.T_map_core))

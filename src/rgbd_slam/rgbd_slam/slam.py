@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from rgbd_slam.model.tracked_frame import tracked_keyframe
 from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.noise_estimator import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.slam_map import SlamMap
 from rgbd_slam.statistics import SlamStats, slam_stats
 from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
@@ -44,7 +46,7 @@ _BY_WHEELS = (
 )
 # Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
 # Triangulation adds points to the first map later.
-_MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
+_MIN_USABLE = 50  # features with depth that a new map needs
 
 
 class RgbdSlam:
@@ -128,7 +130,7 @@ class RgbdSlam:
             return result
         start_s = time.thread_time()
         self._update_estimates(tracking)
-        is_keyframe = self.map.is_growing and self._policy.wants(tracking)
+        is_keyframe = self.map.takes_keyframes and self._policy.wants(tracking)
         learned_s = time.thread_time()
         if is_keyframe:
             self._insert_keyframe(tracking)
@@ -151,6 +153,20 @@ class RgbdSlam:
         if not keep:
             self._forget_pose()
         return uids
+
+    def prepare_load(self, state: MapState) -> MapLoading:
+        """Return a saved map for `begin_load`. Any thread may call this."""
+        return MapLoading(state, self._camera, self._config, self._relocalizer.prepare_index)
+
+    def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
+        """Begin to replace the map (`SlamMap.begin_load`); then relocalize the camera in it."""
+
+        def loaded(uids: IntArray) -> None:
+            self._relocalizer.use_prepared_index()
+            self._forget_pose()
+            on_loaded(uids)
+
+        return self.map.begin_load(loading, loaded)
 
     def reconfigure(self, config: SlamConfig) -> None:
         """Apply the parameters that may change at run time."""
@@ -259,9 +275,8 @@ class RgbdSlam:
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map with this frame as its first keyframe, if it has enough depth readings."""
-        if np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_FIRST_FEATURES:
-            is_first = self.map.is_empty
-            state = SlamState.NOT_INITIALIZED if is_first else SlamState.LOST
+        if self.map.is_loading or np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_USABLE:
+            state = SlamState.NOT_INITIALIZED if self.map.is_empty else SlamState.LOST
             return TrackingResult(frame.stamp_ns, state)
         uid = self.map.start(frame, T_map_camera)
         self._policy.inserted(frame.stamp_ns)
@@ -311,7 +326,7 @@ class RgbdSlam:
         self.odometry.forget_velocity()
         bridge = self.odometry.bridge()
         limit_s = self._config.places.new_map_after_s
-        if self.map.is_growing and self._new_map.wants(
+        if self.map.takes_keyframes and self._new_map.wants(
             frame, self.odometry.last, self._loss_timer.lost_s, limit_s
         ):
             pose = bridge.T_map_camera if bridge else self.odometry.pose()

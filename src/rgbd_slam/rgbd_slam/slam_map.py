@@ -13,6 +13,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.processes.mapper_client import InlineMapper, MapperClient
 from rgbd_slam.processes.mapper_process import MapperProcess
 
@@ -47,6 +48,7 @@ class SlamMap:
         self.mapper: MapperClient = mapper(camera, atlas, config)
         self.is_growing = True  # False: localization, no keyframe is inserted
         self._on_redirects = on_redirects
+        self._on_loaded: Callable[[], None] | None = None  # while a saved map is on its way
         self._next_map_id = 0  # the ids of merged maps are not used again
         self._next_uid = 0  # of the keyframes
 
@@ -83,6 +85,14 @@ class SlamMap:
         """Apply the changes that the mapper has finished, without waiting for the other ones."""
         self.mapper.update()
         self._on_redirects(self.atlas.redirects.take())
+        if self._on_loaded is not None and not self.mapper.is_loading:
+            on_loaded, self._on_loaded = self._on_loaded, None
+            self._count_maps()
+            on_loaded()
+
+    def _count_maps(self) -> None:
+        keyframes = self.atlas.keyframes
+        self._next_map_id = 1 + int(keyframes.map_id[keyframes.alive].max())
 
     def finish(self) -> None:
         """Wait until every inserted keyframe is mapped and global adjustment has ended.
@@ -92,6 +102,32 @@ class SlamMap:
         """
         self.mapper.finish()
         self.update()
+
+    @property
+    def is_loading(self) -> bool:
+        """Return whether a saved map is on its way, which will replace the map."""
+        return self._on_loaded is not None
+
+    @property
+    def takes_keyframes(self) -> bool:
+        """Return whether keyframes may be inserted and maps be started now."""
+        return self.is_growing and not self.is_loading
+
+    def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
+        """Begin to replace the map by a saved one; return the uid of its first keyframe.
+
+        Tracking continues in the old map meanwhile, without new keyframes. Another thread must
+        call `loading.restore` with that uid; an `update` then exchanges the maps.
+
+        Args:
+            loading: The saved map.
+            on_loaded: Called by that `update` with the (K,) uids of the saved keyframes.
+        """
+        first_uid = self.take_uids(len(loading))
+        uids = first_uid + np.arange(len(loading))
+        self._on_loaded = lambda: on_loaded(uids)
+        self.mapper.begin_load(loading, first_uid)
+        return first_uid
 
     def load(self, state: MapState, *, keep: bool) -> IntArray:
         """Load a saved map and return the (K,) uids of its keyframes.
@@ -106,6 +142,5 @@ class SlamMap:
         first_uid = self.take_uids(len(state))
         self.mapper.load(state, first_uid, keep=keep)
         self.update()
-        keyframes = self.atlas.keyframes
-        self._next_map_id = 1 + int(keyframes.map_id[keyframes.alive].max())
+        self._count_maps()
         return first_uid + np.arange(len(state))

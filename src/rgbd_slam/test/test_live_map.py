@@ -15,6 +15,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.processes.mapper_process import MapperProcess
 from rgbd_slam.processes.mapper_worker import Start
 from rgbd_slam.records.soa_table import SoaTable
@@ -130,3 +131,39 @@ def test_a_loaded_map_is_the_same_live_and_offline(
     client.update()
     assert_same(live.keyframes, offline.map.atlas.keyframes)
     assert_same(live.points, offline.map.atlas.points)
+
+
+def test_a_map_that_is_loaded_in_the_background_replaces_the_running_one(
+    mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offline, requests = offline_run(monkeypatch, 60)
+    saved = snapshot(offline)
+    client, live = mapper
+    for request in requests[:3]:
+        if isinstance(request, Start):
+            client.start_map(*request)
+        else:
+            client.insert(request)
+    client.wait()
+    before, uids = snapshot(live).digest(), live.points.uid.copy()
+    camera = CONFIG.camera
+    loading = MapLoading(saved, StereoCamera.from_model(CAMERA, camera), CONFIG)
+    client.begin_load(loading, 100)
+    client.update()
+    assert client.is_loading
+    assert snapshot(live).digest() == before  # tracking continues in it
+    loading.restore(100)
+    client.wait()
+    assert not client.is_loading
+    assert snapshot(live).digest() == saved.digest()
+    assert not np.isin(live.points.uid[live.points.alive], uids).any()
+    # Both copies have the same rows: further changes apply.
+    wanted = RgbdSlam(CAMERA, CONFIG)
+    wanted.map.load(saved, keep=False)
+    first = requests[0]
+    assert isinstance(first, Start)
+    for mapper_client in (client, wanted.map.mapper):
+        mapper_client.start_map(500, first.frame, first.T_map_camera, 9)
+    client.wait()
+    assert len(live.keyframes) == len(saved) + 1
+    assert snapshot(live).digest() == snapshot(wanted.map.atlas).digest()

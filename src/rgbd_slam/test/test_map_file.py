@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from hoid_common import se3
 from hoid_common.errors import MapFileError
 from rgbd_slam.dense.dense_state import DenseState
-from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io import archive, map_file
+from rgbd_slam.map_io.map_directory import remove_abandoned
 from rgbd_slam.model.map_state import restore, snapshot
 
 from .map_content import OCTAVES, SCALE, content, dense_of, new_map, ring, saved
@@ -179,3 +181,25 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
 def test_a_missing_folder_is_said(tmp_path: Path) -> None:
     with pytest.raises(MapFileError, match='cannot be written: No such file'):
         map_file.save(tmp_path / 'nowhere' / 'a', content())
+
+
+def test_remains_of_killed_processes_are_removed(tmp_path: Path) -> None:
+    killed, scratch = tmp_path / '.partial-0a-x.hoidmap', tmp_path / '.partial.partial-0b'
+    young, foreign = tmp_path / '.partial-0c-x.hoidmap', tmp_path / 'x.hoidmap'
+    scratch.mkdir()
+    for file in (killed, scratch / 'x', young, foreign):
+        file.write_bytes(b'half')
+    os.mkfifo(tmp_path / '.partial-pipe')
+    an_hour_ago = time.time() - 3600
+    with archive.replaced(tmp_path / 'being written') as opened:
+        own = Path(str(opened.name))
+        for path in (killed, scratch, foreign, own):
+            os.utime(path, (an_hour_ago, an_hour_ago))
+        assert sorted(remove_abandoned(str(tmp_path))) == sorted([killed.name, scratch.name])
+        assert not killed.exists()
+        assert not scratch.exists()
+        assert young.exists()
+        assert own.exists()
+    assert foreign.exists()
+    assert (tmp_path / 'being written').exists()
+    assert remove_abandoned(str(tmp_path / 'nowhere')) == []

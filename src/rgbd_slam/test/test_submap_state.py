@@ -13,6 +13,7 @@ from hoid_common.errors import MapFileError
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.model.keyframe_poses import KeyframePoses
@@ -116,3 +117,29 @@ def test_voxels_that_form_no_dense_map_are_refused(
     write(tmp_path / 'a', content()._replace(dense=replace(saved(), **{name: array})))
     with pytest.raises(MapFileError, match=said):
         map_file.load(tmp_path / 'a')
+
+
+def test_an_export_holds_only_what_has_changed_since_another(tmp_path: Path) -> None:
+    scene = fused_scene()
+    first = scene.export_since(None)
+    assert first is not None
+    assert first.changed.digest() == saved().digest()
+    first.write(tmp_path / 'export.npz')
+    read = SubmapExport.read(tmp_path / 'export.npz')
+    assert read.mark == first.mark
+    assert read.changed.digest() == first.changed.digest()
+    for name in ('numbers', 'anchor_uids', 'T_anchor_submap', 'changed_numbers'):
+        np.testing.assert_array_equal(getattr(read, name), getattr(first, name))
+    moved = keyframes(0, 1, T_new_old=se3.exp(np.array([0, 0, 0, 1, 0, 0])))
+    scene.ledger.correct(moved)  # moves all submaps and changes none
+    second = scene.export_since(first.mark)
+    assert second is not None
+    assert len(second.changed_numbers) == len(second.changed) == 0
+    np.testing.assert_array_equal(second.numbers, first.numbers)
+    scene.fuse(SceneRequest(0, moved.T_map_camera[0], 0, moved), WALL_M, COLORS, ())
+    third = scene.export_since(first.mark)
+    assert third is not None
+    assert 0 < len(third.changed_numbers) <= len(third.numbers)
+    again = scene.export_since(ExportMark('of another process', 99))
+    assert again is not None
+    np.testing.assert_array_equal(again.changed_numbers, third.numbers)

@@ -88,9 +88,15 @@ class Submap:
         self.is_bent = False
         self.is_rigid = False  # True: never rebuilt, because its images are not stored
         self.revision = 0  # increases with each change of voxels or pose
+        self._num_moves = 0
 
     def __len__(self) -> int:
         return len(self.keys)
+
+    @property
+    def content_revision(self) -> int:
+        """Return a number that differs after each change of voxels or free space."""
+        return self.revision - self._num_moves
 
     @property
     def radius_m(self) -> float:
@@ -115,6 +121,7 @@ class Submap:
         if not np.allclose(T_map_submap, self.T_map_submap, rtol=0, atol=1e-5):
             self._place(T_map_submap)
             self.revision += 1
+            self._num_moves += 1
 
     def _place(self, T_map_submap: FloatArray) -> None:
         self.T_map_submap = T_map_submap

@@ -20,6 +20,7 @@ from hoid_common.values import ByteArray, CameraModel, Float32Array, FloatArray,
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.dense.depth_view import Comparison, DepthCamera, DepthView, Surface
 from rgbd_slam.dense.submap import SIDE, Evidence, Submap, move_to_disk, num_in_memory, transform
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport, SubmapExports
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 
@@ -63,6 +64,7 @@ class VoxelMap:
         self._config = config
         self._main_map = 0
         self._submaps: list[Submap] = []  # in the order in which they were created
+        self._exports = SubmapExports(config)
         self._clouds: dict[Submap, tuple[int, ColoredCloud]] = {}  # with the submap's revision
 
     def __len__(self) -> int:
@@ -115,6 +117,10 @@ class VoxelMap:
         In the record, an anchor is the position of its uid.
         """
         return SubmapState.of_submaps(self._submaps, keyframe_uids, self._config)
+
+    def export_since(self, mark: ExportMark | None, keyframe_uids: IntArray) -> SubmapExport:
+        """Return what has changed in the submaps since an export; see `SubmapExports.since`."""
+        return self._exports.since(mark, self._submaps, keyframe_uids)
 
     def load(self, state: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
         """Add saved submaps.

@@ -1,25 +1,48 @@
-"""The checkpoint file: the map of a node that was killed, for the node that replaces it.
+"""The checkpoint of a node: the map of a node that was killed, for the node that replaces it.
 
-The modification time of the file is the stamp of the last image that was tracked in its map, on
-the camera's clock. It shows whether the map fits the images that a new node receives: the stamps
-of a running camera are later by the time for which no node was running. Those of a recording that
-is played again are earlier, and those of another recording differ by more than ten minutes.
+A checkpoint is a folder of segments, to which only what is new is appended, and of an index
+(decision 042). The modification time of the index is the stamp of the last image that was tracked
+in its map, on the camera's clock. It shows whether the map fits the images that a new node
+receives: the stamps of a running camera are later by the time for which no node was running. Those
+of a recording that is played again are earlier, and those of another recording differ by more than
+ten minutes.
 """
 
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from hoid_common.errors import MapFileError
 from hoid_common.io.untrusted import expand_home
-from hoid_common.values import NS_PER_S
-from rgbd_slam.map_io import map_file
+from hoid_common.values import NS_PER_S, FloatArray, IntArray
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
+from rgbd_slam.map_io import archive
+from rgbd_slam.map_io.checkpoint_index import (
+    SEGMENTS,
+    CheckpointIndex,
+    CubeRows,
+    IndexedKeyframes,
+    IndexedSubmaps,
+    MapHeader,
+    VoxelRows,
+    read_checkpoint,
+)
 from rgbd_slam.map_io.map_file import SUFFIX, MapFile
+from rgbd_slam.map_io.map_parts import KeyframeCopy, MapPart, MapParts
+from rgbd_slam.map_io.segments import Segment
+from rgbd_slam.model.atlas import Atlas
 
 # Chosen: after more than ten minutes without SLAM the robot may be anywhere.
 _MAX_AWAY_NS = 600 * NS_PER_S
+_INDEX = 'index'
+_SPARE_BYTES = 16_000_000  # chosen: dead bytes that are not worth writing a segment again
 
 
 class Checkpoint(NamedTuple):
@@ -33,8 +56,8 @@ class Checkpoint(NamedTuple):
         return 0 <= stamp_ns - self.stamp_ns <= _MAX_AWAY_NS
 
 
-class CheckpointFile:
-    """The checkpoint file of one node.
+class CheckpointFolder:
+    """The checkpoint of one node.
 
     Args:
         directory: The folder of all maps; `~` is the home folder.
@@ -43,8 +66,15 @@ class CheckpointFile:
 
     def __init__(self, directory: str, owner: str) -> None:
         plain = ''.join(c if c.isalnum() else '-' for c in owner)
-        # A hidden file, which no service accepts as a name.
-        self.path = expand_home(directory, 'map_directory') / f'.checkpoint-{plain}{SUFFIX}'
+        # Hidden, so that no service accepts it as a name.
+        self.path = expand_home(directory, 'map_directory') / f'.checkpoint-{plain}'
+        self._index = self.path / _INDEX
+
+    @property
+    def outdated(self) -> Path | None:
+        """Return the checkpoint file that an earlier version has left, which is a map file."""
+        path = self.path.with_name(self.path.name + SUFFIX)
+        return path if path.exists() else None
 
     def read(self) -> Checkpoint | None:
         """Return the checkpoint, or None if there is none.
@@ -52,32 +82,234 @@ class CheckpointFile:
         Raises:
             MapFileError: It cannot be read.
         """
-        if not self.path.exists():
+        if not self._index.exists():
             return None
-        return Checkpoint(map_file.load(self.path), self.path.stat().st_mtime_ns)
-
-    def write(self, checkpoint: Checkpoint) -> int:
-        """Write a checkpoint in place of the old one, and return the size of the file in bytes.
-
-        Raises:
-            MapFileError: It cannot be written; the old file is unchanged.
-        """
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise MapFileError(
-                f'{self.path.parent}: cannot be created: {error.strerror}'
-            ) from error
-        size = map_file.save(self.path, checkpoint.content)
-        self.touch(checkpoint.stamp_ns)
-        return size
+        stamp_ns = self._index.stat().st_mtime_ns
+        return Checkpoint(read_checkpoint(self._index), stamp_ns)
 
     def touch(self, stamp_ns: int) -> None:
-        """Record that the map in the file still holds at the image with this stamp."""
+        """Record that the map in the checkpoint still holds at the image with this stamp."""
         with suppress(OSError):
-            os.utime(self.path, ns=(stamp_ns, stamp_ns))
+            os.utime(self._index, ns=(stamp_ns, stamp_ns))
 
     def remove(self) -> None:
-        """Delete the file, so that no node resumes its map."""
+        """Delete the checkpoint, so that no node resumes its map."""
         with suppress(OSError):
-            self.path.unlink(missing_ok=True)
+            self._index.unlink(missing_ok=True)  # first: what is left is no checkpoint
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
+class CheckpointWriter:
+    """Writes the checkpoints of one map, which replace a checkpoint of an earlier map.
+
+    `parts` copies the map between two images. Each of its parts is passed to `append`, and the
+    last one of a checkpoint to `finish` as well. After an error, the same part may be copied and
+    appended again.
+
+    Args:
+        folder: The checkpoint of the node.
+        atlas: The map.
+    """
+
+    def __init__(self, folder: CheckpointFolder, atlas: Atlas) -> None:
+        self.parts = MapParts(atlas)
+        self.num_bytes = 0  # that were written for the current checkpoint
+        self._folder = folder
+        self._segments = {name: self._new_segment(name) for name in SEGMENTS}
+        self._submaps = _StoredSubmaps()
+
+    @property
+    def submaps_since(self) -> ExportMark | None:
+        """Return the mark of the stored dense map; None: no submap is stored."""
+        return self._submaps.mark
+
+    @property
+    def num_voxels(self) -> int:
+        """Return the number of voxels of the stored dense map."""
+        return self._submaps.num_voxels
+
+    @property
+    def total_bytes(self) -> int:
+        """Return the size of all segments."""
+        return sum(segment.num_bytes for segment in self._segments.values())
+
+    def close(self) -> None:
+        """Close the files."""
+        for segment in self._segments.values():
+            segment.close()
+
+    def append(self, part: MapPart) -> None:
+        """Append a part to the segments, where no reader finds it before `finish`.
+
+        Raises:
+            MapFileError: It cannot be written.
+        """
+        with self._described_errors():
+            self._folder.path.mkdir(parents=True, exist_ok=True)
+            before = self.total_bytes
+            first_feature = self._segments['features'].append(part.features)
+            first_state = self._segments['states'].append(part.states)
+            self._segments['points'].append(part.points)
+            self.parts.note(part, first_feature, first_state)
+            self.num_bytes += self.total_bytes - before
+
+    def finish(
+        self,
+        header: MapHeader,
+        keyframes: KeyframeCopy,
+        submaps: SubmapExport | None,
+        stamp_ns: int,
+        *,
+        keep_submaps: bool = False,
+    ) -> int:
+        """Replace the checkpoint by the map whose parts were appended; return its bytes written.
+
+        Args:
+            header: What the map is.
+            keyframes: The keyframes, from the last part.
+            submaps: The dense map; None: there is none.
+            stamp_ns: Stamp of the last image that was tracked in the map.
+            keep_submaps: Whether the dense map is unknown: keep the one of the last checkpoint.
+
+        Raises:
+            MapFileError: It cannot be written; the old checkpoint is unchanged.
+        """
+        columns = keyframes.columns | {
+            'first_feature': self.parts.first_feature[keyframes.rows],
+            'first_state': self.parts.first_state[keyframes.rows],
+        }
+        index = self._folder.path / _INDEX
+        with self._described_errors():
+            before = self.total_bytes
+            if not keep_submaps:
+                self._submaps.append(submaps, self._segments)
+            self.num_bytes += self.total_bytes - before
+            self._sync()
+            with archive.replaced(index) as file:
+                kept = self._submaps.record(columns['uid'])
+                content = CheckpointIndex(header, IndexedKeyframes.of(columns), kept)
+                content.write(file, self._segments)
+                written, self.num_bytes = self.num_bytes + file.tell(), 0
+        self._folder.touch(stamp_ns)
+        self._remove_unused()
+        self._compact(keyframes)
+        return written
+
+    def _new_segment(self, name: str) -> Segment:
+        return Segment(self._folder.path, name, SEGMENTS[name])
+
+    def _sync(self) -> None:
+        try:
+            for segment in self._segments.values():
+                segment.sync()
+        except OSError:
+            # Linux forgets which bytes are missing on the disk: write all to new segments.
+            for name in SEGMENTS:
+                self._replace(name)
+            raise
+
+    def _compact(self, keyframes: KeyframeCopy) -> None:
+        """Replace segments most of which is dead; the next checkpoint fills the new ones."""
+        num_features = int(keyframes.columns['num_features'].sum())
+        alive = {'features': num_features, 'states': num_features, 'points': keyframes.num_points}
+        alive['voxels'], alive['cubes'] = self._submaps.num_voxels, len(self._submaps)
+        for name, segment in self._segments.items():
+            if segment.is_wasteful(alive[name], _SPARE_BYTES):
+                self._replace(name)
+
+    def _replace(self, name: str) -> None:
+        self._segments[name].close()
+        self._segments[name] = self._new_segment(name)
+        match name:
+            case 'features':
+                self.parts.forget_features()
+            case 'states':
+                self.parts.forget_states()
+            case 'points':
+                self.parts.forget_points()
+            case _:  # all submaps are stored again
+                self._submaps = _StoredSubmaps()
+
+    def _remove_unused(self) -> None:
+        """Remove the files that belong neither to the index nor to the next one."""
+        used = {_INDEX, *(segment.path.name for segment in self._segments.values())}
+        with suppress(OSError):
+            for path in self._folder.path.iterdir():
+                if path.name not in used:
+                    path.unlink()
+
+    @contextmanager
+    def _described_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise MapFileError(
+                f'{self._folder.path}: cannot be written: {error.strerror}'
+            ) from error
+
+
+class _StoredSubmap(NamedTuple):
+    anchor_uid: int
+    T_anchor_submap: FloatArray  # (4, 4)
+    first_voxel: int
+    num_voxels: int
+    cube: int
+
+
+class _StoredSubmaps:
+    """Where the submaps of the dense map are in the segments."""
+
+    def __init__(self) -> None:
+        self.mark: ExportMark | None = None
+        self._voxel_m = 1.0
+        self._stored: dict[int, _StoredSubmap] = {}  # by the number of the submap
+
+    def __len__(self) -> int:
+        return len(self._stored)
+
+    @property
+    def num_voxels(self) -> int:
+        """Return the number of voxels of all submaps."""
+        return sum(submap.num_voxels for submap in self._stored.values())
+
+    def append(self, export: SubmapExport | None, segments: dict[str, Segment]) -> None:
+        """Append the submaps that have changed, and forget those that are gone."""
+        if export is None:
+            self.mark, self._stored = None, {}
+            return
+        state = export.changed
+        voxel = segments['voxels'].append(
+            VoxelRows(state.key, state.offset, state.color_bgr, state.weight, state.counts)
+        )
+        cube = segments['cubes'].append(CubeRows(state.free_above))
+        counts = state.num_voxels.astype(np.int64)
+        firsts = (voxel + np.cumsum(counts) - counts).tolist()
+        rows = {number: row for row, number in enumerate(export.changed_numbers.tolist())}
+        stored = {}
+        for number, uid, T in zip(
+            export.numbers.tolist(),
+            export.anchor_uids.tolist(),
+            export.T_anchor_submap,
+            strict=True,
+        ):
+            row = rows.get(number)
+            if row is not None:
+                stored[number] = _StoredSubmap(uid, T, firsts[row], int(counts[row]), cube + row)
+            elif number in self._stored:
+                stored[number] = self._stored[number]._replace(anchor_uid=uid, T_anchor_submap=T)
+        self.mark, self._stored, self._voxel_m = export.mark, stored, float(state.voxel_m[0])
+
+    def record(self, keyframe_uids: IntArray) -> IndexedSubmaps:
+        """Return the record of the submaps whose anchors are among the keyframes."""
+        saved = set(keyframe_uids.tolist())
+        kept = [submap for submap in self._stored.values() if submap.anchor_uid in saved]
+        return IndexedSubmaps.of(
+            {
+                'voxel_m': np.array([self._voxel_m]),
+                'anchor_uid': np.array([s.anchor_uid for s in kept], np.int64),
+                'T_anchor_submap': np.array([s.T_anchor_submap for s in kept]).reshape(-1, 4, 4),
+                'num_voxels': np.array([s.num_voxels for s in kept], np.int64),
+                'first_voxel': np.array([s.first_voxel for s in kept], np.int64),
+                'cube': np.array([s.cube for s in kept], np.int64),
+            }
+        )

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import zipfile
-from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -12,12 +9,12 @@ from hoid_common.errors import MapFileError
 from hoid_common.values import CameraModel
 from rgbd_slam.dense.dense_state import DenseState
 from rgbd_slam.dense.submap_state import SubmapState
+from rgbd_slam.map_io.archive import MANIFEST, Reader
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.records.record import Record
 
 VERSION = 1
 FORMAT = 'hoid map'
-MANIFEST = 'manifest.json'
 SECTIONS: dict[str, type[Record]] = {
     'map': MapState,
     'submaps': SubmapState,
@@ -37,19 +34,16 @@ class Manifest(NamedTuple):
     lengths: dict[str, dict[str, int]]  # lengths of the named axes, by section of the file
 
 
-def read_manifest(archive: zipfile.ZipFile, infos: Mapping[str, zipfile.ZipInfo]) -> Manifest:
+def read_manifest(reader: Reader) -> Manifest:
     """Return the manifest of a map file, after checking its version and its values.
-
-    Args:
-        archive: The map file.
-        infos: The members of the file by name.
 
     Raises:
         MapFileError: The file is not a map, of another version, or damaged.
     """
-    if MANIFEST not in infos or infos[MANIFEST].file_size > _MAX_MANIFEST_BYTES:
+    info = reader.infos.get(MANIFEST)
+    if info is None or info.file_size > _MAX_MANIFEST_BYTES:
         raise MapFileError('is no map file: it has no manifest')
-    content = json.loads(archive.read(MANIFEST))
+    content = reader.json(MANIFEST)
     if not isinstance(content, dict) or content.get('format') != FORMAT:
         raise MapFileError('is no map file: its manifest is of something else')
     if content.get('version') != VERSION:

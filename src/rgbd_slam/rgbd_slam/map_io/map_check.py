@@ -20,6 +20,7 @@ _MAX_STAMP_NS = 2**31 * NS_PER_S  # ROS stores seconds in 32 bits
 _MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
 _ORTHONORMAL = 1e-6  # chosen: largest entry of R R^T - I; poses are stored in 64 bits
 _MIN_WEIGHT, _MAX_WEIGHT = 1e-30, 1e30  # chosen: no product with a color or a coordinate overflows
+_BLOCK = 64  # chosen: keyframes that are checked at once; their observations fit the cache
 _MIN_RAY_M = 1e-3  # chosen: a nearer point has no direction
 
 
@@ -81,7 +82,7 @@ def _require(holds: bool | np.bool_, otherwise: str) -> None:
 
 def _within(values: Array, low: float, end: float) -> bool:
     """Return whether all values are in [low, end); false if one is NaN."""
-    return bool(((values >= low) & (values < end)).all())
+    return values.size == 0 or bool(values.min() >= low and values.max() < end)
 
 
 def _are_poses(T: FloatArray) -> bool:
@@ -120,9 +121,9 @@ def _check_tree(state: MapState) -> None:
 
 
 def _check_features(state: MapState, camera: CameraModel, num_octaves: int) -> None:
-    size_px = np.array([camera.width_px, camera.height_px])
-    is_near = (np.abs(state.uv_px - size_px / 2) < _MAX_IMAGES * size_px).all()
-    _require(is_near, "a feature's pixel is out of range")
+    for pixels, size_px in zip(state.uv_px.T, (camera.width_px, camera.height_px), strict=True):
+        low, end = (0.5 - _MAX_IMAGES) * size_px, (0.5 + _MAX_IMAGES) * size_px
+        _require(_within(pixels, low, end), "a feature's pixel is out of range")
     is_depth = (state.depth_m == 0) | is_reading(state.depth_m)
     _require(is_depth.all(), "a feature's depth is invalid")
     _require(_within(state.octave, 0, num_octaves), "a feature's octave is out of range")
@@ -132,17 +133,25 @@ def _check_features(state: MapState, camera: CameraModel, num_octaves: int) -> N
 def _check_observations(state: MapState) -> None:
     count = len(state.position_m)
     _require(_within(state.point, NONE, count), 'a feature observes a point that does not exist')
-    seen = state.point != NONE
-    keyframe, point = state.keyframe[seen], state.point[seen]
-    pairs = np.sort(keyframe * count + point)
-    _require((pairs[1:] != pairs[:-1]).all(), 'a keyframe observes one point twice')
-    _require((np.bincount(point, minlength=count) > 0).all(), 'a point is observed by no keyframe')
-    ray = state.position_m[point] - state.T_map_camera[keyframe, :3, 3]
-    _require((np.abs(ray).max(axis=1) > _MIN_RAY_M).all(), 'a point lies in the camera')
+    is_observed, num_of_reference = np.zeros(count, np.bool_), 0
     map_id = state.map_id[state.reference]
-    _require((map_id[point] == state.map_id[keyframe]).all(), 'two maps share a point')
-    of_reference = point[keyframe == state.reference[point]]
-    _require(len(of_reference) == count, 'a point is not observed by its reference keyframe')
+    ends = np.cumsum(state.num_features)
+    for first in range(0, len(state), _BLOCK):
+        counts = state.num_features[first : first + _BLOCK]
+        end = int(ends[first + len(counts) - 1])
+        point = state.point[end - int(counts.sum()) : end]
+        keyframe = np.repeat(np.arange(first, first + len(counts)), counts)
+        keyframe, point = keyframe[point != NONE], point[point != NONE]
+        pairs = np.sort(keyframe * count + point)
+        _require((pairs[1:] != pairs[:-1]).all(), 'a keyframe observes one point twice')
+        is_observed[point] = True
+        ray = state.position_m[point] - state.T_map_camera[keyframe, :3, 3]
+        _require((np.abs(ray).max(axis=1) > _MIN_RAY_M).all(), 'a point lies in the camera')
+        is_same = map_id[point] == state.map_id[keyframe]
+        _require(is_same.all(), 'two maps share a point')
+        num_of_reference += int(np.count_nonzero(keyframe == state.reference[point]))
+    _require(is_observed.all(), 'a point is observed by no keyframe')
+    _require(num_of_reference == count, 'a point is not observed by its reference keyframe')
 
 
 def _check_points(state: MapState) -> None:

@@ -6,19 +6,24 @@ folder first, then renamed, so that an existing file is replaced by a complete o
 
 from __future__ import annotations
 
+import shutil
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from hoid_common.errors import InputError
-from hoid_common.io.files import scratch_folder, write_error
+from hoid_common.io.files import abandoned_scratch_folders, scratch_folder, write_error
 from hoid_common.io.untrusted import expand_home
+from rgbd_slam.map_io.archive import abandoned_files
 from rgbd_slam.map_io.map_file import SUFFIX
 
 T = TypeVar('T')
 
 # Length of a name: a file system allows 255 bytes, and the names of scratch files are longer.
 _MAX_BYTES = 200
+_MIN_AGE_S = 60.0  # chosen: many times the time from making a file until it is locked
 _MAX_PRINTED = 40  # chosen: characters of a refused name in an error message
 _MAX_ENDING = 8  # chosen: characters of a word after a dot that counts as an ending
 
@@ -85,6 +90,24 @@ def write_whole(path: Path, write: Callable[[Path], T]) -> T:
     except OSError as error:
         raise write_error(path, error) from error
     return done
+
+
+def remove_abandoned(directory: str) -> list[str]:
+    """Remove the unfinished files of killed processes; return their names.
+
+    Files and folders that a running process has locked, and those younger than a minute, whose
+    process may not have locked them yet, are left alone.
+
+    Args:
+        directory: The folder of maps; `~` is the home folder.
+    """
+    folder, removed = expand_home(directory, 'map_directory'), []
+    for path in [*abandoned_scratch_folders(folder), *abandoned_files(folder)]:
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > _MIN_AGE_S:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+                removed.append(path.name)
+    return removed
 
 
 def _check_name(name: str, directory: str) -> None:

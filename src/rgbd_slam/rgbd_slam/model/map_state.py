@@ -6,7 +6,7 @@ creation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -31,6 +31,7 @@ from rgbd_slam.records.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]
 NONE = -1
+_BLOCK = 256  # chosen: keyframes whose observations are restored at once, in some ms
 _OUTSIDE = 1.0  # chosen: image sizes by which a pixel of another camera may lie outside the image
 _COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
@@ -117,18 +118,18 @@ def snapshot(atlas: Atlas) -> MapState:
     features = list(zip(i.tolist(), num_features.tolist(), strict=True))
     row_of_point = np.full(points.capacity + 1, NONE)
     row_of_point[j] = np.arange(len(j))
-    point = row_of_point[_joined(keyframes.point_of_feature, features)]
-    reference = _rows_of(keyframes.uid[i], points.reference_keyframe_uid[j])
+    point = row_of_point[joined_rows(keyframes.point_of_feature, features)]
+    reference = rows_of_uids(keyframes.uid[i], points.reference_keyframe_uid[j])
     _, map_id = np.unique(keyframes.map_id[i], return_inverse=True)
     return MapState.of(
         {
             'stamp_ns': keyframes.stamp_ns[i],
             'T_map_camera': keyframes.T_map_camera[i],
             'map_id': map_id,
-            'parent': _rows_of(keyframes.uid[i], keyframes.parent_uid[i]),
+            'parent': rows_of_uids(keyframes.uid[i], keyframes.parent_uid[i]),
             'num_features': num_features,
-            'uv_px': _joined(keyframes.measurement_px[..., :2], features),
-            **{name: _joined(getattr(keyframes, name), features) for name in _COPIED},
+            'uv_px': joined_rows(keyframes.measurement_px[..., :2], features),
+            **{name: joined_rows(getattr(keyframes, name), features) for name in _COPIED},
             'point': point,
             'position_m': points.position_m[j],
             'reference': reference,
@@ -162,13 +163,11 @@ def restore(
         atlas.clear()
     i = atlas.append_keyframes(_saved_keyframes(state, camera), first_uid)
     j = atlas.append_points(_saved_points(state), i[state.reference])
-    seen = state.point != NONE
-    of_i, k = i[state.keyframe], _feature_rows(state)
-    atlas.append_observations(Observations(of_i[seen], k[seen], j[state.point[seen]]))
+    atlas.append_observations(_observations(state, i, j), np.sort(j))
     return i
 
 
-def _joined(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
+def joined_rows(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
     """Return the first n entries of each row i of a table, concatenated.
 
     Args:
@@ -188,8 +187,6 @@ def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
             'num_features': state.num_features,
         },
         np.where(state.parent == NONE, DEAD, state.parent),
-        state.keyframe,
-        _feature_rows(state),
         {
             'measurement_px': measurement_px(state, camera),
             **{name: getattr(state, name) for name in _COPIED},
@@ -219,13 +216,26 @@ def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
     return out
 
 
-def _feature_rows(state: MapState) -> IntArray:
-    """Return the (F,) number of each feature within its keyframe."""
-    first = np.cumsum(state.num_features) - state.num_features
-    return np.arange(len(state.point)) - np.repeat(first, state.num_features)
+def _observations(state: MapState, i: IntArray, j: IntArray) -> Iterator[Observations]:
+    """Yield the observations of a saved map in blocks of keyframes.
+
+    Args:
+        state: The saved map.
+        i: (K,) rows of its keyframes in the atlas.
+        j: (P,) rows of its points in the atlas.
+    """
+    end = 0
+    for start in range(0, len(state), _BLOCK):
+        counts = state.num_features[start : start + _BLOCK]
+        begin, end = end, end + int(counts.sum())
+        point = state.point[begin:end]
+        keyframe = np.repeat(i[start : start + _BLOCK], counts)
+        k = np.arange(len(point)) - np.repeat(np.cumsum(counts) - counts, counts)
+        seen = point != NONE
+        yield Observations(keyframe[seen], k[seen], j[point[seen]])
 
 
-def _rows_of(uids: IntArray, wanted: IntArray) -> Any:
+def rows_of_uids(uids: IntArray, wanted: IntArray) -> Any:
     """Return the (M,) index of each wanted uid among the ascending `uids`; NONE if missing."""
     at = np.minimum(np.searchsorted(uids, wanted), max(len(uids) - 1, 0))
     return np.where(uids[at] == wanted, at, NONE) if len(uids) else np.full(len(wanted), NONE)

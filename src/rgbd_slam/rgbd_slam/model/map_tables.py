@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import BoolArray, FloatArray, IntArray
 from hoid_native import ObservationGraph, move_points
 from hoid_native.results import Edges, Observations
 from rgbd_slam.model.frame import Frame
@@ -171,6 +171,17 @@ class MapTables:
         self.version += 1
         return change
 
+    def skip_changes(self) -> int:
+        """Start a new version, because the copies of the map have its changes already.
+
+        Returns the version that the copies have.
+        """
+        self._moves, self._has_copies = [], True
+        self.keyframes.is_reobserved[:] = False
+        self.redirects.take()
+        self.version += 1
+        return self.version - 1
+
     def whole(self) -> MapChange:
         """Return the change that makes an empty atlas equal to this one."""
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
@@ -191,14 +202,16 @@ class MapTables:
         """
         kf, rows = self.keyframes, change.keyframes.rows
         for move in change.moves:
-            self._apply_move(move)
+            self.points.shifted[self._apply_move(move)] = change.version
         kf.put_rows(change.keyframes, change.version)
         if frame is not None:
             for i in change.keyframes.new_rows.tolist():
                 kf.put_features(i, frame)
         self.points.put_rows(change.points, change.version)
         self.points.position_m[change.positions.rows] = change.positions.position_m
+        self.points.shifted[change.positions.rows] = change.version
         self._apply_features(change.observations)
+        kf.reobserved[change.observations.i] = change.version
         self._connect(change.connections)
         for i in rows[kf.uid[rows] == DEAD].tolist():
             self._graph.set_neighbors(i, _NOTHING, _NOTHING)
@@ -208,7 +221,8 @@ class MapTables:
             if kf.index_of(uid) is not None or self.redirects.find(uid) is not None:
                 del self.pending[uid]
 
-    def _apply_move(self, move: Move) -> None:
+    def _apply_move(self, move: Move) -> BoolArray:
+        """Move keyframes with their points; return the mask of the rows of these points."""
         kf, points = self.keyframes, self.points
         rows = kf.indices()
         rows = rows[np.isin(kf.uid[rows], move.uids)]
@@ -223,6 +237,7 @@ class MapTables:
         move_points(move.T_new_old, which, points.position_m, points.view_direction)
         if move.map_id is not None:
             kf.map_id[rows] = points.map_id[which >= 0] = move.map_id
+        return np.asarray(which >= 0)
 
     def _positions_since(self, version: int) -> PointPositions:
         """Return the positions of points of which nothing else has changed after `version`."""

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import ByteArray, IntArray
+from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, IntArray
 from rgbd_slam.config.place_config import PlaceConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
-from rgbd_slam.places.place_index import make_place_index
+from rgbd_slam.places.place_index import PlaceIndex, make_place_index
 from rgbd_slam.places.pose_hint import PoseHint
 
 NEAR_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
@@ -40,8 +40,20 @@ class PlaceFinder:
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: PlaceConfig, seed: int) -> None:
         self._atlas = atlas
         self._config = config.verification
+        self._index_config = config.index
         self._index = make_place_index(config.index.method, config.index)
         self.verifier = PlaceVerifier(atlas, camera, config.verification, seed)
+
+    def index_of(self, atlas: Atlas) -> PlaceIndex:
+        """Return the place index of another map, ready to be queried. Any thread may call this."""
+        index = make_place_index(self._index_config.method, self._index_config)
+        index.update(atlas)
+        index.query(np.empty((0, DESCRIPTOR_BYTES), np.uint8))  # may complete the index
+        return index
+
+    def use_index(self, index: PlaceIndex) -> None:
+        """Use the index of a map that has replaced the map."""
+        self._index = index
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
         """Return the rows of the keyframes most similar to an image, one for each place.

@@ -9,6 +9,7 @@ from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.processes.map_loading import MapLoading
 
 
 class MapperClient(Protocol):
@@ -64,6 +65,18 @@ class MapperClient(Protocol):
             MapperStoppedError: The process of the mapper does not respond.
         """
 
+    def begin_load(self, loading: MapLoading, first_uid: int) -> None:
+        """Request a saved map in place of the map. A later `update` brings it into the tracker's.
+
+        Args:
+            loading: The saved map, which another thread restores for the tracker.
+            first_uid: Uid of its first keyframe; the others follow.
+        """
+
+    @property
+    def is_loading(self) -> bool:
+        """Return whether a saved map is on its way into the tracker's map."""
+
     def update(self) -> None:
         """Apply the mapper's finished changes to the tracker's map, without waiting for others."""
 
@@ -91,6 +104,11 @@ class InlineMapper(Mapper):
     waiting_s = 0.0
     num_restarts = 0
     is_settled = True
+    is_loading = False
+
+    def begin_load(self, loading: MapLoading, first_uid: int) -> None:
+        """Load a saved map in place of the map."""
+        self.load(loading.state, first_uid, keep=False)
 
     def update(self) -> None:
         """Do nothing: the tracker and the mapper share one map."""

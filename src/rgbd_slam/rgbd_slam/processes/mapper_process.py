@@ -29,8 +29,10 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_change import PendingKeyframe
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.processes.mapper_worker import (
     Load,
+    Loaded,
     MapperReport,
     Ready,
     Request,
@@ -110,6 +112,9 @@ class MapperProcess:
         self._num_sent = self._num_done = 0
         self._sent_s = 0.0  # when the first request of the queue became the next to be answered
         self._is_settled = True
+        self._loading: MapLoading | None = None
+        self._loaded: Loaded | None = None  # of the map that is being loaded, from the mapper
+        self._camera, self._config = camera, config
         self._clock = clock
         self._worker = worker or ChildWorker[Request, Ready | MapperReport](
             'mapper', run_mapper, camera, config
@@ -170,12 +175,37 @@ class MapperProcess:
         Raises:
             MapperStoppedError: The process takes too long.
         """
-        self._append(Load(state, first_uid, keep))
+        if keep:
+            self._append(Load(state, first_uid, keep))
+        else:
+            loading = MapLoading(state, self._camera, self._config)
+            self.begin_load(loading, first_uid)
+            loading.restore(first_uid)
         self.wait(_LOAD_S)
 
+    def begin_load(self, loading: MapLoading, first_uid: int) -> None:
+        """Request a saved map in place of the map. `update` exchanges the tracker's map for it.
+
+        Requests that follow apply to the new map.
+
+        Args:
+            loading: The saved map, which another thread restores for the tracker (`restore`).
+            first_uid: Uid of its first keyframe; the others follow.
+        """
+        self._loading = loading
+        self._append(loading.request(first_uid))
+
+    @property
+    def is_loading(self) -> bool:
+        """Return whether a saved map is on its way into the tracker's map."""
+        return self._loading is not None
+
     def update(self) -> None:
-        """Apply the reports that have arrived to the tracker's map."""
-        while self._worker.has_report:
+        """Apply the reports that have arrived to the tracker's map.
+
+        While the tracker's copy of a loaded map is incomplete, later reports wait.
+        """
+        while self._adopt(0.0) and self._worker.has_report:
             self._receive(0.0)
 
     def settle(self) -> None:
@@ -192,6 +222,7 @@ class MapperProcess:
         """
         while self._queue:
             self._receive(limit_s)
+            self._adopt(limit_s)
 
     def finish(self) -> None:
         """Do the same as `settle`, then wait until all requests and the adjustment have ended.
@@ -280,11 +311,33 @@ class MapperProcess:
         frame = None
         if report.completes_request and isinstance(self._queue[0], KeyframeRequest | Start):
             frame = self._queue[0].frame  # not sent back
-        self._atlas.apply(report.change, frame)
+        if isinstance(report.change, Loaded):
+            self._loaded = report.change
+        else:
+            self._atlas.apply(report.change, frame)
         self.loops = report.loops
         self._is_settled = report.is_settled
         if report.completes_request:
             self._complete_request()
+
+    def _adopt(self, limit_s: float) -> bool:
+        """Exchange the tracker's map for the loaded one, if the mapper has loaded it.
+
+        Returns whether further reports may be applied: the tracker has its copy of that map.
+
+        Raises:
+            MapperStoppedError: The map could not be restored.
+        """
+        loaded, loading = self._loaded, self._loading
+        if loaded is None or loading is None:
+            return True
+        if not loading.wait(limit_s):
+            return False
+        if loading.atlas is None:
+            raise MapperStoppedError('the map that was being loaded could not be restored')
+        self._atlas.adopt(loading.atlas, *loaded)
+        self._loaded = self._loading = None
+        return True
 
     def _complete_request(self) -> None:
         """Remove the completed request from the queue, and send the next one."""

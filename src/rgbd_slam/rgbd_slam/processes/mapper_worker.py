@@ -18,6 +18,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.records.shared_record import RecordLocation
 
 _NICE = 5  # lower priority than tracking, which does not wait for the mapper (decision 016)
 _IDLE_S = 0.2  # chosen: how often an idle mapper polls its background adjustment for a result
@@ -48,7 +49,7 @@ class Settle(NamedTuple):
 class Load(NamedTuple):
     """Request: load a saved map."""
 
-    state: MapState
+    state: MapState | RecordLocation  # or where it is stored
     first_uid: int  # uid of its first keyframe; the others follow
     keep: bool  # True: keep the running map beside it; False: discard the running map
 
@@ -60,13 +61,20 @@ class Ready(NamedTuple):
     """Report: the process has started and accepts requests."""
 
 
+class Loaded(NamedTuple):
+    """A saved map has replaced the map; the tracker restores it itself."""
+
+    version: int  # of the map since then
+    first_point_uid: int  # of its points
+
+
 class MapperReport(NamedTuple):
     """Report: the changes of the map since the last report.
 
     It is sent after each request and after each background adjustment.
     """
 
-    change: MapChange
+    change: MapChange | Loaded
     loops: LoopCounts
     completes_request: bool  # False: the report follows from a background adjustment
     is_settled: bool  # whether no adjustment is running in the background
@@ -102,7 +110,10 @@ class MapperServer:
                 mapper.resume(whole, loops)
                 self._version = whole.version  # the tracker has this map already
             case Load(state, first_uid, keep):
+                state = state.map() if isinstance(state, RecordLocation) else state
                 mapper.load(state, first_uid, keep=keep)
+                if not keep:
+                    return self._report_loaded()
             case Start():
                 mapper.start_map(*request)
         has_features = isinstance(request, KeyframeRequest | Start)
@@ -115,6 +126,12 @@ class MapperServer:
     def close(self) -> None:
         """Stop the background adjustment."""
         self._mapper.close()
+
+    def _report_loaded(self) -> MapperReport:
+        points = self.map.points
+        self._version = self.map.skip_changes()
+        loaded = Loaded(self._version, int(points.uid[points.alive].min()))
+        return MapperReport(loaded, self._mapper.loops, True, not self._mapper.is_adjusting)
 
     def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:
         """Return the report of the changes since the last report.

@@ -79,6 +79,29 @@ class SoaTable:
             version: Version of the map.
             first_uid: The uid of the first row; the others follow. None: the next unused one.
         """
+        if count >= _MANY and self._num_alive == 0:
+            rows = self._first_rows(count)
+        else:
+            rows = self._lowest_free_rows(count)
+        self._num_alive += count
+        first_uid = self._next_uid if first_uid is None else first_uid
+        self.uid[rows] = first_uid + np.arange(count)
+        self.version[rows] = self.born[rows] = version
+        self._next_uid = max(self._next_uid, first_uid + count)
+        return rows
+
+    def _first_rows(self, count: int) -> IntArray:
+        """Return the first `count` rows of an empty table, which grows to hold them."""
+        capacity = self.capacity
+        while capacity < count:
+            capacity *= 2
+        if capacity > self.capacity:
+            self.grow(capacity)
+        self._free = None
+        return np.arange(count)
+
+    def _lowest_free_rows(self, count: int) -> IntArray:
+        """Take the lowest empty rows, of which the table gets more if they do not suffice."""
         if self._free is None:
             self._free = np.flatnonzero(self.uid == DEAD).tolist()
         capacity = self.capacity
@@ -92,11 +115,6 @@ class SoaTable:
         else:  # a sorted list is a heap
             self._free.sort()
             rows, self._free = np.array(self._free[:count]), self._free[count:]
-        self._num_alive += count
-        first_uid = self._next_uid if first_uid is None else first_uid
-        self.uid[rows] = first_uid + np.arange(count)
-        self.version[rows] = self.born[rows] = version
-        self._next_uid = max(self._next_uid, first_uid + count)
         return rows
 
     def append(
@@ -107,6 +125,11 @@ class SoaTable:
         for name, values in columns.items():
             getattr(self, name)[rows] = values
         return rows
+
+    def shift_uids(self, by: int) -> None:
+        """Add a number to the uids of all elements."""
+        self.uid[self.uid != DEAD] += by
+        self._next_uid += by
 
     def release(self, rows: IntArray, version: int) -> None:
         """Remove the elements of rows, which become empty, at a version of the map."""

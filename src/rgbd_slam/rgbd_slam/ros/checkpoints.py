@@ -1,13 +1,14 @@
-"""Checkpoints of the map, with which a node that was killed resumes (decision 030)."""
+"""Checkpoints of the map, with which a node that was killed resumes (decisions 030 and 042)."""
 
 from __future__ import annotations
 
 import os
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from concurrent.futures import Future
 from dataclasses import replace
 from threading import Event, Lock, Thread, get_native_id
+from typing import NamedTuple
 
 from rclpy.node import Node
 
@@ -16,24 +17,40 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import NS_PER_S
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.dense.submap_state import DenseMap, SubmapState
-from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFile
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
+from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFolder, CheckpointWriter
+from rgbd_slam.map_io.checkpoint_index import MapHeader
+from rgbd_slam.map_io.map_file import SUFFIX
+from rgbd_slam.map_io.map_parts import MapPart
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.robot_map import LoadedMap
+from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import Processed, SlamSession
-from rgbd_slam.statistics import SlamStats
 
 _FIRST_S = 1.0  # chosen: a young map is written after 1 s, and then at doubling intervals
 _MAX_SHARE = 0.05  # chosen: the share of the time that may be spent on writing
+_MAX_COPY_SHARE = 0.2  # chosen: the share of the tracker's time for copying a large map in parts
 _NICE = 10  # lower priority than tracking and mapping (decision 016)
 # Chosen: how long the camera is relocalized in the old map before a new map is started beside it.
 _RELOCALIZE_NS = 30 * NS_PER_S
-_MS = 1e3
+_MS, _MB = 1e3, 1e6
 _SEARCHING = 'resumed after a crash: relocalizing the camera in the map from before'
 _FOUND = 'resumed after a crash: the camera is found in the map from before; mapping goes on'
 _NOT_FOUND = 'not found in the map from before the crash: a new map is started beside it'
 _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
+
+ReceiveSubmaps = Callable[[], SubmapExport | None]
+RequestSubmaps = Callable[[KeyframePoses, ExportMark | None], ReceiveSubmaps | None]
+
+
+class _Copied(NamedTuple):
+    """A part of the map, and with the last part everything else that a checkpoint has."""
+
+    part: MapPart
+    header: MapHeader
+    stamp_ns: int  # of the last image that was tracked
+    copy_s: float  # time for which the tracker waited
+    receive_submaps: ReceiveSubmaps | None = None  # waits for the dense map; None: it is off
 
 
 class Checkpoints:
@@ -44,7 +61,8 @@ class Checkpoints:
         config: Its parameters.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
-        request_submaps: Requests the dense map; returns a function that waits for it.
+        request_submaps: Requests what has changed in the dense map since a checkpoint; returns a
+            function that waits for it, or None if the dense map is off.
     """
 
     def __init__(
@@ -53,7 +71,7 @@ class Checkpoints:
         config: SlamNodeConfig,
         diagnostics: Diagnostics,
         session: Callable[[], SlamSession | None],
-        request_submaps: Callable[[KeyframePoses], Callable[[], SubmapState | None] | None],
+        request_submaps: RequestSubmaps,
     ) -> None:
         self._logger = node.get_logger()
         self._diagnostics = diagnostics
@@ -63,52 +81,59 @@ class Checkpoints:
         # A node that localizes in a given map does not change it, so that a crash loses nothing.
         self._is_on = self._period_s > 0 and config.mode == SlamMode.MAPPING.name.lower()
         domain = os.environ.get('ROS_DOMAIN_ID', '0')
-        self._file = CheckpointFile(
+        self._folder = CheckpointFolder(
             config.map_directory, f'{domain}{node.get_fully_qualified_name()}'
         )
-        self._written: SlamStats | None = None  # statistics of the map in the file
-        # Whether the file was written once more after the map had stopped changing: the dense map
-        # is behind the map by some images.
+        self._writer: CheckpointWriter | None = None
+        self._written: int | None = None  # version of the map in the checkpoint
+        # Whether a checkpoint was written once more after the map had stopped changing: the dense
+        # map is behind the map by some images.
         self._is_dense_written = False
-        self._lock = Lock()  # of the file
+        self._lock = Lock()  # of the folder and its writer
         self._search_end_ns: int | None = None  # while the camera is relocalized in the old map
-        self._stored = self._read() if self._is_on else None
+        self._stored: Future[Checkpoint | None] = Future()
         self._is_ended = Event()
-        self._thread = Thread(target=self._run, name='checkpoints', daemon=True)
-        if self._is_on:
-            diagnostics.set_count(_FAILED, 0)
-            diagnostics.set_value(_VALUE, 'none yet')
-            self._thread.start()
+        if not self._is_on:
+            self._stored.set_result(None)
+            return
+        diagnostics.set_count(_FAILED, 0)
+        diagnostics.set_value(_VALUE, 'none yet')
+        Thread(target=self._read, name='read checkpoint', daemon=True).start()
+        Thread(target=self._run, name='checkpoints', daemon=True).start()
 
-    def resume(
-        self, session: SlamSession, stamp_ns: int
-    ) -> tuple[LoadedMap, DenseMap | None] | None:
-        """Load the map that a killed node has left into a new session, and return it.
+    @property
+    def has_stored(self) -> bool:
+        """Return whether there is a checkpoint that may be resumed; waits until it is read."""
+        return self._stored.result() is not None
 
-        The session only localizes until `finish_resume` returns it to mapping. None is returned if
-        there is no checkpoint, or if it is too old or from another camera.
+    def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
+        """Load the map of a killed node into a new session; return whether there is one.
+
+        The session only localizes until `finish_resume` returns it to mapping. A checkpoint that
+        is too old or from another camera is not loaded.
 
         Args:
             session: The new session.
             stamp_ns: Stamp of the camera's first message.
+            loader: Loads the map; a large one is there some seconds later.
         """
-        stored = self._stored
+        stored = self._stored.result()
         if stored is None or not stored.is_recent(stamp_ns):
-            return None
+            return False
         try:
-            loaded = session.robot_map.load(stored.content)
+            loader.load_first(session, stored.content, lambda: None, extend=True)
         except MapFileError as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
-            return None  # it is kept, because a corrected camera info that fits it may follow
-        self._stored = None
-        session.set_mode(SlamMode.LOCALIZATION)
+            return False  # it is kept, because a corrected camera info that fits it may follow
+        self._forget_stored()
+        session.slam.map.is_growing = False
         self._search_end_ns = stamp_ns + _RELOCALIZE_NS
         away_s = (stamp_ns - stored.stamp_ns) / NS_PER_S
         self._logger.warning(
             f'SLAM ended unexpectedly {away_s:.1f} s ago: relocalizing the camera in its map of '
             f'{len(stored.content.map)} keyframes'
         )
-        return loaded, stored.content.dense
+        return True
 
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
         """Switch the session to mapping once the camera is found or the search has taken too long.
@@ -122,6 +147,8 @@ class Checkpoints:
         """
         if self._search_end_ns is None:
             return done
+        if session.slam.map.is_loading:
+            self._search_end_ns = max(self._search_end_ns, session.stamp_ns + _RELOCALIZE_NS)
         is_found = done.status.state is SlamState.TRACKING
         message = _SEARCHING
         if is_found or session.stamp_ns > self._search_end_ns:
@@ -133,11 +160,12 @@ class Checkpoints:
 
     def discard(self) -> None:
         """Delete the checkpoint, so that nothing is resumed, as after a reset."""
-        self._stored = self._search_end_ns = None
+        self._search_end_ns = None
+        self._forget_stored()
         with self._lock:
-            self._written = None  # a copy that is being written now must not reach the file
+            self._use_writer(None)  # what is being written now must not reach the folder
             if self._is_on:
-                self._file.remove()
+                self._folder.remove()
 
     def close(self, *, is_asked_for: bool) -> None:
         """End the thread, and delete the checkpoint if the end was requested.
@@ -150,12 +178,29 @@ class Checkpoints:
         if is_asked_for:
             self.discard()
 
-    def _read(self) -> Checkpoint | None:
+    def _read(self) -> None:
+        stored = None
         try:
-            return self._file.read()
+            if (path := self._folder.outdated) is not None:
+                self._logger.warning(
+                    f'{path} is a checkpoint of an earlier version and is not used: delete it, or '
+                    f'rename it to a name without a dot in front, such as crash{SUFFIX}, and load '
+                    'it with load_map'
+                )
+            stored = self._folder.read()
         except HoidError as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
-            return None
+        finally:
+            self._stored.set_result(stored)
+
+    def _forget_stored(self) -> None:
+        self._stored = Future()
+        self._stored.set_result(None)
+
+    def _use_writer(self, writer: CheckpointWriter | None) -> None:
+        if self._writer is not None:
+            self._writer.close()
+        self._writer, self._written = writer, None
 
     def _run(self) -> None:
         os.setpriority(os.PRIO_PROCESS, get_native_id(), _NICE)  # of this thread alone
@@ -170,53 +215,101 @@ class Checkpoints:
             pause_s = max(usual_s, took_s / _MAX_SHARE)
 
     def _write(self) -> float:
-        """Write the map if it has changed, and return the time [s] that writing took."""
-        copied = self._node_thread.call(self._copy)
-        if copied is None:
-            return 0.0
-        checkpoint, receive_submaps, copy_ms = copied
-        start_s = time.monotonic()
-        dense = None
-        if receive_submaps is not None:
-            with suppress(InputError):  # its process has just ended, or is late
-                dense = receive_submaps()
-        checkpoint = checkpoint._replace(content=checkpoint.content._replace(dense=dense))
-        with self._lock:
-            if self._written is None:
-                return 0.0
-            size = self._file.write(checkpoint)
-        self._diagnostics.set_value(
-            _VALUE,
-            f'{len(checkpoint.content.map)} keyframes, '
-            f'{0 if dense is None else len(dense)} voxels, {size / 1e6:.1f} MB, '
-            f'copied in {copy_ms:.1f} ms, '
-            f'written in {time.monotonic() - start_s:.2f} s',
-        )
-        self._diagnostics.clear_problem(_FAILED)
-        return time.monotonic() - start_s
+        """Write what has changed in the map, and return the time [s] that writing took."""
+        writer = self._node_thread.call(self._begin)
+        start_s, longest_s, wrote_s = time.monotonic(), 0.0, 0.0
+        while writer is not None:
+            copied = self._node_thread.call(lambda: self._copy(writer))
+            if copied is None:
+                return wrote_s
+            longest_s = max(longest_s, copied.copy_s)
+            part_s = time.monotonic()
+            if not self._append(writer, copied.part):
+                return wrote_s
+            wrote_s += time.monotonic() - part_s
+            if copied.part.keyframes is not None:
+                wrote_s += self._finish(writer, copied, longest_s, start_s)
+                break
+            self._is_ended.wait(copied.copy_s / _MAX_COPY_SHARE)
+        return wrote_s
 
-    def _copy(
-        self,
-    ) -> tuple[Checkpoint, Callable[[], SubmapState | None] | None, float] | None:
-        """Return a copy of the map, a function that waits for its dense map, and the time [ms].
+    def _begin(self) -> CheckpointWriter | None:
+        """Return the writer of the map; None if there is nothing to write. Runs between images.
 
-        This runs between two images. None is returned if the map is unchanged, and while the
-        camera is being relocalized in the old map, whose file must be kept.
+        While the camera is being relocalized in the old map, the checkpoint of it must be kept.
         """
         session = self._find_session()
-        if session is None or session.slam.map.is_empty or self._search_end_ns is not None:
+        if session is None or self._search_end_ns is not None:
             return None
-        stats = session.slam.stats
-        if stats == self._written and self._is_dense_written:
-            self._file.touch(session.stamp_ns)
+        atlas = session.slam.map.atlas
+        if len(atlas.keyframes) == 0:
             return None
-        self._is_dense_written = stats == self._written
+        if self._writer is None or self._writer.parts.atlas is not atlas:
+            with self._lock:
+                self._use_writer(CheckpointWriter(self._folder, atlas))
+        is_same = atlas.version == self._written
+        if is_same and self._is_dense_written:
+            self._folder.touch(session.stamp_ns)
+            return None
+        self._is_dense_written = is_same
+        return self._writer
+
+    def _copy(self, writer: CheckpointWriter) -> _Copied | None:
+        """Copy the next part of the map; None if the map was discarded. Runs between images."""
+        session = self._find_session()
+        if session is None or writer is not self._writer:
+            return None
         start_s = time.perf_counter()
-        content = session.robot_map.export()
-        receive_submaps = self._request_submaps(session.robot_map.keyframes())
-        self._written = stats
-        copy_ms = _MS * (time.perf_counter() - start_s)
-        return Checkpoint(content, session.stamp_ns), receive_submaps, copy_ms
+        robot_map, part = session.robot_map, writer.parts.copy()
+        receive_submaps = None
+        if part.keyframes is not None:
+            self._written = part.version
+            receive_submaps = self._request_submaps(robot_map.keyframes(), writer.submaps_since)
+        copy_s = time.perf_counter() - start_s
+        return _Copied(part, robot_map.header(), session.stamp_ns, copy_s, receive_submaps)
+
+    def _append(self, writer: CheckpointWriter, part: MapPart) -> bool:
+        """Write a part; return whether its map is still wanted."""
+        with self._lock:
+            if writer is not self._writer:
+                return False
+            writer.append(part)
+            return True
+
+    def _finish(
+        self, writer: CheckpointWriter, copied: _Copied, longest_s: float, start_s: float
+    ) -> float:
+        """Complete a checkpoint; return the time [s] that this took.
+
+        Args:
+            writer: The writer, to which the last part was appended.
+            copied: This part.
+            longest_s: The longest time for which the tracker has waited.
+            start_s: When the checkpoint was begun (monotonic clock).
+        """
+        submaps, are_known = None, True
+        try:
+            submaps = copied.receive_submaps() if copied.receive_submaps else None
+        except InputError:  # its process has just ended, or is late
+            are_known = False
+        finish_s = time.monotonic()
+        keyframes = copied.part.keyframes
+        assert keyframes is not None
+        with self._lock:
+            if writer is not self._writer:
+                return 0.0
+            written = writer.finish(
+                copied.header, keyframes, submaps, copied.stamp_ns, keep_submaps=not are_known
+            )
+        self._diagnostics.set_value(
+            _VALUE,
+            f'{len(keyframes.rows)} keyframes, {writer.num_voxels} voxels, '
+            f'{written / _MB:.1f} of {writer.total_bytes / _MB:.1f} MB written in '
+            f'{time.monotonic() - start_s:.2f} s, copied in at most {_MS * longest_s:.1f} ms at a '
+            'time',
+        )
+        self._diagnostics.clear_problem(_FAILED)
+        return time.monotonic() - finish_s
 
     def _report_failure(self, error: Exception) -> None:
         self._written = None

@@ -22,8 +22,10 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.dense.submap_export import SubmapExport
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.map_io.map_directory import (
     CLOUD,
     GRID,
@@ -32,9 +34,12 @@ from rgbd_slam.map_io.map_directory import (
     FileKind,
     path_in,
     printable,
+    remove_abandoned,
     write_whole,
 )
 from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.map_io.map_parts import MapPart
+from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
@@ -57,6 +62,7 @@ class MapServices:
         config: Its parameters.
         session: Returns the session, or raises InputError while there is no session.
         scene: The scene mapper's process, which has the dense map.
+        loader: Loads saved maps.
         diagnostics: Diagnostics of the node.
     """
 
@@ -66,11 +72,13 @@ class MapServices:
         config: SlamNodeConfig,
         session: Callable[[], SlamSession],
         scene: SceneClient,
+        loader: MapLoader,
         diagnostics: Diagnostics,
     ) -> None:
         self._config = config
+        self._logger = node.get_logger()
         self._session = session
-        self._scene = scene
+        self._scene, self._loader = scene, loader
         self._node_thread = NodeThread(node)
         self._thread = ServiceThread(node)
         handlers = ServiceHandlers(node, diagnostics, self._thread.group)
@@ -83,6 +91,7 @@ class MapServices:
             (SetMode, topics.SET_MODE, self._set_mode),
         ):
             handlers.add(type_, topic, handle)
+        self._remove_abandoned()
         self._thread.start(handlers.report_fault)
 
     def close(self) -> None:
@@ -92,28 +101,57 @@ class MapServices:
     def _path(self, name: str, kind: FileKind) -> Path:
         return path_in(self._config.map_directory, name, kind)
 
+    def _new_path(self, name: str, kind: FileKind) -> Path:
+        """Return the path of a file to write, after removing what killed processes have left."""
+        self._remove_abandoned()
+        return self._path(name, kind)
+
+    def _remove_abandoned(self) -> None:
+        directory = self._config.map_directory
+        if removed := remove_abandoned(directory):
+            self._logger.info(
+                f'{directory}: unfinished files of killed processes removed: {", ".join(removed)}'
+            )
+
     def _save_cloud(self, request: SaveMap.Request) -> str:
-        return self._scene.save(cloud_path=self._path(request.name, CLOUD))
+        return self._scene.save(cloud_path=self._new_path(request.name, CLOUD))
 
     def _save_grid(self, request: SaveMap.Request) -> str:
-        return self._scene.save(grid_path=self._path(request.name, GRID))
+        return self._scene.save(grid_path=self._new_path(request.name, GRID))
 
     def _save(self, request: SaveMap.Request) -> str:
-        path = self._path(request.name, MAP)
-        content, receive_submaps = self._node_thread.call(self._copy)
+        path = self._new_path(request.name, MAP)
+        content, receive_submaps = self._copied()
         if receive_submaps is not None:
-            content = content._replace(dense=receive_submaps())
+            submaps = receive_submaps()
+            content = content._replace(dense=None if submaps is None else submaps.changed)
         size = map_file.save(path, content)
         return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
-    def _copy(self) -> tuple[MapFile, Callable[[], SubmapState | None] | None]:
-        """Return the map, and a function that waits for its dense map."""
-        robot_map = self._session().robot_map
-        return robot_map.export(), self._scene.request_submaps(robot_map.keyframes())
+    def _copied(self) -> tuple[MapFile, Callable[[], SubmapExport | None] | None]:
+        """Return the map, and a function that waits for its dense map; None: there is none."""
+        session = self._node_thread.call(self._session)
+        if len(session.slam.map.atlas.keyframes) == 0:
+            raise InputError('nothing has been mapped yet: there is nothing to save')
+        collector = MapCollector(session.slam.map.atlas)
+
+        def copy() -> tuple[MapPart, Callable[[], SubmapExport | None] | None]:
+            part, keyframes = collector.copy(), session.robot_map.keyframes()
+            is_last = part.keyframes is not None
+            return part, self._scene.request_submaps(keyframes) if is_last else None
+
+        while True:
+            start_s = time.perf_counter()
+            part, receive_submaps = self._node_thread.call(copy)
+            copy_s = time.perf_counter() - start_s
+            state = collector.add(part)
+            if state is not None:
+                return session.robot_map.content_of(state), receive_submaps
+            time.sleep(min(copy_s, _POLL_S))  # tracking has at least half of the time
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
-        path, note = self._path(request.name, TRAJECTORY), ''
+        path, note = self._new_path(request.name, TRAJECTORY), ''
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
         parts = self._node_thread.call(lambda: self._session().robot_map.trajectory_parts(kind))
@@ -154,21 +192,11 @@ class MapServices:
         return value
 
     def _load(self, request: LoadMap.Request) -> str:
-        path, keep = self._path(request.name, MAP), request.merge
+        path = self._path(request.name, MAP)
         content = map_file.load(path)
-
-        def load() -> str | None:
-            session = self._session()
-            session.slam.map.update()
-            if session.slam.map.mapper.queue_length > 0:
-                return None  # tracking would stop until the mapper has emptied its queue
-            extend = session.mode is SlamMode.MAPPING
-            loaded = session.robot_map.load(content, keep=keep, extend=extend)
-            return self._scene.load(content.dense, loaded, keep=keep)
-
-        note = self._poll(load, time.monotonic() + _SETTLE_S)
-        if note is None:
-            raise InputError('keyframes still wait for the mapper; try again')
+        session = self._node_thread.call(self._session)
+        extend = session.mode is SlamMode.MAPPING
+        note = self._loader.load(session, content, keep=request.merge, extend=extend)
         return f'{_summary(content)} loaded from {path}{note}'
 
     def _set_mode(self, request: SetMode.Request) -> str:

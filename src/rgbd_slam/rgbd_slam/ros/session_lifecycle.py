@@ -9,7 +9,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from hoid_common import topics
-from hoid_common.errors import ConfigError, InputError, MapFileError
+from hoid_common.errors import ConfigError, HoidError, InputError, MapFileError
 from hoid_common.inputs.camera_info_check import CameraInfoCheck
 from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
@@ -23,6 +23,7 @@ from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
+from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
 
@@ -52,6 +53,7 @@ class SessionLifecycle:
         wheel_motion: Callable[[int, int, str], FloatArray | None],
     ) -> None:
         self._config, self._frames, self._scene = config, frames, scene
+        self._logger = node.get_logger()
         self._diagnostics, self._publish_status = diagnostics, publish_status
         self._wheel_motion = wheel_motion
         reset = node.resolve_service_name(topics.RESET)
@@ -61,7 +63,9 @@ class SessionLifecycle:
         self._cameras = CameraInfoCheck(self._camera_remedy)
         self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
         self._first_map: MapFile | None = None  # loaded into the next session
+        self._first_map_error: HoidError | None = None  # why there is none
         self._is_reset = False  # True: the map file to start with is not loaded again
+        self.loader = MapLoader(node, lambda: self.session, scene)
         self.checkpoints = Checkpoints(
             node, config, diagnostics, lambda: self.session, scene.request_submaps
         )
@@ -75,10 +79,20 @@ class SessionLifecycle:
     def configure(self) -> None:
         """Read the map file to start with, if one is configured.
 
+        If it cannot be used, but there is the checkpoint of a killed node, the node starts: the
+        error ends it only if the checkpoint is not resumed either.
+
         Raises:
-            HoidError: The map cannot be used; the error ends the node.
+            HoidError: The map cannot be used, and there is no checkpoint; the error ends the node.
         """
-        self._first_map, self._is_reset = self._read_first_map(), False
+        self._first_map, self._first_map_error, self._is_reset = None, None, False
+        try:
+            self._first_map = self._read_first_map()
+        except HoidError as error:
+            if not self.checkpoints.has_stored:
+                raise
+            self._first_map_error = error
+            self._logger.warning(f'{error}; the checkpoint of the killed node is resumed instead')
 
     def reconfigure(self, config: SlamNodeConfig) -> None:
         """Apply the parameters that may change at run time."""
@@ -118,7 +132,7 @@ class SessionLifecycle:
         A configured map file is not loaded again.
         """
         self._end()
-        self._first_map, self._is_reset = None, True
+        self._first_map, self._first_map_error, self._is_reset = None, None, True
         self.checkpoints.discard()
         self._scene.clear()
         self._cameras = CameraInfoCheck(self._camera_remedy)
@@ -179,8 +193,8 @@ class SessionLifecycle:
     def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
         """Start a session and return it; None while the camera's pose on the base is unknown.
 
-        The session resumes the map of a killed node, or else loads the configured map file. This
-        takes one or two seconds.
+        The session resumes the map of a killed node, or else loads the configured map file. If
+        the map is large, this ends in the background.
         """
         frames = self._robot_frames(header)
         if frames is None:
@@ -202,10 +216,11 @@ class SessionLifecycle:
                 wheels=camera_motion,
             )
         self._scene.start_map(camera)
-        resumed = self.checkpoints.resume(session, stamp_from_msg(header.stamp))
-        if resumed is not None:
-            loaded, dense = resumed
-            self._scene.load(dense, loaded, keep=False)
+        self.session = session  # the loader checks that it is still the present one
+        if self.checkpoints.resume(session, stamp_from_msg(header.stamp), self.loader):
+            self._first_map = None
+        elif self._first_map_error is not None:
+            raise SystemExit(f'error: {self._first_map_error}') from self._first_map_error
         elif self._first_map is not None:
             self._load_first_map(session, self._first_map)
         done = Processed(session.status(), None)
@@ -225,12 +240,15 @@ class SessionLifecycle:
     def _load_first_map(self, session: SlamSession, content: MapFile) -> None:
         self._first_map = None
         try:
-            extend = self._config.mode == SlamMode.MAPPING.name.lower()
-            loaded = session.robot_map.load(content, extend=extend)
+            mode = SlamMode[self._config.mode.upper()]
+            self.loader.load_first(
+                session,
+                content,
+                lambda: session.set_mode(mode),
+                extend=mode is SlamMode.MAPPING,
+            )
         except MapFileError as error:
             raise SystemExit(f'error: {self._config.map_file}: {error}') from error
-        session.set_mode(SlamMode[self._config.mode.upper()])
-        self._scene.load(content.dense, loaded, keep=False)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.dense.depth_view import in_boxes
 from rgbd_slam.dense.submap import Submap, transform
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
 from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
 from rgbd_slam.dense.voxel_map import ColoredCloud, VoxelMap
 from rgbd_slam.model.keyframe_poses import KeyframePoses
@@ -132,6 +133,15 @@ class SceneMapper:
         """Return the dense map for a file with the present keyframes, or None if there is none."""
         uids = self.ledger.keyframes.uids
         return self._voxels.export(uids) if len(self._voxels) else None
+
+    def export_since(self, mark: ExportMark | None) -> SubmapExport | None:
+        """Return what has changed in the dense map since an export; None if there is none.
+
+        Args:
+            mark: Mark of that export; None: return the whole dense map.
+        """
+        uids = self.ledger.keyframes.uids
+        return self._voxels.export_since(mark, uids) if len(self._voxels) else None
 
     def load(self, dense: DenseMap, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
         """Add a saved dense map to the dense map.

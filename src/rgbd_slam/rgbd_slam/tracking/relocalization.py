@@ -11,6 +11,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.place_finder import FoundPlace, PlaceFinder
+from rgbd_slam.places.place_index import PlaceIndex
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 
@@ -42,9 +43,23 @@ class Relocalizer:
         self._atlas = atlas
         self._tracker = tracker
         self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
+        self._next_index: PlaceIndex | None = None  # of a map that is being loaded
         self._hint: PoseHint | None = None
         self._num_hinted = 0  # frames searched near the hint
         self._note = self._logged = ''
+
+    def prepare_index(self, atlas: Atlas) -> None:
+        """Make the place index of a map that will replace the map. Any thread may call this.
+
+        The first relocalization would make it otherwise, which takes 2 s for 10,000 keyframes.
+        """
+        self._next_index = self._finder.index_of(atlas)
+
+    def use_prepared_index(self) -> None:
+        """Use the prepared index, because its map has replaced the map."""
+        if self._next_index is not None:
+            self._finder.use_index(self._next_index)
+            self._next_index = None
 
     def relocalize_near(self, hint: PoseHint) -> None:
         """Store an approximate camera pose, near which `relocalize` searches first from now on.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.large_messages.publisher import OnDemandPublisher
-from hoid_common.values import CameraModel
+from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
 from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
@@ -36,6 +38,10 @@ def own_remappings(node: str, argv: Sequence[str]) -> tuple[str, ...]:
     rules = [rule for option, rule in pairwise(argv) if option in ('-r', '--remap')]
     own = (rule.removeprefix(f'{node}:') for rule in rules if rule.startswith(f'{node}:'))
     return tuple(rule for rule in own if not rule.startswith('__node:='))
+
+
+def _do_nothing() -> None:
+    pass
 
 
 class SceneClient:
@@ -105,15 +111,21 @@ class SceneClient:
         if self._process is not None:
             self._process.send(ClearScene())
 
-    def request_submaps(self, keyframes: KeyframePoses) -> Callable[[], SubmapState | None] | None:
+    def request_submaps(
+        self, keyframes: KeyframePoses, since: ExportMark | None = None
+    ) -> Callable[[], SubmapExport | None] | None:
         """Request the dense map, relative to keyframes that are saved with it.
+
+        Args:
+            keyframes: These keyframes.
+            since: Only the contents that have changed since this export; None: all.
 
         Returns:
             A function that waits for the dense map and returns it (None: it is empty), or raises
             InputError. None if the dense map is off.
         """
         process = self._dense_process
-        return None if process is None else process.request_submaps(keyframes)
+        return None if process is None else process.request_submaps(keyframes, since)
 
     def save(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> str:
         """Write the dense map or the grid to a file; return a message for the user.
@@ -126,30 +138,48 @@ class SceneClient:
             raise InputError('the dense map is off here: dense.enabled is false')
         return process.await_result(process.command(cloud_path=cloud_path, grid_path=grid_path))
 
-    def load(self, dense: DenseMap | None, loaded: LoadedMap, *, keep: bool) -> str:
-        """Load a saved dense map; return an addition to the response, if something is left out.
+    def use_keyframes(self, loaded: LoadedMap, *, keep: bool) -> None:
+        """Use the keyframes of a map that has been loaded.
 
         Args:
-            dense: The dense map; None if none was saved with the map.
-            loaded: The keyframes of the map, which has been loaded already.
-            keep: True: keep the running dense map as well. False: discard it.
+            loaded: The keyframes.
+            keep: True: keep the running dense map. False: discard it.
         """
         process, camera = self._dense_process, self._camera
         if process is None or camera is None:
-            return '' if dense is None else '; the dense map is off here'
+            return
         if not keep:
             process.send(camera)
         process.send(loaded.keyframes)
-        if dense is None:
-            return ''
+
+    def prepare_dense(
+        self, dense: DenseMap | None, keyframe_uids: IntArray
+    ) -> tuple[str, Callable[[], None]]:
+        """Prepare the dense map of a loaded map. Any thread may call this.
+
+        Args:
+            dense: The dense map; None if none was saved with the map.
+            keyframe_uids: (K,) that the keyframes of the saved map have now.
+
+        Returns:
+            An addition to the response, if something is left out; and a function that sends the
+            dense map to its process, after `use_keyframes`.
+        """
+        process, camera = self._dense_process, self._camera
+        if dense is None or process is None or camera is None:
+            return '' if dense is None else '; the dense map is off here', _do_nothing
         if parameter := misfit(dense, camera, self._config.dense):
-            return f'; its dense map is left out: it was made with another dense.{parameter}'
+            note = f'; its dense map is left out: it was made with another dense.{parameter}'
+            return note, _do_nothing
         if isinstance(dense, SubmapState):
-            process.load(dense, loaded.keyframe_uids)
-        else:
-            for view in dense.views(loaded.keyframe_uids):
+            return '', partial(process.send, process.stored(dense, keyframe_uids))
+        views = dense.views(keyframe_uids)
+
+        def send() -> None:
+            for view in views:
                 process.send(view)
-        return ''
+
+        return '', send
 
     def enqueue(self, request: SceneRequest | None) -> None:
         """Send a request for the use of an image to the scene process; None: do nothing."""

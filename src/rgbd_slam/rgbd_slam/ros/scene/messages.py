@@ -10,6 +10,7 @@ from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.dense.stored_view import StoredView, ViewChange
+from rgbd_slam.dense.submap_export import ExportMark
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
@@ -53,6 +54,7 @@ class SceneCommand(NamedTuple):
     grid_path: Path | None = None
     # The file for the submaps of the dense map; None, or no dense map: do not write it.
     submaps_path: Path | None = None
+    submaps_since: ExportMark | None = None  # only what has changed since; None: everything
 
 
 SceneMessage = (

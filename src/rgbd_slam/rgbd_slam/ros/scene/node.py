@@ -148,9 +148,10 @@ class SceneNode(Node):
             text = ''
             if command.cloud_path is not None:
                 text = save_cloud(self._scene, command.cloud_path)
-            submaps = self._scene.export() if self._scene and command.submaps_path else None
-            if submaps is not None and command.submaps_path is not None:
-                submaps.write(command.submaps_path)
+            if command.submaps_path is not None and self._scene is not None:
+                submaps = self._scene.export_since(command.submaps_since)
+                if submaps is not None:
+                    submaps.write(command.submaps_path)
             if command.grid_path is not None:
                 text = save_grid(self._scene, self._outputs.place_grid, command.grid_path)
         except HoidError as error:

@@ -21,6 +21,7 @@ from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError
 from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.dense.stored_view import StoredView, ViewChange, ViewList
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.dense.view_folder import ViewFolder
 from rgbd_slam.model.keyframe_poses import KeyframePoses
@@ -137,8 +138,14 @@ class SceneProcess:
         """
         return self._send_command(SceneCommand(next(self._numbers), cloud_path, grid_path))
 
-    def request_submaps(self, keyframes: KeyframePoses) -> Callable[[], SubmapState | None]:
+    def request_submaps(
+        self, keyframes: KeyframePoses, since: ExportMark | None
+    ) -> Callable[[], SubmapExport | None]:
         """Request the dense map, relative to keyframes that are saved with it.
+
+        Args:
+            keyframes: These keyframes.
+            since: Only the submaps that have changed since this export; None: all.
 
         Returns:
             A function that waits for the dense map and returns it; None if it is empty. It raises
@@ -147,23 +154,25 @@ class SceneProcess:
         path = self._folder.path / f'saved-{next(self._numbers)}.npz'
         with self._lock:
             self.send(keyframes)
-            number = self._send_command(SceneCommand(next(self._numbers), submaps_path=path))
+            number = self._send_command(
+                SceneCommand(next(self._numbers), submaps_path=path, submaps_since=since)
+            )
 
-        def receive() -> SubmapState | None:
+        def receive() -> SubmapExport | None:
             self.await_result(number)
             if not path.exists():
                 return None
-            submaps = SubmapState.read(path)
+            submaps = SubmapExport.read(path)
             path.unlink()
             return submaps
 
         return receive
 
-    def load(self, submaps: SubmapState, keyframe_uids: IntArray) -> None:
-        """Add the dense map of a saved map, whose keyframes were sent before."""
+    def stored(self, submaps: SubmapState, keyframe_uids: IntArray) -> SavedSubmaps:
+        """Return the message that adds the dense map of a saved map, whose file is written."""
         path = self._folder.path / f'loaded-{next(self._numbers)}.npz'
         submaps.write(path)
-        self.send(SavedSubmaps(path, keyframe_uids))
+        return SavedSubmaps(path, keyframe_uids)
 
     def _send_command(self, command: SceneCommand) -> int:
         with self._lock:

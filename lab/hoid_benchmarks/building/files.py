@@ -1,0 +1,97 @@
+"""What checkpoints and map files of a large map cost."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from hoid_benchmarks.building.drive import Drive
+from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
+from rgbd_slam.records.record_store import temporary_folder
+from rgbd_slam.robot_map import LoadedMap
+
+T = TypeVar('T')
+
+_MS, _MB = 1e3, 1e6
+
+
+class Written(NamedTuple):
+    """What one checkpoint cost."""
+
+    cpu_s: float
+    copy_ms: float  # longest CPU time for which the tracker waits
+    num_bytes: int
+
+
+def checkpoint_costs(drive: Drive, drive_on: Callable[[], None]) -> dict[str, Any]:
+    """Return the costs of a first checkpoint, of one more after driving on, and of reading it.
+
+    Args:
+        drive: The drive, whose map is written.
+        drive_on: Drives on in this map.
+    """
+    with tempfile.TemporaryDirectory(dir=temporary_folder()) as directory:
+        folder = CheckpointFolder(directory, 'benchmark')
+        writer = CheckpointWriter(folder, drive.session.slam.map.atlas)
+        first = _write(drive, writer)
+        before = drive.num_keyframes
+        drive_on()
+        more = _write(drive, writer)
+        stored, read_s = _timed(folder.read)
+        assert stored is not None
+        if stored.content.map.digest() != drive.session.robot_map.export().map.digest():
+            raise AssertionError('the checkpoint is not the map')
+    return {
+        'first checkpoint MB': first.num_bytes / _MB,
+        'first checkpoint s': first.cpu_s,
+        'first copy ms': first.copy_ms,
+        'new keyframes': drive.num_keyframes - before,
+        'checkpoint MB': more.num_bytes / _MB,
+        'checkpoint ms': _MS * more.cpu_s,
+        'copy ms': more.copy_ms,
+        'read s': read_s,
+    }
+
+
+def load_costs(drive: Drive) -> dict[str, Any]:
+    """Save the map to a file, load it in the background, and return what that costs.
+
+    The mapper restores the map at the same time in its own process, which is not counted here.
+    """
+    session = drive.session
+    with tempfile.TemporaryDirectory(dir=temporary_folder()) as directory:
+        path = Path(directory) / 'large.hoidmap'
+        map_file.save(path, session.robot_map.export())
+        content, load_s = _timed(lambda: map_file.load(path))
+    prepared, prepare_s = _timed(lambda: session.robot_map.prepare_load(content))
+    loaded: list[LoadedMap] = []
+    first_uid = session.robot_map.begin_load(prepared, loaded.append)
+    _, restore_s = _timed(lambda: prepared.loading.restore(first_uid))
+    drive.worker.serve_all()
+    _, swap_s = _timed(session.slam.map.update)
+    if len(loaded) != 1 or len(session.slam.map.atlas.keyframes) != len(content.map):
+        raise AssertionError('the map is not loaded')
+    return {'load s': load_s + prepare_s + restore_s, 'swap ms': _MS * swap_s}
+
+
+def _write(drive: Drive, writer: CheckpointWriter) -> Written:
+    start_s, longest_s = time.process_time(), 0.0
+    while True:
+        part, copy_s = _timed(writer.parts.copy)
+        longest_s = max(longest_s, copy_s)
+        writer.append(part)
+        if part.keyframes is not None:
+            header, stamp_ns = drive.session.robot_map.header(), drive.session.stamp_ns
+            num_bytes = writer.finish(header, part.keyframes, None, stamp_ns)
+            return Written(time.process_time() - start_s, _MS * longest_s, num_bytes)
+
+
+def _timed(function: Callable[[], T]) -> tuple[T, float]:
+    """Return what a function returns, and its CPU time [s]."""
+    start_s = time.process_time()
+    value = function()
+    return value, time.process_time() - start_s

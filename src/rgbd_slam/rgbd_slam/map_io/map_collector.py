@@ -1,0 +1,55 @@
+"""Copies a map for a file, part by part, so that tracking never waits long."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rgbd_slam.map_io.checkpoint_index import IndexedKeyframes, map_state
+from rgbd_slam.map_io.map_parts import MapPart, MapParts
+from rgbd_slam.map_io.segments import Rows, num_rows
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.map_state import MapState
+from rgbd_slam.records.record import Record
+
+
+class MapCollector:
+    """Collects the parts of a map until they are the whole map at one version.
+
+    Args:
+        atlas: The map.
+    """
+
+    def __init__(self, atlas: Atlas) -> None:
+        self._parts = MapParts(atlas)
+        self._records: dict[str, list[Record]] = {'features': [], 'states': [], 'points': []}
+
+    def copy(self) -> MapPart:
+        """Copy the next part, between two images; `add` it before the next one is copied."""
+        return self._parts.copy()
+
+    def add(self, part: MapPart) -> MapState | None:
+        """Add a part; return the map, in the core's map frame, if this was the last part."""
+        firsts = (sum(map(num_rows, self._records[name])) for name in ('features', 'states'))
+        self._parts.note(part, *firsts)
+        for name, record in (
+            ('features', part.features),
+            ('states', part.states),
+            ('points', part.points),
+        ):
+            self._records[name].append(record)
+        if part.keyframes is None:
+            return None
+        rows = part.keyframes.rows
+        columns = part.keyframes.columns | {
+            'first_feature': self._parts.first_feature[rows],
+            'first_state': self._parts.first_state[rows],
+        }
+        collected = {name: _rows(records) for name, records in self._records.items()}
+        return map_state(IndexedKeyframes.of(columns), collected)
+
+
+def _rows(records: list[Record]) -> Rows:
+    filled = [record for record in records if num_rows(record)]
+    counts = np.array([num_rows(record) for record in filled], np.int64)
+    arrays = [record.arrays() for record in filled]
+    return Rows(type(records[0]), arrays, np.cumsum(counts) - counts)

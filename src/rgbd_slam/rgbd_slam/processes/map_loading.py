@@ -1,0 +1,72 @@
+"""A saved map on its way into the running one, which tracker and mapper restore at the same time.
+
+The mapper restores the map in its process, and another thread restores it in an atlas of its own
+for the tracker, from the same file in shared memory. Both calculate the same, so that neither has
+to send its result to the other. The tracker then exchanges its map for the new one at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Event
+
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.map_state import MapState, restore
+from rgbd_slam.processes.mapper_worker import Load
+from rgbd_slam.records.shared_record import SharedRecord
+
+
+class MapLoading:
+    """A saved map that replaces the running one.
+
+    Any thread may make this object and call `restore`; the tracker uses the result when there is
+    one.
+
+    Args:
+        state: The saved map.
+        camera: The camera with its configured noise.
+        config: Parameters of the core.
+        prepare: Called with the restored map before the tracker uses it; None: nothing is.
+    """
+
+    def __init__(
+        self,
+        state: MapState,
+        camera: StereoCamera,
+        config: SlamConfig,
+        prepare: Callable[[Atlas], None] | None = None,
+    ) -> None:
+        self._camera, self._prepare = camera, prepare
+        self._octaves = config.camera.scale_factor, config.camera.num_octaves
+        self._shared: SharedRecord[MapState] | None = None
+        with suppress(OSError):  # the state is sent through the pipe instead
+            self._shared = SharedRecord(state)
+        self.state = state if self._shared is None else self._shared.record
+        self._is_restored = Event()
+        self.atlas: Atlas | None = None
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    def request(self, first_uid: int) -> Load:
+        """Return the request to the mapper."""
+        source = self.state if self._shared is None else self._shared.location
+        return Load(source, first_uid, keep=False)
+
+    def restore(self, first_uid: int) -> None:
+        """Restore the map for the tracker; its keyframes get the uids from `first_uid` on."""
+        try:
+            atlas = Atlas(*self._octaves)
+            restore(atlas, self.state, self._camera, first_uid, keep=False)
+            if self._prepare is not None:
+                self._prepare(atlas)
+            self.atlas = atlas
+        finally:
+            self._is_restored.set()
+
+    def wait(self, limit_s: float) -> bool:
+        """Wait until `restore` has ended; return whether it has."""
+        return self._is_restored.wait(limit_s)

@@ -1,0 +1,75 @@
+"""Records in temporary files, which several processes map into memory instead of copying them."""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+import tempfile
+from collections.abc import Mapping
+from typing import IO, Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from rgbd_slam.records.record import Record
+from rgbd_slam.records.record_store import temporary_folder
+
+R = TypeVar('R', bound=Record)
+_PIECE_BYTES = 1 << 22  # written at once
+_ALIGNMENT = 64  # bytes; chosen: a cache line
+
+
+class RecordLocation(NamedTuple):
+    """Where a process finds a record: small enough to be sent."""
+
+    path: str
+    kind: type[Record]
+    lengths: Mapping[str, int]
+
+    def map(self) -> Any:
+        """Return the record, read-only, in memory that is shared with the file.
+
+        Raises:
+            OSError: The process that stored it has ended or has closed the file.
+        """
+        arrays, start = {}, 0
+        with open(self.path, 'rb') as file:  # noqa: PTH123 - a path below /proc
+            data = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
+        for name, column in self.kind.columns().items():
+            shape = column.shape(self.lengths)
+            count = math.prod(shape)
+            arrays[name] = np.frombuffer(data, column.dtype, count, start).reshape(shape)
+            start += _aligned(count * column.dtype.itemsize)
+        return self.kind(**arrays)
+
+
+class SharedRecord(Generic[R]):
+    """A record in an unnamed temporary file, which ends with this object.
+
+    Args:
+        record: The record, which is copied.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+
+    def __init__(self, record: R) -> None:
+        self._file: IO[bytes] = tempfile.TemporaryFile(  # noqa: SIM115
+            dir=temporary_folder(), buffering=0
+        )
+        for array in record.arrays().values():
+            data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+            for start in range(0, len(data), _PIECE_BYTES):
+                piece = data[start : start + _PIECE_BYTES]
+                if self._file.write(piece) != len(piece):
+                    raise OSError(28, os.strerror(28))
+            self._file.write(bytes(_aligned(len(data)) - len(data)))
+        self._file.write(bytes(_ALIGNMENT))  # an empty file cannot be mapped
+        # Another process of this user finds the file by the descriptor of this one.
+        path = f'/proc/{os.getpid()}/fd/{self._file.fileno()}'
+        self.location = RecordLocation(path, type(record), record.lengths())
+        self.record: R = self.location.map()
+
+
+def _aligned(num_bytes: int) -> int:
+    return -(-num_bytes // _ALIGNMENT) * _ALIGNMENT

@@ -1,0 +1,193 @@
+"""Loads saved maps into the node's session while images are tracked.
+
+Reading, checking and restoring a map of 10,000 keyframes takes seconds. The tracker only begins to
+load it and exchanges the maps, both between two images.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from threading import Thread
+from typing import TypeVar
+
+from rclpy.node import Node
+
+from hoid_common.errors import HoidError, InputError
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.robot_map import LoadedMap, PreparedMap
+from rgbd_slam.ros.node_thread import NodeThread
+from rgbd_slam.ros.scene.client import SceneClient
+from rgbd_slam.session import SlamSession
+
+T = TypeVar('T')
+
+_QUEUE_S = 40.0  # chosen: twice the limit of the mapping process for a global adjustment
+_LOAD_S = 600.0  # chosen: many times the duration of the largest map, on a machine that is busy
+# Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
+_POLL_S = 0.05
+# Chosen: how long a new session waits for its map. A map of some hundred keyframes is there within
+# this time, so that the first image is relocalized in it.
+_PATIENCE_S, _SHORT_POLL_S = 2.0, 0.002
+
+
+class MapLoader:
+    """Loads saved maps; the calls of other threads run in the node's thread (`NodeThread`).
+
+    Args:
+        node: The SLAM node.
+        session: Returns the session, or None while there is no session.
+        scene: The scene mapper's process, which gets the dense map.
+    """
+
+    def __init__(
+        self, node: Node, session: Callable[[], SlamSession | None], scene: SceneClient
+    ) -> None:
+        self._logger = node.get_logger()
+        self._node_thread = NodeThread(node)
+        self._session, self._scene = session, scene
+
+    def load(self, session: SlamSession, content: MapFile, *, keep: bool, extend: bool) -> str:
+        """Load a map from another thread; return an addition to the response, or ''.
+
+        Args:
+            session: The session.
+            content: The map.
+            keep: True: keep the running map beside it. False: discard the running map.
+            extend: Whether the map will be extended, and not only localized in.
+
+        Raises:
+            MapFileError: The map does not fit the camera; the running map is unchanged.
+            InputError: The mapper is too busy, another map is being loaded, or the session ends.
+        """
+        if keep:
+            loaded = self._poll(session, lambda: self._add(session, content, extend), _QUEUE_S)
+        else:
+            prepared = session.robot_map.prepare_load(content, extend=extend)
+            results: list[LoadedMap] = []
+            first_uid = self._poll(
+                session, lambda: self._begin(session, prepared, results.append), _QUEUE_S
+            )
+            loaded = self._complete(session, prepared, first_uid, results)
+        return self._load_dense(session, content, loaded)
+
+    def load_first(
+        self,
+        session: SlamSession,
+        content: MapFile,
+        on_loaded: Callable[[], None],
+        *,
+        extend: bool,
+    ) -> None:
+        """Load a map into a new session, from the node's thread.
+
+        A large map is loaded in the background: until it is there, no image is tracked.
+
+        Args:
+            session: The session.
+            content: The map.
+            on_loaded: Called between two images, when the map is there.
+            extend: Whether the map will be extended, and not only localized in.
+
+        Raises:
+            MapFileError: The map does not fit the camera.
+        """
+        prepared = session.robot_map.prepare_load(content, extend=extend)
+        results: list[LoadedMap] = []
+
+        def loaded(result: LoadedMap) -> None:
+            results.append(result)
+            on_loaded()
+
+        first_uid = self._begin(session, prepared, loaded)
+        assert first_uid is not None  # nothing was requested from the new mapper before
+
+        def complete() -> None:
+            try:
+                found = self._complete(session, prepared, first_uid, results)
+                self._load_dense(session, content, found)
+            except HoidError as error:
+                self._logger.warning(f'the map is not loaded completely: {error}')
+
+        Thread(target=complete, name='first map', daemon=True).start()
+        end_s = time.monotonic() + _PATIENCE_S
+        while not results and time.monotonic() < end_s:
+            time.sleep(_SHORT_POLL_S)
+            session.slam.map.update()
+
+    def _begin(
+        self,
+        session: SlamSession,
+        prepared: PreparedMap,
+        on_loaded: Callable[[LoadedMap], None],
+    ) -> int | None:
+        """Begin to load a map, and return the uid of its first keyframe; None: not yet."""
+        if not _is_idle(session):
+            return None
+
+        def loaded(result: LoadedMap) -> None:
+            self._scene.use_keyframes(result, keep=False)
+            on_loaded(result)
+
+        return session.robot_map.begin_load(prepared, loaded)
+
+    def _add(self, session: SlamSession, content: MapFile, extend: bool) -> LoadedMap | None:
+        """Load a map beside the running one; None: not yet."""
+        if not _is_idle(session):
+            return None
+        loaded = session.robot_map.load(content, keep=True, extend=extend)
+        self._scene.use_keyframes(loaded, keep=True)
+        return loaded
+
+    def _complete(
+        self,
+        session: SlamSession,
+        prepared: PreparedMap,
+        first_uid: int,
+        results: list[LoadedMap],
+    ) -> LoadedMap:
+        """Restore a map for the tracker, and wait until the tracker uses it."""
+        prepared.loading.restore(first_uid)
+
+        def loaded() -> LoadedMap | None:
+            session.slam.map.update()
+            return results[0] if results else None
+
+        return self._poll(session, loaded, _LOAD_S)
+
+    def _load_dense(self, session: SlamSession, content: MapFile, loaded: LoadedMap) -> str:
+        note, send = self._scene.prepare_dense(content.dense, loaded.keyframe_uids)
+
+        def send_if_running() -> None:
+            if self._session() is session:
+                send()
+
+        self._node_thread.call(send_if_running)
+        return note
+
+    def _poll(self, session: SlamSession, function: Callable[[], T | None], limit_s: float) -> T:
+        """Call a function in the node's thread until it returns a value, and return this value.
+
+        Raises:
+            InputError: There is no value within the limit, or the session has ended.
+        """
+
+        def checked() -> T | None:
+            if self._session() is not session:
+                raise InputError('the map was discarded meanwhile')
+            return function()
+
+        end_s = time.monotonic() + limit_s
+        while (value := self._node_thread.call(checked)) is None:
+            if time.monotonic() > end_s:
+                raise InputError('keyframes still wait for the mapper; try again')
+            time.sleep(_POLL_S)
+        return value
+
+
+def _is_idle(session: SlamSession) -> bool:
+    """Return whether the mapper has no request; raise InputError while a map is being loaded."""
+    if session.slam.map.is_loading:
+        raise InputError('another map is being loaded; try again')
+    session.slam.map.update()
+    return session.slam.map.mapper.queue_length == 0

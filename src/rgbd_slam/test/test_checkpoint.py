@@ -1,0 +1,415 @@
+"""Checkpoints: what was appended comes back, whenever the writing process is killed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.errors import MapFileError
+from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.depth_view import Surface
+from rgbd_slam.dense.submap import Evidence, Submap
+from rgbd_slam.dense.submap_export import SubmapExports
+from rgbd_slam.dense.submap_state import SubmapState
+from rgbd_slam.map_io import checkpoint, map_parts
+from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
+from rgbd_slam.map_io.checkpoint_index import MapHeader
+from rgbd_slam.map_io.map_collector import MapCollector
+from rgbd_slam.model.map_state import snapshot
+
+from .map_content import OCTAVES, SCALE, new_map, ring
+from .ring_world import MODEL, RingWorld, mapped, ring_poses
+
+T_MAP_CORE = se3.exp(np.array([0.1, -0.2, 0.3, 1.0, 2.0, 3.0]))
+CONFIG = DenseConfig()
+HEADER = MapHeader(MODEL, SCALE, OCTAVES, T_MAP_CORE)
+
+
+class Robot:
+    """A mapper, the tracker's copy of its map, and the checkpoint of the copy."""
+
+    def __init__(self, folder: Path, count: int = 8) -> None:
+        self.mapper, self.copy = ring(count), new_map()
+        self.folder = CheckpointFolder(str(folder), 'robot')
+        self.writer = CheckpointWriter(self.folder, self.copy)
+        self.update()
+
+    def update(self) -> None:
+        """Send the changes of the mapper's map to the copy."""
+        version = self.copy.version if len(self.copy.keyframes) else 0
+        self.copy.apply(self.mapper.changes_since(version))
+
+    def write(self, stamp_ns: int = 7) -> int:
+        """Write a checkpoint; return the number of its parts."""
+        for count in range(1, 1000):
+            part = self.writer.parts.copy()
+            self.writer.append(part)
+            if part.keyframes is not None:
+                self.bytes = self.writer.finish(HEADER, part.keyframes, None, stamp_ns)
+                return count
+        raise AssertionError('it never ends')
+
+    def expected(self) -> str:
+        return snapshot(self.copy).moved(T_MAP_CORE).digest()
+
+    def stored(self) -> str | None:
+        checkpoint = self.folder.read()
+        return None if checkpoint is None else checkpoint.content.map.digest()
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Robot:
+    return Robot(tmp_path)
+
+
+def extend(robot: Robot, first: int, end: int) -> None:
+    """Map further keyframes of the ring."""
+    poses = ring_poses(36)[first:end]
+    map_id = 1 + int(robot.mapper.keyframes.map_id.max())
+    mapped(robot.mapper, RingWorld(600), poses, poses, map_id)
+    robot.update()
+
+
+def change_points(robot: Robot) -> None:
+    points = robot.mapper.points
+    j = points.indices()[::7]
+    robot.mapper.set_positions(j, points.position_m[j] + 0.01)
+    robot.mapper.remove_points(points.indices()[::11])
+    robot.update()
+
+
+def move_keyframes(robot: Robot) -> None:
+    rows = robot.mapper.keyframes.indices()[2:5]
+    robot.mapper.move(rows, np.array([se3.exp(np.full(6, 0.01))] * len(rows)))
+    robot.update()
+
+
+def cull(robot: Robot) -> None:
+    robot.mapper.remove_keyframe(int(robot.mapper.keyframes.indices()[3]))
+    robot.update()
+
+
+def forbid(robot: Robot) -> None:
+    robot.mapper.forbid_seeds(1, np.arange(5))
+    robot.update()
+
+
+def cull_and_extend(robot: Robot) -> None:
+    cull(robot)
+    extend(robot, 8, 9)
+
+
+CHANGES: dict[str, Callable[[Robot], None]] = {
+    'new keyframes': lambda robot: extend(robot, 8, 10),
+    'points': change_points,
+    'a loop': move_keyframes,
+    'a culled keyframe': cull,
+    'verdicts': forbid,
+    'a reused row': cull_and_extend,
+}
+
+
+def test_a_checkpoint_is_the_map(robot: Robot) -> None:
+    assert robot.folder.read() is None
+    robot.write(stamp_ns=123)
+    assert robot.stored() == robot.expected()
+    checkpoint = robot.folder.read()
+    assert checkpoint is not None
+    assert checkpoint.stamp_ns == 123
+    content = checkpoint.content
+    assert (content.camera, content.scale_factor, content.num_octaves) == (MODEL, SCALE, OCTAVES)
+    assert content.dense is None
+
+
+@pytest.mark.parametrize('change', CHANGES)
+def test_each_checkpoint_adds_what_has_changed(robot: Robot, change: str) -> None:
+    robot.write()
+    before = robot.writer.total_bytes
+    CHANGES[change](robot)
+    robot.write()
+    assert robot.stored() == robot.expected()
+    assert robot.writer.total_bytes < 1.7 * before
+
+
+def test_an_unchanged_map_adds_only_an_index(robot: Robot) -> None:
+    robot.write()
+    sizes = segment_sizes(robot)
+    robot.write()
+    assert segment_sizes(robot) == sizes
+    assert robot.stored() == robot.expected()
+
+
+def test_a_large_map_is_copied_in_parts_between_which_it_changes(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_parts, '_MAX_KEYFRAMES', 2)
+    monkeypatch.setattr(map_parts, '_MAX_POINTS', 60)
+    changes = list(CHANGES.values())
+    part, count = robot.writer.parts.copy(), 0
+    while part.keyframes is None:
+        robot.writer.append(part)
+        if changes:
+            changes.pop(0)(robot)
+        part, count = robot.writer.parts.copy(), count + 1
+    robot.writer.append(part)
+    assert count > 5
+    robot.writer.finish(HEADER, part.keyframes, None, 7)
+    assert robot.stored() == robot.expected()
+
+
+def test_dead_rows_are_removed_from_the_disk(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, '_SPARE_BYTES', 1000)
+    robot.write()
+    once = sum(segment_sizes(robot).values())
+    for _ in range(12):
+        j = robot.mapper.points.indices()
+        robot.mapper.set_positions(j, robot.mapper.points.position_m[j] + 0.001)
+        robot.mapper.forbid_seeds(2, np.arange(3))
+        robot.update()
+        robot.write()
+        assert robot.stored() == robot.expected()
+        assert sum(segment_sizes(robot).values()) < 4 * once
+    names = segment_sizes(robot)
+    robot.write()
+    assert len(segment_sizes(robot)) <= len(names)
+
+
+def test_another_map_replaces_the_checkpoint(tmp_path: Path, robot: Robot) -> None:
+    robot.write()
+    names = set(segment_sizes(robot))
+    other = Robot(tmp_path, 5)
+    other.write()
+    assert other.stored() == other.expected()
+    assert not names & set(segment_sizes(other))
+
+
+def test_the_dense_map_adds_only_changed_submaps(robot: Robot) -> None:
+    uids = np.sort(robot.copy.keyframes.uid[robot.copy.keyframes.indices()])
+    submaps = [submap(uid, n) for n, uid in enumerate(uids[:4].tolist())]
+    exports = SubmapExports(CONFIG)
+
+    def write() -> SubmapState:
+        export = exports.since(robot.writer.submaps_since, submaps, uids)
+        part = robot.writer.parts.copy()
+        robot.writer.append(part)
+        assert part.keyframes is not None
+        robot.bytes = robot.writer.finish(HEADER, part.keyframes, export, 7)
+        stored = robot.folder.read()
+        assert stored is not None
+        assert isinstance(stored.content.dense, SubmapState)
+        return stored.content.dense
+
+    def expected() -> SubmapState:
+        return SubmapState.of_submaps(submaps, uids, CONFIG)
+
+    assert write().digest() == expected().digest()
+    first = robot.bytes
+    submaps[2].update(no_evidence(len(submaps[2])), surface(9))
+    del submaps[1]
+    assert write().digest() == expected().digest()
+    assert robot.bytes < first / 2
+    part = robot.writer.parts.copy()
+    robot.writer.append(part)
+    assert part.keyframes is not None
+    robot.writer.finish(HEADER, part.keyframes, None, 7, keep_submaps=True)
+    stored = robot.folder.read()
+    assert stored is not None
+    assert stored.content.dense is not None
+    assert stored.content.dense.digest() == expected().digest()
+
+
+# ---- kills and damage
+
+
+def test_a_process_that_is_killed_at_any_write_leaves_a_complete_checkpoint(
+    tmp_path: Path,
+) -> None:
+    for at in range(100):
+        robot = Robot(tmp_path / str(at))
+        robot.write()
+        before = robot.stored()
+        change_points(robot)
+        extend(robot, 8, 10)
+        is_killed = killed(robot.write, at)
+        after = robot.expected()
+        assert robot.stored() in (before, after)
+        if not is_killed:
+            break
+    assert robot.stored() == after
+    assert at > 8
+
+
+def test_after_a_kill_the_next_writer_leaves_no_remains(tmp_path: Path) -> None:
+    for at in (1, 9, 11):
+        robot = Robot(tmp_path)
+        robot.write()
+        extend(robot, 8, 10)
+        assert killed(robot.write, at)
+        other = Robot(tmp_path)
+        other.write()
+        assert other.stored() == other.expected()
+        used = {'index', *(segment.path.name for segment in other.writer._segments.values())}
+        assert {path.name for path in other.folder.path.iterdir()} <= used
+
+
+class KilledError(BaseException):
+    """The process would not exist any more."""
+
+
+def killed(function: Callable[[], object], at: int) -> bool:
+    """Run a function, of which only the first `at` changes of files take effect.
+
+    Half of the bytes of the next write are written, as by a process that is killed in it. Returns
+    whether the function was "killed".
+    """
+    count = 0
+
+    def counted(call: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapper(*arguments: Any, **options: Any) -> Any:
+            nonlocal count
+            count += 1
+            if count <= at:
+                return call(*arguments, **options)
+            if call is pwrite and count == at + 1:
+                descriptor, data, start = arguments
+                pwrite(descriptor, data[: len(data) // 2], start)
+            raise KilledError
+
+        return wrapper
+
+    pwrite = os.pwrite
+    with pytest.MonkeyPatch.context() as patch, suppress(KilledError):
+        for owner, name in ((os, 'pwrite'), (os, 'fsync'), (Path, 'replace'), (Path, 'unlink')):
+            patch.setattr(owner, name, counted(getattr(owner, name)))
+        function()
+        return False
+    return True
+
+
+@pytest.mark.parametrize('name', ['index', 'features', 'states', 'points'])
+def test_a_damaged_checkpoint_is_refused_in_one_line(robot: Robot, name: str) -> None:
+    robot.write()
+    (path,) = robot.folder.path.glob(f'{name}*')
+    data = path.read_bytes()
+    flipped = bytearray(data)
+    flipped[len(data) // 2] ^= 0x10
+    for damaged in (data[: len(data) // 2], b'', bytes(flipped)):
+        path.write_bytes(damaged)
+        with pytest.raises(MapFileError, match=r'^[^\n]*\.checkpoint-robot/index: [^\n]*$'):
+            robot.folder.read()
+    path.unlink()
+    if name != 'index':
+        with pytest.raises(MapFileError, match='cannot be read'):
+            robot.folder.read()
+
+
+def test_a_full_disk_keeps_the_checkpoint_and_the_next_one_continues(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.write()
+    before = robot.stored()
+    extend(robot, 8, 12)
+    pwrite, calls = os.pwrite, 0
+
+    def full(descriptor: int, data: memoryview, start: int) -> int:
+        nonlocal calls
+        calls += 1
+        if calls > 3:
+            raise OSError(28, 'No space left on device')
+        return pwrite(descriptor, data, start)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'pwrite', full)
+        with pytest.raises(MapFileError, match='cannot be written: No space left'):
+            robot.write()
+    assert robot.stored() == before
+    robot.write()
+    assert robot.stored() == robot.expected()
+
+
+def test_after_a_failed_sync_everything_is_written_again(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot.write()
+    names = set(segment_sizes(robot))
+    extend(robot, 8, 12)
+
+    def broken(_descriptor: int) -> None:
+        raise OSError(5, 'Input/output error')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'fsync', broken)
+        with pytest.raises(MapFileError, match='Input/output error'):
+            robot.write()
+    robot.write()
+    assert robot.stored() == robot.expected()
+    assert not names & set(segment_sizes(robot))
+
+
+def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    robot = Robot(tmp_path / 'file')
+    with pytest.raises(MapFileError, match='cannot be written: Not a directory'):
+        robot.write()
+
+
+def test_a_removed_checkpoint_is_gone(robot: Robot) -> None:
+    robot.write()
+    robot.folder.remove()
+    assert robot.folder.read() is None
+    assert not robot.folder.path.exists()
+
+
+def test_the_file_of_an_earlier_version_is_found_and_not_read(robot: Robot) -> None:
+    assert robot.folder.outdated is None
+    old = robot.folder.path.with_name('.checkpoint-robot.hoidmap')
+    old.write_bytes(b'old')
+    assert robot.folder.outdated == old
+    assert robot.folder.read() is None
+    robot.write()
+    assert old.read_bytes() == b'old'
+
+
+def segment_sizes(robot: Robot) -> dict[str, int]:
+    """Return the sizes of the segments on the disk by file name."""
+    files = robot.folder.path.iterdir()
+    return {path.name: path.stat().st_size for path in files if path.name != 'index'}
+
+
+def surface(seed: int) -> Surface:
+    rng = np.random.default_rng(seed)
+    points_m = rng.uniform(0.1, 1.4, (500, 3))
+    return Surface(points_m, rng.integers(0, 255, (500, 3), np.uint8), np.ones(500))
+
+
+def no_evidence(count: int) -> Evidence:
+    none = np.zeros(count, np.bool_)
+    return Evidence(none, none, none)
+
+
+def submap(anchor_uid: int, seed: int) -> Submap:
+    made = Submap(np.eye(4), anchor_uid, 0, se3.exp(np.full(6, 0.1 * seed)), CONFIG)
+    made.update(no_evidence(0), surface(seed))
+    return made
+
+
+def test_a_map_that_is_collected_in_parts_is_its_snapshot(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_parts, '_MAX_KEYFRAMES', 2)
+    monkeypatch.setattr(map_parts, '_MAX_POINTS', 40)
+    collector, changes = MapCollector(robot.copy), list(CHANGES.values())
+    while (state := collector.add(collector.copy())) is None:
+        if changes:
+            changes.pop(0)(robot)
+    assert not changes
+    assert state.digest() == snapshot(robot.copy).digest()
