@@ -74,6 +74,18 @@ class SubmapState(Record):
             }
         )
 
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[SubmapState, IntArray]]) -> SubmapState:
+        """Return one record of the submaps of several maps, which may overlap.
+
+        Args:
+            parts: At least one record, each with the (K,) rows that the keyframes of its map have
+                in the map of all. Their voxels are of the same size.
+        """
+        columns = [{**state.arrays(), 'anchor': rows[state.anchor]} for state, rows in parts]
+        together = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
+        return cls.of({**together, 'voxel_m': parts[0][0].voxel_m})
+
     def submaps(
         self, keyframes: KeyframePoses, keyframe_uids: IntArray, config: DenseConfig
     ) -> list[Submap]:
