@@ -92,8 +92,7 @@ class SubmapState(Record):
         """Return the saved submaps, placed by the present poses of their anchor keyframes.
 
         A submap whose anchor keyframe has been removed since the map was loaded is left out, so
-        that there may be fewer submaps than in the record. A submap cannot be rebuilt from images
-        after a loop closure, because the images are not saved.
+        that there may be fewer submaps than in the record. Their voxels are in memory.
 
         Args:
             keyframes: The present poses of all keyframes.
@@ -121,7 +120,6 @@ class SubmapState(Record):
             submap.keys, submap.values = key.copy(), part.copy()
             submap.free_above = self.free_above[row].copy()
             submap.T_anchor_submap = self.T_anchor_submap[row]  # without rounding errors
-            submap.is_rigid = True
             out.append(submap)
         return out
 
