@@ -21,7 +21,7 @@ from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building, CellKey, CellKind
 from hoid_benchmarks.building.world.route import Route
 from hoid_common import se3
-from hoid_common.values import FloatArray, Trajectory
+from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_joining import join_maps
@@ -100,7 +100,7 @@ def _error_m(
     return float(np.median(np.linalg.norm(offset[:, :3, 3], axis=1)))
 
 
-def _true_poses(truth: Trajectory, stamps_ns: FloatArray) -> FloatArray:
+def _true_poses(truth: Trajectory, stamps_ns: IntArray) -> FloatArray:
     return truth.T_world_camera[np.searchsorted(truth.stamps_ns, stamps_ns)]
 
 
