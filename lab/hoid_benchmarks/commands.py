@@ -11,8 +11,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from hoid_benchmarks.building.building import SCENARIOS, building_report
-from hoid_benchmarks.building.floor import SMALL
-from hoid_benchmarks.building.tour import DEFAULT_WAY_M
+from hoid_benchmarks.building.tours.floor import SMALL
+from hoid_benchmarks.building.tours.tour import DEFAULT_WAY_M
 from hoid_benchmarks.faults.campaign import CAMPAIGNS, NIGHTLY, SLICE, Size, fault_report
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine

@@ -9,7 +9,7 @@ import numpy as np
 from hoid_common.config import Config, param
 from hoid_common.errors import ConfigError
 from hoid_common.values import CameraModel, IntArray
-from hoid_synth.acting.floor_route import floor_route
+from hoid_synth.floor.route import floor_route
 
 EPOCH_NS = 1_700_000_000_000_000_000
 """Stamp of frame 0; it is fixed, so that equal configurations give identical bytes."""

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hoid_common.values import BoolArray, FloatArray
-from hoid_synth.acting.floor_route import floor_route
 from hoid_synth.acting.routes import FloorMap
 from hoid_synth.acting.stage import Stage
 from hoid_synth.config import SceneConfig
+from hoid_synth.floor.plan import floor_plan
+from hoid_synth.floor.route import floor_route
 from hoid_synth.mesh import Rect
-from hoid_synth.room.floor_plan import floor_plan
 from hoid_synth.scene import SceneRenderer
 
 SMALL = SceneConfig(seed=1, path='floor', num_rooms=2, every=5, num_people=4, width_px=160)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_benchmarks.building.revisits import revisits
-from hoid_benchmarks.building.tour import length_m, tour_route
+from hoid_benchmarks.building.tours.revisits import revisits
+from hoid_benchmarks.building.tours.tour import length_m, tour_route
 from hoid_benchmarks.building.world.floors import STOREY_M, Building
 from hoid_benchmarks.building.world.route import Route
 

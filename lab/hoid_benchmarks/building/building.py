@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from hoid_benchmarks.building.floor import SMALL, floor
 from hoid_benchmarks.building.growth import SIZES, growth
 from hoid_benchmarks.building.lag import CONSTANT_S, lag
 from hoid_benchmarks.building.large_map import large_maps
 from hoid_benchmarks.building.merge import SIZE as MERGED
 from hoid_benchmarks.building.merge import merge
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.slow import SIZES as SLOW_SIZES
-from hoid_benchmarks.building.slow import slow
-from hoid_benchmarks.building.tour import DEFAULT_WAY_M, tour
+from hoid_benchmarks.building.tours.floor import SMALL, floor
+from hoid_benchmarks.building.tours.slow import SIZES as SLOW_SIZES
+from hoid_benchmarks.building.tours.slow import slow
+from hoid_benchmarks.building.tours.tour import DEFAULT_WAY_M, tour
 from hoid_benchmarks.building.world.route import CORNER
 from hoid_common.errors import InputError
 

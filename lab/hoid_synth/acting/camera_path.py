@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import FloatArray
-from hoid_synth.acting.floor_route import floor_route
 from hoid_synth.config import FLOOR, SceneConfig
+from hoid_synth.floor.route import floor_route
 from hoid_synth.noise import Rng
 from hoid_synth.room.layout import LANES_Y_M, PARTITION_M, WIDTHS_M
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 from hoid_synth.acting.acting import BodyTrack, body_track
-from hoid_synth.acting.floor_route import INTO_ROOM_M, Visit, floor_route
 from hoid_synth.acting.script import MotionPlanner, PersonMotion
 from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
+from hoid_synth.floor.plan import FloorRoom, floor_plan
+from hoid_synth.floor.route import INTO_ROOM_M, Visit, floor_route
 from hoid_synth.mesh import Rect
 from hoid_synth.noise import Rng
-from hoid_synth.room.floor_plan import FloorRoom, floor_plan
 from hoid_synth.room.world import World
 
 _BESIDE_ROBOT_M = 0.8  # half width of the floor that people leave to the robot in a room

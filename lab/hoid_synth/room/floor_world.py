@@ -6,10 +6,7 @@ import numpy as np
 
 from hoid_common.values import PERSON, FloatArray
 from hoid_synth.config import SceneConfig
-from hoid_synth.mesh import Mesh, Rect, Surface, box, merged, quad
-from hoid_synth.people.body import dress
-from hoid_synth.room import furniture
-from hoid_synth.room.floor_plan import (
+from hoid_synth.floor.plan import (
     CORRIDOR_M,
     DOOR_M,
     ROOM_DEPTH_M,
@@ -18,6 +15,9 @@ from hoid_synth.room.floor_plan import (
     FloorPlan,
     floor_plan,
 )
+from hoid_synth.mesh import Mesh, Rect, Surface, box, merged, quad
+from hoid_synth.people.body import dress
+from hoid_synth.room import furniture
 from hoid_synth.room.rooms import HEIGHT_M, Furnisher, Slot, add_ceiling_lamp
 from hoid_synth.room.world import World, WorldBuilder, pose
 from hoid_synth.texture.atlas import Textures

@@ -13,7 +13,7 @@ import numpy as np
 
 from hoid_benchmarks.building.drive import Drive
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.revisits import MIN_ELAPSED_S, Revisit, revisits
+from hoid_benchmarks.building.tours.revisits import MIN_ELAPSED_S, Revisit, revisits
 from hoid_benchmarks.building.virtual_mapper import Delay
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import STOREY_M, Building

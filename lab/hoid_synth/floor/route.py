@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.values import FloatArray
-from hoid_synth.room.floor_plan import FloorPlan, FloorRoom, floor_plan
+from hoid_synth.floor.plan import FloorPlan, FloorRoom, floor_plan
 
 SPEED_MPS = 0.8
 _ACCELERATION_MPS2 = 0.8
