@@ -88,6 +88,10 @@ class LoopDetector:
                 return FoundPlace(c, match)
         return None
 
+    def index_places(self) -> None:
+        """Index all keyframes that are not indexed yet."""
+        self._finder.index_places()
+
     def correction(self, i: int, match: PlaceMatch) -> tuple[float, float]:
         """Return the rotation [rad] and distance [m] by which a loop would move keyframe `i`."""
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
