@@ -45,8 +45,8 @@ _SAME_VIEW_RAD = 0.4
 _MIN_EXPECTED = 40
 _CONTRADICTING_SHARE = 0.15
 # So many views, and this share of all, must contradict: in a known place, furniture is moved too.
-_MIN_CONTRADICTING = 3
-_MAX_CONTRADICTING_SHARE = 0.15
+_MIN_CONTRADICTING = 2
+_MAX_CONTRADICTING_SHARE = 0.1
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
