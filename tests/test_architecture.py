@@ -46,7 +46,7 @@ LAYERS = {
         images progress < mcap < tum < bag < sequence convert < options < live < commands
     """,
     'hoid_synth': """
-        config mesh noise < texture < people < room < acting < render
+        mesh noise < floor < config < texture < people < room < acting < render
         < truth static_model < scene < bag room_truth < commands
     """,
     'hoid_bringup': """
@@ -54,7 +54,7 @@ LAYERS = {
         < command_reference message_reference refusal_reference < __main__
     """,
     'hoid_benchmarks': """
-        consistency plan < jobs < rooms faults building < live < report
+        consistency plan < jobs < rooms faults < building < live < report
         < publish demo_picture pictures < commands demo
     """,
 }

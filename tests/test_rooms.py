@@ -14,7 +14,7 @@ from hoid_benchmarks.rooms.room_run import MappedRoom, Tracks
 from hoid_benchmarks.rooms.room_scores import score
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
-from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame
+from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame, Trajectory
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
@@ -24,6 +24,7 @@ from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 from rgbd_slam.scene.scene_scheduler import SceneRequest
+from rgbd_slam.statistics import SlamStats
 
 pytestmark = pytest.mark.thorough
 
@@ -88,7 +89,8 @@ def room(truth: RoomTruth, points_world_m: FloatArray, found: Tracks) -> MappedR
     cells[:30] = -1
     cells[30:33] = 100 - cells[30:33]
     grid = Grid(cells, 0.05, T_map_floor, (0, 0))
-    return MappedRoom(ColoredCloud(points, np.zeros((len(points), 3), np.uint8)), grid, found)
+    cloud = ColoredCloud(points, np.zeros((len(points), 3), np.uint8))
+    return MappedRoom(cloud, grid, found, Trajectory.joined([]), SlamStats(0, 0))
 
 
 def test_map_points_and_grid_cells_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:

@@ -11,6 +11,8 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 from hoid_benchmarks.building.building import SCENARIOS, building_report
+from hoid_benchmarks.building.tours.floor import SMALL
+from hoid_benchmarks.building.tours.tour import DEFAULT_WAY_M
 from hoid_benchmarks.faults.campaign import CAMPAIGNS, NIGHTLY, SLICE, Size, fault_report
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
@@ -98,6 +100,18 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='S',
         help='building: constant delay of the mapper in s; may be repeated',
     )
+    add(
+        '--floors', type=int, default=1, metavar='N',
+        help='building: number of floors of the tour (default: %(default)s)',
+    )  # fmt: skip
+    add(
+        '--way', type=float, default=DEFAULT_WAY_M, metavar='M',
+        help='building: length of the tour in m (default: %(default)s)',
+    )  # fmt: skip
+    add(
+        '--rooms', type=int, default=SMALL, metavar='N',
+        help='building: number of rooms of the rendered floor (default: %(default)s)',
+    )  # fmt: skip
     add('--job', metavar='KEY', help='repeat the run with this key, which the report lists')
     add(
         '--report',
@@ -149,6 +163,7 @@ def bench_command(args: argparse.Namespace) -> None:
             building_report(
                 args.only, args.seed, folder,
                 quick=args.quick, delays_s=args.delay, sizes=args.keyframes,
+                num_floors=args.floors, way_m=args.way, num_rooms=args.rooms,
             )
         )  # fmt: skip
         return

@@ -25,6 +25,8 @@ _FIELDS = {
     '--rest': 'rest_s',
     '--people-seed': 'people_seed',
     '--start': 'start_s',
+    '--rooms': 'num_rooms',
+    '--every': 'every',
     '--width': 'width_px',
 }
 """Options, and the fields of the configuration that they set."""

@@ -9,11 +9,13 @@ import numpy as np
 from hoid_common.config import Config, param
 from hoid_common.errors import ConfigError
 from hoid_common.values import CameraModel, IntArray
+from hoid_synth.floor.route import floor_route
 
 EPOCH_NS = 1_700_000_000_000_000_000
 """Stamp of frame 0; it is fixed, so that equal configurations give identical bytes."""
 FRAME_RATE_HZ = 30.0
-PATHS = ('room', 'loop', 'xyz', 'rpy', 'static')
+FLOOR = 'floor'
+PATHS = ('room', 'loop', 'xyz', 'rpy', 'static', FLOOR)
 LAYOUTS = ('home', 'repeated')
 CARRIED = ('carry_box', 'carry_chair', 'carry_screen', 'pull_door', 'push_trolley', 'take_chair')
 """Events in which people handle a large, near object with many corners."""
@@ -37,7 +39,7 @@ class SceneConfig(Config):
 
     seed: int = param(0, 'seed of all random choices', minimum=0)
     num_frames: int = param(
-        0, 'number of frames at 30 Hz; 0: 300, or 1200 for the path loop', minimum=0
+        0, 'number of frames; 0: 300, 1200 for the path loop, or the whole path floor', minimum=0
     )
     width_px: int = param(
         640, 'width of the images in pixels; the height is 3/4 of it', minimum=64, maximum=1280
@@ -73,6 +75,13 @@ class SceneConfig(Config):
     people_seed: int = param(
         0, 'seed of the people and their actions; 0: that of the scene', minimum=0
     )
+    num_rooms: int = param(
+        12, 'least number of rooms on the path floor, whose rows are equally long', minimum=2,
+        maximum=16,
+    )  # fmt: skip
+    every: int = param(
+        1, 'render every so-many-th frame: 3 gives 10 images per second', minimum=1, maximum=30
+    )
     start_s: float = param(0.0, 'start time on the camera path in s', minimum=0.0, maximum=1e4)
     color_noise: float = param(1.0, 'scale of the color noise', minimum=0.0, maximum=10.0)
     motion_blur: float = param(1.0, 'scale of the exposure time', minimum=0.0, maximum=10.0)
@@ -81,17 +90,17 @@ class SceneConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.together and self.path == 'loop':
-            raise ConfigError('SceneConfig.together is not possible with the path "loop"')
+        if self.together and self.path in ('loop', FLOOR):
+            raise ConfigError(f'SceneConfig.together is not possible with the path "{self.path}"')
         if self.together and self.near_m > MOST_NEAR_TOGETHER_M:
             raise ConfigError(
                 f'SceneConfig.near_m must be at most {MOST_NEAR_TOGETHER_M} for people together, '
                 f'got {self.near_m}'
             )
 
-        if self.event and (self.together or self.path == 'loop'):
+        if self.event and (self.together or self.path in ('loop', FLOOR)):
             raise ConfigError(
-                'SceneConfig.event is not possible with the path "loop" or with together'
+                f'SceneConfig.event is not possible with the path "{self.path}" or with together'
             )
         if self.speed_mps and self.event not in PASSING_MPS:
             raise ConfigError(
@@ -110,13 +119,21 @@ class SceneConfig(Config):
     def frames(self) -> int:
         """Return the number of rendered frames."""
         default = _LOOP_FRAMES if self.path == 'loop' else _DEFAULT_FRAMES
+        if self.path == FLOOR:
+            default = round(floor_route(self.num_rooms).duration_s * self.rate_hz)
         return self.num_frames or default
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the number of rendered frames per second."""
+        return FRAME_RATE_HZ / self.every
 
     @property
     def timeline_frames(self) -> IntArray:
         """Return (N + 1,) the frame of the planned motions that each rendered frame shows."""
         begun, rest = (round(s * FRAME_RATE_HZ) for s in (self.played_s, self.rest_s))
-        return np.asarray(begun + np.maximum(np.arange(self.frames + 1) - rest, 0), np.int64)
+        shown = self.every * np.arange(self.frames + 1)
+        return np.asarray(begun + np.maximum(shown - rest, 0), np.int64)
 
     @property
     def timeline_length(self) -> int:
@@ -147,8 +164,8 @@ class SceneConfig(Config):
 
     def stamp_ns(self, i: int) -> int:
         """Return the stamp of frame i in ns."""
-        return EPOCH_NS + round(i * 1e9 / FRAME_RATE_HZ)
+        return EPOCH_NS + round(i * 1e9 / self.rate_hz)
 
     def time_s(self, i: int) -> float:
         """Return the time of frame i since the first frame in s."""
-        return i / FRAME_RATE_HZ
+        return i / self.rate_hz

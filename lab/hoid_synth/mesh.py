@@ -12,6 +12,7 @@ from hoid_common.values import ByteArray, Float32Array, FloatArray
 
 CELL_M = 0.12  # edge of a mesh cell; light is computed at the vertices
 Vector = Sequence[float] | FloatArray
+Rect = tuple[float, float, float, float]  # x1, y1, x2, y2 on the floor in m
 
 _FACES = ('left', 'right', 'front', 'back', 'bottom', 'top')  # -x +x -y +y -z +z
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray
@@ -15,6 +16,7 @@ from hoid_synth.static_model import StaticModel
 
 _LEFT_ALONE_FRAMES = 60  # 2 s; the map may show an object at the place it left less than this ago
 _PATH_RADIUS_M = 0.3
+_PATH_FRAMES = 3  # of 30 per second; a person walks 12 cm in this time
 _BODY_M = (0.1, 1.85)
 _OBSTACLE_M = (0.1, 1.8)
 
@@ -41,8 +43,9 @@ class RoomTruth:
     def on_paths(self, points_map_m: FloatArray) -> BoolArray:
         """Return whether (N,) points (N, 3) are where people walked and no static surface is."""
         points = se3.transform(self.T_world_map, points_map_m)
-        paths = np.concatenate([body.xy_m for body in self.stage.bodies])
-        gap = np.linalg.norm(points[:, None, :2] - paths[None, ::3], axis=2).min(1)
+        step = max(_PATH_FRAMES // self.stage.config.every, 1)
+        paths = cKDTree(np.concatenate([body.xy_m[::step] for body in self.stage.bodies]))
+        gap, _ = paths.query(points[:, :2], distance_upper_bound=_PATH_RADIUS_M)
         body = (points[:, 2] > _BODY_M[0]) & (points[:, 2] < _BODY_M[1]) & (gap < _PATH_RADIUS_M)
         return np.asarray(body & (self.distance_m(points_map_m) > 0.05))
 
@@ -50,7 +53,10 @@ class RoomTruth:
         self, T_map_origin: FloatArray, shape: tuple[int, int], resolution_m: float
     ) -> BoolArray:
         """Return the true occupancy (H, W) of a grid, by surfaces 0.1 to 1.8 m above the floor."""
-        points = _samples(self._mesh.vertices_m[self._mesh.faces].astype(float), 0.01)
+        corners = self._mesh.vertices_m[self._mesh.faces].astype(float)
+        z = corners[:, :, 2]
+        is_obstacle = (z.max(1) > _OBSTACLE_M[0]) & (z.min(1) < _OBSTACLE_M[1])
+        points = _samples(corners[is_obstacle], 0.01)
         points = points[(points[:, 2] > _OBSTACLE_M[0]) & (points[:, 2] < _OBSTACLE_M[1])]
         local = se3.transform(se3.inverse(self.T_world_map @ T_map_origin), points)
         cell = np.floor(local[:, :2] / resolution_m).astype(int)

@@ -64,7 +64,10 @@ def growth(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
 
 
 def driven_map(building: Building, seed: int) -> tuple[Trajectory, int, MapFile]:
-    """Drive until the map has 100 keyframes; return the route, the images driven, and the map."""
+    """Drive until the map has 100 keyframes; return the route, the images driven, and the map.
+
+    The seed determines the noise of the camera and its path.
+    """
     route = Route(building)
     route.around(4, 2, rooms=1, every=2)
     truth = route.trajectory(seed)

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bringup.run.detection_source import detection_source
 from hoid_bringup.run.run_config import RunConfig
-from hoid_common.values import DynamicObject, RgbdFrame
+from hoid_common.values import DynamicObject, RgbdFrame, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.robot_frames import RobotFrames
@@ -20,6 +20,7 @@ from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
 from rgbd_slam.session import SlamSession
+from rgbd_slam.statistics import SlamStats
 
 Tracks = dict[int, tuple[TrackedObject, ...]]
 """Published object tracks by the stamp (ns) of their image."""
@@ -36,11 +37,13 @@ class FusionObserver(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MappedRoom:
-    """Dense map, grid and tracks of a run."""
+    """Dense map, grid, tracks, trajectory and counts of a run."""
 
     cloud: ColoredCloud
     grid: Grid | None
     tracks: Tracks
+    trajectory: Trajectory  # final poses
+    stats: SlamStats
 
 
 def map_room(
@@ -75,4 +78,5 @@ def map_room(
     session.close()
     scene.ledger.correct(session.robot_map.keyframes(), force=True)
     cloud = scene.cloud()
-    return MappedRoom(cloud, scene.grid(cloud), tracks)
+    trajectory = session.robot_map.trajectory('final')
+    return MappedRoom(cloud, scene.grid(cloud), tracks, trajectory, session.slam.stats)

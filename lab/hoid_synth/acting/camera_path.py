@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import FloatArray
-from hoid_synth.config import SceneConfig
+from hoid_synth.config import FLOOR, SceneConfig
+from hoid_synth.floor.route import floor_route
 from hoid_synth.noise import Rng
 from hoid_synth.room.layout import LANES_Y_M, PARTITION_M, WIDTHS_M
 
@@ -19,8 +20,11 @@ FRONT_Y_M = 1.0
 def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
     """Return T_world_camera (N, 4, 4) of the optical frame at times (N,) since the first frame."""
     rng = np.random.default_rng([config.seed, 2])
-    make = {'loop': _loop, 'room': _room, 'xyz': _xyz, 'rpy': _rpy, 'static': _static}[config.path]
-    position, yaw, pitch = make(rng, times_s)
+    if config.path == FLOOR:
+        position, yaw, pitch = _floor(rng, times_s, config.num_rooms)
+    else:
+        makers = {'loop': _loop, 'room': _room, 'xyz': _xyz, 'rpy': _rpy, 'static': _static}
+        position, yaw, pitch = makers[config.path](rng, times_s)
     roll = np.radians(1.2) * _wander(rng, times_s, 0.25)
     tremor = _tremor(rng, times_s)
     position = position + 0.0035 * tremor[:, :3]
@@ -140,6 +144,15 @@ def _loop(rng: Rng, t: FloatArray) -> Path:
     pitch = np.radians(-8 + 4 * _wander(rng, t, 0.2))
     sway = 0.05 * np.stack([_wander(rng, t, 0.3), _wander(rng, t, 0.3)], -1)
     return np.concatenate([position + sway, height[:, None]], 1), yaw, pitch
+
+
+def _floor(rng: Rng, t: FloatArray, num_rooms: int) -> Path:
+    """Follow the route of a robot, and look a little to its left and right."""
+    xy, heading = floor_route(num_rooms).at(t)
+    height = HEIGHT_M + 0.02 * _wander(rng, t, 0.3)
+    yaw = heading + np.radians(8) * _wander(rng, t, 0.14)
+    pitch = np.radians(-6 + 3 * _wander(rng, t, 0.2))
+    return np.concatenate([xy, height[:, None]], 1), yaw, pitch
 
 
 def _poses(

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 
 from hoid_common.values import BoolArray, ByteArray, FloatArray
-from hoid_synth.mesh import Vector
-from hoid_synth.room.world import Rect, World
+from hoid_synth.mesh import Rect, Vector
+from hoid_synth.room.world import World
 
 CELL_M = 0.1
 BODY_RADIUS_M = 0.27

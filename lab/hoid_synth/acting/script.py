@@ -9,8 +9,9 @@ import numpy as np
 from hoid_common.values import FloatArray
 from hoid_synth.acting.routes import FloorMap
 from hoid_synth.config import FRAME_RATE_HZ
+from hoid_synth.mesh import Rect
 from hoid_synth.noise import Rng
-from hoid_synth.room.world import PlacedProp, Rect, Spot, World
+from hoid_synth.room.world import PlacedProp, Spot, World
 
 GRASP_S = 1.5  # duration of taking an object: bending down, gripping, rising; also of the reverse
 CONTACT = 0.45  # share of GRASP_S before the hand holds the object

@@ -11,16 +11,22 @@ from hoid_common.values import FloatArray
 from hoid_synth.acting.acting import BodyTrack, ObjectTrack, body_track, object_tracks
 from hoid_synth.acting.camera_path import camera_poses
 from hoid_synth.acting.events import carrier_motions, mover_track
+from hoid_synth.acting.floor_people import floor_people
 from hoid_synth.acting.group import group_motions
 from hoid_synth.acting.script import MotionPlanner, PersonMotion
-from hoid_synth.config import FRAME_RATE_HZ, SceneConfig
-from hoid_synth.mesh import Mesh, merged
+from hoid_synth.config import FLOOR, SceneConfig
+from hoid_synth.mesh import Mesh, Rect, merged
 from hoid_synth.noise import Rng
 from hoid_synth.people.body import Joints, skin_mesh
 from hoid_synth.people.gait import joints
+from hoid_synth.room.floor_world import build_floor
 from hoid_synth.room.layout import WIDTHS_M, build_world
-from hoid_synth.room.world import Rect, World
+from hoid_synth.room.world import World, pose
 
+# A person farther away than this, and this far beside the viewing direction, casts no shadow that
+# is visible: half the field of view is 37 degrees, and a shadow is at most 1.8 m long.
+_NEAR_M, _SIDE_RAD = 5.0, np.radians(60)
+_BELOW_M = 100.0  # farther than the light of any lamp
 _CAMERA_ZONE: Rect = (WIDTHS_M[0] / 2 - 1.6, 0.0, WIDTHS_M[0] / 2 + 1.6, 1.45)
 
 
@@ -54,10 +60,8 @@ class Stage:
         """Return the mesh of moving people and objects in frame i; all frames have equal faces."""
         world = self.world
         meshes = [
-            skin_mesh(self.joints(n, i), w).as_instance(instance)
-            for n, (w, instance) in enumerate(
-                zip(world.wardrobes, world.person_instances, strict=True)
-            )
+            self._person_mesh(n, i).as_instance(instance)
+            for n, instance in enumerate(world.person_instances)
         ]
         meshes += [
             placed.prop.mesh.as_instance(placed.instance).transformed(track.T_world_object[i])
@@ -69,17 +73,40 @@ class Stage:
             meshes.append(mesh.as_instance(instance).transformed(self.mover.T_world_object[i]))
         return merged(meshes) if meshes else None
 
+    def _person_mesh(self, person: int, i: int) -> Mesh:
+        """Return the mesh of a person; on a floor, people out of sight are far below it."""
+        if self.config.path == FLOOR and self._is_out_of_sight(person, i):
+            return self._hidden[person]
+        return skin_mesh(self.joints(person, i), self.world.wardrobes[person])
+
+    def _is_out_of_sight(self, person: int, i: int) -> bool:
+        T = self.T_world_camera[min(i, len(self.T_world_camera) - 1)]
+        way_m = self.bodies[person].xy_m[i] - T[:2, 3]
+        distance_m = float(np.linalg.norm(way_m))
+        return distance_m > _NEAR_M and way_m @ T[:2, 2] < np.cos(_SIDE_RAD) * distance_m
+
+    @cached_property
+    def _hidden(self) -> list[Mesh]:
+        below = pose(0, 0, -_BELOW_M, 0)
+        return [
+            skin_mesh(self.joints(n, 0), wardrobe).transformed(below)
+            for n, wardrobe in enumerate(self.world.wardrobes)
+        ]
+
 
 def set_stage(config: SceneConfig) -> Stage:
     """Build the world of a configuration, and plan all motions in it."""
-    world = build_world(config)
-    times_s = config.start_s + np.arange(config.frames + 1) / FRAME_RATE_HZ
+    world = build_floor(config) if config.path == FLOOR else build_world(config)
+    times_s = config.start_s + np.arange(config.frames + 1) / config.rate_hz
     T_world_camera = camera_poses(config, times_s)
     rng = np.random.default_rng([config.seed, 4, *config.people_stream])
     shown, count = config.timeline_frames, config.timeline_length
     T_timeline_camera = T_world_camera[np.searchsorted(shown, np.arange(count))]
-    motions = _plan_motions(config, world, T_timeline_camera, rng)
-    bodies = [body_track(motion, count, rng) for motion in motions]
+    if config.path == FLOOR:
+        motions, bodies = floor_people(config, world, T_timeline_camera, rng)
+    else:
+        motions = _plan_motions(config, world, T_timeline_camera, rng)
+        bodies = [body_track(motion, count, rng) for motion in motions]
     objects = object_tracks(world, motions, bodies, count)
     mover = None
     if config.event:

@@ -15,6 +15,7 @@ _OCCLUSION_RAYS = 20
 _OCCLUSION_REACH_M = 0.9
 _LIFT_M = 0.012
 _SOFT_M2 = 1.2  # limits the light near a lamp
+_REACH_M = 14.0  # more than the length of two rooms; the light of a lamp is below 2 % there
 
 
 def _hemisphere(count: int) -> Float32Array:
@@ -58,7 +59,7 @@ def direct(
             way = point - origin
             square = np.einsum('ij,ij->i', way, way)
             cosine = np.einsum('ij,ij->i', way, normals) / np.sqrt(square)
-            lit = cosine > 0
+            lit = (cosine > 0) & (square < _REACH_M**2)
             visible = np.zeros(len(origin), np.float32)
             visible[lit] = ~tracer.occluded(origin[lit], way[lit])
             share = lamp.strength / len(lamp.points_m) / (square + _SOFT_M2)

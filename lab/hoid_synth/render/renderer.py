@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray
+from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from hoid_synth.acting.stage import Stage
-from hoid_synth.config import FRAME_RATE_HZ
+from hoid_synth.config import FLOOR
 from hoid_synth.mesh import Mesh
 from hoid_synth.render import lighting, sensor, shading
 from hoid_synth.render.tracer import Hits, Tracer
@@ -191,18 +191,31 @@ class Renderer:
         resting = np.flatnonzero(face < self._num_static)
         near = resting[_near(points[resting, :2], moving.mesh)]
         origins = points[near] + np.float32(0.004) * (view.origin - points[near])
-        for lamp in self._stage.world.lamps:
-            if len(near) and len(lamp.points_m) == lighting.CEILING_POINTS:
-                hidden = np.zeros(len(near), np.float32)
-                for point in lamp.points_m.astype(np.float32):
-                    hidden += moving.tracer.occluded(origins, point - origins)
-                left[near] -= _SHADOW_DEPTH * hidden / lighting.CEILING_POINTS
+        lamps = [
+            lamp.points_m.astype(np.float32)
+            for lamp in self._stage.world.lamps
+            if len(lamp.points_m) == lighting.CEILING_POINTS
+        ]
+        for lamp, lit in zip(lamps, self._lit(lamps, origins), strict=True):
+            hidden = np.zeros(len(lit), np.float32)
+            for point in lamp if len(lit) else ():
+                hidden += moving.tracer.occluded(origins[lit], point - origins[lit])
+            left[near[lit]] -= _SHADOW_DEPTH * hidden / lighting.CEILING_POINTS
         return np.asarray(cv2.blur(self._fine(left), (9, 9)), np.float32).ravel()
+
+    def _lit(self, lamps: list[Float32Array], points_m: Float32Array) -> list[IntArray]:
+        """Return for each lamp which points (N, 3) it shadows: on a floor, those nearest to it."""
+        every = np.arange(len(points_m))
+        if self._config.path != FLOOR:
+            return [every] * len(lamps)
+        middles = np.array([lamp.mean(0) for lamp in lamps])
+        nearest = np.linalg.norm(points_m[:, None] - middles, axis=2).argmin(1)
+        return [every[nearest == k] for k in range(len(lamps))]
 
     def _flow(self, i: int, hits: Hits, moving: _Moving | None) -> Float32Array:
         """Return the image motion (H, W, 2) during the exposure in px."""
         T, T_next = self._stage.T_world_camera[i : i + 2]
-        share = sensor.EXPOSURE_S * FRAME_RATE_HZ * self._config.motion_blur
+        share = sensor.EXPOSURE_S * self._config.rate_hz * self._config.motion_blur
         twist = share * se3.log(se3.inverse(T) @ T_next)
         rays, t = self._coarse(self._rays), self._coarse(hits.t)
         points = rays * t[:, None]

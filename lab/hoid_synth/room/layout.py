@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_common.values import PERSON, FloatArray
 from hoid_synth.config import SceneConfig
-from hoid_synth.mesh import box, merged
+from hoid_synth.mesh import Rect, box, merged
 from hoid_synth.noise import Rng
 from hoid_synth.people.body import dress
 from hoid_synth.room import furniture
@@ -16,13 +16,10 @@ from hoid_synth.room.movers import make_mover
 from hoid_synth.room.props import FLOOR_PROPS, TABLE_PROPS, Maker
 from hoid_synth.room.rooms import DEPTH_M, HEIGHT_M, Furnisher
 from hoid_synth.room.world import (
-    Lamp,
     PlacedProp,
-    Rect,
     Spot,
     World,
     WorldBuilder,
-    pose,
     resting_yaw,
 )
 from hoid_synth.texture.atlas import Textures
@@ -130,11 +127,7 @@ def _window_side(f: Furnisher, side: str, two: bool) -> None:
     """Furnish the wall opposite the sofa; with two rooms, the window is in the front wall."""
     wall = 'front' if two else side
     middle = f.width_m / 2 if two else DEPTH_M / 2
-    T = f.wall_pose(wall, middle)
-    f.builder.add(furniture.window(f.studio, f.palette, 1.7, 1.25), T)
-    inside = (T @ pose(0, -0.3, 1.5, 0))[:3, 3]
-    spread = [[-0.6, 0, -0.4], [0.6, 0, -0.4], [0, 0, 0.4]]
-    f.builder.lamps.append(Lamp(inside + np.array(spread) @ T[:3, :3].T, 1.5))
+    f.window(wall, middle)
     if two:
         f.pictures('front', [(0.3, 1.4), (f.width_m - 1.4, f.width_m - 0.3)], 1.1)
         f.pictures(side, [(1.8, 3.7)], 1.1)

@@ -59,14 +59,15 @@ class Furnisher:
             parts.append(quad(origin, edge, (0, 0, -h), surface))
             parts.append(_skirting(name, w, d, p.white))
         self.builder.add(merged(parts), at)
-        corners = [[-0.3, -0.3], [-0.3, 0.3], [0.3, -0.3], [0.3, 0.3]]
-        middle = np.array([self.x0 + w / 2, d / 2, h - 0.12])
-        self.builder.lamps.append(Lamp(middle + np.pad(corners, ((0, 0), (0, 1))), 3.2))
-        shade = self.studio.sheet(pictures.filled((32, 32), (205, 230, 245)), glow=1.0)
-        self.builder.add(
-            box((-0.3, -0.3, 0), (0.3, 0.3, 0.06), shade),
-            pose(float(middle[0]), float(middle[1]), h - 0.06, 0),
-        )
+        add_ceiling_lamp(self.studio, self.builder, self.x0 + w / 2, d / 2)
+
+    def window(self, wall: str, along_m: float) -> None:
+        """Place a window with curtains on a wall, which lights the room."""
+        T = self.wall_pose(wall, along_m)
+        self.builder.add(furniture.window(self.studio, self.palette, 1.7, 1.25), T)
+        inside = (T @ pose(0, -0.3, 1.5, 0))[:3, 3]
+        spread = [[-0.6, 0, -0.4], [0.6, 0, -0.4], [0, 0, 0.4]]
+        self.builder.lamps.append(Lamp(inside + np.array(spread) @ T[:3, :3].T, 1.5))
 
     def hang(
         self, wall: str, along_m: float, height_m: float, size_m: tuple[float, float], s: Surface
@@ -215,6 +216,15 @@ class Furnisher:
             spans.append((at, at + width))
             at += width
         return spans
+
+
+def add_ceiling_lamp(studio: Studio, builder: WorldBuilder, x_m: float, y_m: float) -> None:
+    """Add a square lamp at the ceiling."""
+    corners = [[-0.3, -0.3], [-0.3, 0.3], [0.3, -0.3], [0.3, 0.3]]
+    middle = np.array([x_m, y_m, HEIGHT_M - 0.12])
+    builder.lamps.append(Lamp(middle + np.pad(corners, ((0, 0), (0, 1))), 3.2))
+    shade = studio.sheet(pictures.filled((32, 32), (205, 230, 245)), glow=1.0)
+    builder.add(box((-0.3, -0.3, 0), (0.3, 0.3, 0.06), shade), pose(x_m, y_m, HEIGHT_M - 0.06, 0))
 
 
 def _skirting(wall: str, w: float, d: float, s: Surface) -> Mesh:

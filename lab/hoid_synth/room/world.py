@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.values import FloatArray
-from hoid_synth.mesh import Mesh, merged
+from hoid_synth.mesh import Mesh, Rect, merged
 from hoid_synth.people.body import Wardrobe
 from hoid_synth.room.movers import Mover
 from hoid_synth.room.props import Prop
 from hoid_synth.texture.atlas import TextureAtlas
-
-Rect = tuple[float, float, float, float]  # x1, y1, x2, y2 on the floor in m
 
 
 @dataclass(frozen=True)
@@ -111,11 +110,18 @@ class WorldBuilder:
             mesh = mesh.as_instance(self.new_instance(class_name))
         self.meshes.append(mesh.transformed(T_world_thing))
         if footprint is not None:
-            x1, y1, x2, y2 = footprint
-            corners = np.array([[x1, y1], [x2, y1], [x1, y2], [x2, y2]])
-            world = corners @ T_world_thing[:2, :2].T + T_world_thing[:2, 3]
-            (a, b), (c, d) = world.min(0), world.max(0)
-            self.obstacles.append((float(a), float(b), float(c), float(d)))
+            self.obstacles.append(_moved(footprint, T_world_thing))
+
+    def place(self, part: WorldBuilder, T_world_part: FloatArray) -> None:
+        """Add meshes, instances, footprints and lamps of another builder, but not its spots."""
+        mesh, others = part.mesh(), len(self.class_names) - 1
+        instance = mesh.instance + np.where(mesh.instance > 0, others, 0).astype(np.uint8)
+        self.class_names += part.class_names[1:]
+        self.meshes.append(replace(mesh, instance=instance).transformed(T_world_part))
+        self.obstacles += [_moved(rect, T_world_part) for rect in part.obstacles]
+        self.lamps += [
+            Lamp(se3.transform(T_world_part, lamp.points_m), lamp.strength) for lamp in part.lamps
+        ]
 
     def add_spot(
         self,
@@ -135,3 +141,12 @@ class WorldBuilder:
     def mesh(self) -> Mesh:
         """Return the union of all added meshes."""
         return merged(self.meshes)
+
+
+def _moved(rect: Rect, T_a_b: FloatArray) -> Rect:
+    """Return the bounding rectangle of a moved one."""
+    x1, y1, x2, y2 = rect
+    corners = np.array([[x1, y1], [x2, y1], [x1, y2], [x2, y2]])
+    moved = corners @ T_a_b[:2, :2].T + T_a_b[:2, 3]
+    (a, b), (c, d) = moved.min(0), moved.max(0)
+    return float(a), float(b), float(c), float(d)

@@ -9,6 +9,7 @@ import numpy as np
 
 from hoid_common.values import IntArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
@@ -43,8 +44,11 @@ class MapJoin(NamedTuple):
 class JoinedMaps(NamedTuple):
     """Several maps as one."""
 
-    content: MapFile  # without the dense maps; maps that were not joined are apart in it
+    content: MapFile  # maps that were not joined are apart in it
     joins: tuple[MapJoin, ...]  # of the second map and those after it
+    # Whether the dense map of each map is in the result, or it has none. Dense maps in the format
+    # of earlier versions, and those with voxels of another size than the first one, are left out.
+    keeps_dense: tuple[bool, ...]
 
 
 def join_maps(contents: Sequence[MapFile], config: SlamConfig) -> JoinedMaps:
@@ -66,9 +70,35 @@ def join_maps(contents: Sequence[MapFile], config: SlamConfig) -> JoinedMaps:
     for content in reversed(contents):
         state = content.seen_by(first.camera, *octaves, extend=False).map
         rows.append(restore(atlas, state, camera, keep=bool(rows)))
+    rows.reverse()
     closer = LoopCloser(atlas, camera, config)
-    joins = [MapJoin(tuple(_links(atlas, closer, own))) for own in rows[-2::-1]]
-    return JoinedMaps(MapFile(first.camera, *octaves, snapshot(atlas)), tuple(joins))
+    joins = [MapJoin(tuple(_links(atlas, closer, own))) for own in rows[1:]]
+    dense, keeps_dense = _joined_dense(contents, [atlas.keyframes.uid[own] for own in rows])
+    content = MapFile(first.camera, *octaves, snapshot(atlas), dense)
+    return JoinedMaps(content, tuple(joins), keeps_dense)
+
+
+def _joined_dense(
+    contents: Sequence[MapFile], uids: Sequence[IntArray]
+) -> tuple[SubmapState | None, tuple[bool, ...]]:
+    """Return the submaps of all maps, which stay with their keyframes, and whose were kept.
+
+    Args:
+        contents: The maps.
+        uids: The (K,) uids that the keyframes of each map have now; none has been removed.
+    """
+    saved_uids = np.sort(np.concatenate(uids))  # the order of a saved map
+    parts: list[tuple[SubmapState, IntArray]] = []
+    keeps = []
+    for content, own in zip(contents, uids, strict=True):
+        dense = content.dense
+        fits = isinstance(dense, SubmapState) and (
+            not parts or dense.voxel_m[0] == parts[0][0].voxel_m[0]
+        )
+        if isinstance(dense, SubmapState) and fits:
+            parts.append((dense, np.searchsorted(saved_uids, own)))
+        keeps.append(dense is None or fits)
+    return SubmapState.joined(parts) if parts else None, tuple(keeps)
 
 
 def _links(atlas: Atlas, closer: LoopCloser, rows: IntArray) -> Iterator[Join]:

@@ -118,6 +118,7 @@ class Mapper:
                 self.map, self._configured_camera, self._config, background=self._background
             )
         restore(self.map, state, self._configured_camera, first_uid, keep=keep)
+        self._closer.index_places()
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
         """Take over the map of a mapping process that has died; the own map must be empty.

@@ -386,6 +386,7 @@ class RgbdSlam:
         )
         self.map.insert(request)
         if request.uid in self._atlas.pending:
+            self.trajectory.become_keyframe(request.uid)
             here = replace(tracked, reference_uid=request.uid, T_reference_camera=np.eye(4))
             self.odometry.restart_from(here)
         elif self._atlas.keyframes.index_of(request.uid) is not None:

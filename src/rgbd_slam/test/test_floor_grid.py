@@ -9,8 +9,12 @@ import yaml
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError
-from hoid_common.values import FloatArray
-from rgbd_slam.config.dense_config import GridConfig
+from hoid_common.values import CameraModel, FloatArray
+from rgbd_slam.config.dense_config import DenseConfig, GridConfig
+from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.dense.voxel_map import ColoredCloud
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 from rgbd_slam.scene.floor import find_floor
 from rgbd_slam.scene.grid import (
@@ -23,6 +27,8 @@ from rgbd_slam.scene.grid import (
     compose_grid,
     write_map_server,
 )
+from rgbd_slam.scene.scene_mapper import SceneMapper
+from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 ALL_FREE = 0xFFFF
 
@@ -163,6 +169,27 @@ def test_a_tilted_floor_gives_a_level_grid() -> None:
             assert grid.cells[row, column] == state
     xy_m = se3.transform(floor.T_map_ground, np.array([[1.0, 2.0, 0.5]]))[0, :2]
     assert xy_m.tolist() == [1.0, 2.0]
+
+
+def test_the_grid_follows_when_the_plane_of_the_floor_changes() -> None:
+    """The submap has a wall and no floor, so that only the plane determines its heights."""
+    camera = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
+    scene = SceneMapper(camera, DenseConfig(), ObjectTrackerConfig())
+    known = KeyframePoses(1, np.zeros(1, np.int64), np.zeros(1, np.int64), 0, T_BODY_OPTICAL[None])
+    for _ in range(3):
+        request = SceneRequest(0, T_BODY_OPTICAL, 0, known)
+        scene.fuse(
+            request, np.full((120, 160), 1.3, np.float32), np.zeros((120, 160, 3), 'u1'), ()
+        )
+    occupied = []
+    for ground_m in (-0.7, -2.5):  # below the wall's lower edge, and 2 m below its upper one
+        xy_m = np.random.default_rng(1).uniform(0, 4, (4000, 2))
+        points = np.c_[xy_m, np.full(4000, ground_m)].astype(np.float32)
+        grid = scene.grid(ColoredCloud(points, np.zeros((4000, 3), np.uint8)))
+        assert grid is not None
+        occupied.append(np.count_nonzero(grid.cells == OCCUPIED))
+    assert occupied[0] > 10
+    assert occupied[1] == 0
 
 
 def test_a_steady_grid_grows_in_steps_and_returns_the_changed_cells() -> None:

@@ -65,6 +65,22 @@ def test_a_loop_is_closed_and_the_drift_is_gone(
     assert rows[0] in atlas.covisible(rows[-1], min_shared=51)
 
 
+def test_a_place_that_looks_alike_in_other_surroundings_joins_no_maps() -> None:
+    """Two round rooms have one half of their walls in common."""
+    poses, closed = ring_poses(36), []
+    for share in (1.0, 0.5):
+        here, there = RingWorld(), RingWorld()
+        is_other = np.arctan2(there.points_m[:, 0], there.points_m[:, 2]) < np.pi * (1 - 2 * share)
+        unlike = np.random.default_rng(5).integers(0, 256, there.descriptors.shape, np.uint8)
+        there.descriptors = np.where(is_other[:, None], unlike, there.descriptors)
+        atlas = Atlas(1.2, 8)
+        rows = [mapped(atlas, here, poses, poses, 0), mapped(atlas, there, poses, poses, 1)]
+        closer = LoopCloser(atlas, CAMERA, SlamConfig())
+        closed.append([closer.process(i) for i in rows[1].tolist()])
+    assert LoopEvent.MERGED in closed[0]
+    assert LoopEvent.MERGED not in closed[1]
+
+
 def test_a_closed_loop_is_not_closed_again(
     drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:

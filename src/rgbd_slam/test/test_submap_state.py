@@ -77,16 +77,29 @@ def test_a_loaded_dense_map_is_carved_and_extended_by_new_images() -> None:
     assert (scene.cloud().points_m[in_view, 2] > 2.9).all()
 
 
-def test_a_loaded_submap_keeps_its_voxels_when_it_is_bent() -> None:
+def test_new_images_of_a_loaded_submap_are_fused_again_and_its_voxels_stay() -> None:
     scene, known = new_scene(), keyframes(0, 1)
     scene.load(saved(), known, known.uids)
-    for row in (0, 1) * 3:
-        scene.fuse(SceneRequest(0, known.T_map_camera[row], row, known), WALL_M, COLORS, ())
-    bent = known.T_map_camera.copy()
-    bent[1, 2, 3] += 0.1
-    before = len(scene.cloud().points_m)
-    scene.ledger.correct(known._replace(version=2, T_map_camera=bent), force=True)
-    assert len(scene.cloud().points_m) == before
+    of_wall = len(scene.cloud().points_m)
+    box_m = np.zeros_like(WALL_M)  # nothing else is measured
+    box_m[50:70, 70:90] = 1.51
+    for _ in range(6):
+        scene.fuse(SceneRequest(0, known.T_map_camera[1], 1, known), box_m, COLORS, ())
+    moved = known.T_map_camera.copy()
+    moved[1, 2, 3] += 0.1
+    scene.ledger.correct(known._replace(version=2, T_map_camera=moved), force=True)
+    z_m = scene.cloud().points_m[:, 2]
+    assert np.count_nonzero(z_m > 1.9) == of_wall
+    np.testing.assert_allclose(z_m[z_m < 1.9], 1.61, atol=0.01)
+    assert np.count_nonzero(z_m < 1.9) > 20
+
+
+def test_loaded_voxels_are_on_disk_until_an_image_changes_them() -> None:
+    scene, known = new_scene(), keyframes(0, 1)
+    scene.load(saved(), known, known.uids)
+    assert scene._voxels.num_in_memory == 0
+    scene.fuse(SceneRequest(0, known.T_map_camera[0], 0, known), WALL_M, COLORS, ())
+    assert scene._voxels.num_in_memory > 0
 
 
 def test_the_dense_map_of_other_voxels_is_refused() -> None:

@@ -105,6 +105,20 @@ def test_a_revised_frame_is_elsewhere_now_and_was_where_it_was_said() -> None:
     np.testing.assert_allclose(now, moved @ se3.inverse(first) @ moved, atol=1e-12)
 
 
+def test_a_frame_that_becomes_a_keyframe_is_where_this_is_mapped() -> None:
+    atlas = Atlas(1.2, 8)
+    first, last = tracked(1, np.eye(4)), tracked(2, se3.exp(np.array([0, 0, 0, 0.1, 0, 0])))
+    atlas.add_keyframe(first.frame, first.T_map_camera, 0)
+    recorder = TrajectoryRecorder(atlas.keyframes)
+    recorder.add(last)
+    recorder.become_keyframe(1)
+    assert len(recorder.final()) == 0  # the mapper is late
+    T_mapped = se3.exp(np.array([0, 0, 0, 0.12, 0, 0]))
+    atlas.add_keyframe(last.frame, T_mapped, 0, uid=1)
+    np.testing.assert_array_equal(recorder.final().T_world_camera, T_mapped[None])
+    np.testing.assert_array_equal(recorder.online().T_world_camera, last.T_map_camera[None])
+
+
 def test_a_frame_whose_map_is_gone_is_nowhere() -> None:
     assert recorded(3, KeyframeTable()).pose(1) is None
 

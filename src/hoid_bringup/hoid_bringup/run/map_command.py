@@ -19,6 +19,7 @@ from rgbd_slam.map_joining import MapJoin, join_maps
 
 _MB = 1e6
 _INFO, _MERGE = 'info', 'merge'
+_OTHER_VOXELS = 'its voxels have another size than those of the first map, or it is of old images'
 
 
 def add_map_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,6 +52,9 @@ def map_command(args: argparse.Namespace) -> None:
     joined = join_maps(contents, SlamConfig())
     for path, join in zip(args.maps[1:], joined.joins, strict=True):
         _print(_joined(path, join))
+    for path, keeps_dense in zip(args.maps, joined.keeps_dense, strict=True):
+        if not keeps_dense:
+            _print(f'{path}: its dense map is left out: {_OTHER_VOXELS}')
     if not any(join.is_joined for join in joined.joins):
         raise MapFileError('no map shows a place of another one; nothing is written')
     size = map_file.save(args.out, joined.content)

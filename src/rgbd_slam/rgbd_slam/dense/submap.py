@@ -86,9 +86,10 @@ class Submap:
         # Whether the submap must be rebuilt: its images have moved relative to it by more than a
         # limit, and enough of them are still stored (`scene_ledger.py`).
         self.is_bent = False
-        self.is_rigid = False  # True: never rebuilt, because its images are not stored
         self.revision = 0  # increases with each change of voxels or pose
         self._num_moves = 0
+        # What remains without the images: the saved voxels, or nothing.
+        self._base = self.keys, self.values, self.free_above.copy()
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -197,15 +198,22 @@ class Submap:
         return np.asarray(xy * self._config.voxel_m)
 
     def clear(self) -> None:
-        """Discard the voxels, to fuse the images again."""
-        self.keys, self.values = self.keys[:0].copy(), self.values[:0].copy()
-        self.free_above[:] = 0
+        """Discard all but the saved voxels, to fuse the images again."""
+        self.keys, self.values, free_above = self._base
+        self.free_above = free_above.copy()
         self.poses.clear()
         self.fused.clear()
         self.marked.clear()
         self.num_fused = 0
         self.is_bent = False
         self.revision += 1
+
+    def keep_as_saved(self) -> None:
+        """Make the present voxels, which must be on disk, the saved ones.
+
+        Their images are not stored, so that they are kept when other images are fused again.
+        """
+        self._base = self.keys, self.values, self.free_above.copy()
 
     def forget(self, slot: int) -> None:
         """Forget that an image was fused, because it is no longer stored."""

@@ -74,14 +74,25 @@ class SubmapState(Record):
             }
         )
 
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[SubmapState, IntArray]]) -> SubmapState:
+        """Return one record of the submaps of several maps, which may overlap.
+
+        Args:
+            parts: At least one record, each with the (K,) rows that the keyframes of its map have
+                in the map of all. Their voxels are of the same size.
+        """
+        columns = [{**state.arrays(), 'anchor': rows[state.anchor]} for state, rows in parts]
+        together = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
+        return cls.of({**together, 'voxel_m': parts[0][0].voxel_m})
+
     def submaps(
         self, keyframes: KeyframePoses, keyframe_uids: IntArray, config: DenseConfig
     ) -> list[Submap]:
         """Return the saved submaps, placed by the present poses of their anchor keyframes.
 
         A submap whose anchor keyframe has been removed since the map was loaded is left out, so
-        that there may be fewer submaps than in the record. A submap cannot be rebuilt from images
-        after a loop closure, because the images are not saved.
+        that there may be fewer submaps than in the record. Their voxels are in memory.
 
         Args:
             keyframes: The present poses of all keyframes.
@@ -109,7 +120,6 @@ class SubmapState(Record):
             submap.keys, submap.values = key.copy(), part.copy()
             submap.free_above = self.free_above[row].copy()
             submap.T_anchor_submap = self.T_anchor_submap[row]  # without rounding errors
-            submap.is_rigid = True
             out.append(submap)
         return out
 

@@ -123,15 +123,19 @@ class VoxelMap:
         return self._exports.since(mark, self._submaps, keyframe_uids)
 
     def load(self, state: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
-        """Add saved submaps.
+        """Add saved submaps. Their voxels are on disk until an image changes them.
 
         Args:
             state: The submaps.
             keyframes: The present poses of all keyframes.
             keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
         """
-        self._submaps += state.submaps(keyframes, keyframe_uids, self._config)
-        self.limit_memory(np.eye(4))
+        loaded = [s for s in state.submaps(keyframes, keyframe_uids, self._config) if len(s)]
+        if loaded:
+            move_to_disk(loaded)
+        for submap in loaded:
+            submap.keep_as_saved()
+        self._submaps += loaded
 
     def remove(self, removed: Collection[Submap]) -> None:
         """Remove submaps with their voxels."""

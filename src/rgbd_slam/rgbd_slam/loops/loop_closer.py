@@ -138,6 +138,11 @@ class LoopCloser:
         _logger.info('%s', self.last_join)
         return event
 
+    def index_places(self) -> None:
+        """Index all keyframes now, which takes seconds for a loaded map of thousands of them."""
+        if self._config.enabled:
+            self._detector.index_places()
+
     def poll(self) -> bool:
         """Apply a finished global adjustment to the map; return whether there was one."""
         return self._adjuster.poll()

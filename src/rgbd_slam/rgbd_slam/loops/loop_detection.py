@@ -2,7 +2,8 @@
 
 The place index proposes places, which geometry verifies. In addition, other keyframes must confirm
 the place, and the correction must not exceed the drift that the path between both explains,
-because identical furniture stands in several places.
+because identical furniture stands in several places. Finally, what is around must not contradict
+the place: rooms that look alike have different neighbors.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import path_length_m
 from rgbd_slam.model.atlas import Atlas
@@ -31,6 +32,21 @@ _SUPPORT_RAD = 0.035
 # no loop candidates. A late mapper may not have connected them with the new keyframe yet, so that
 # they would be recognized as a loop.
 _RECENT = 10
+# The surroundings of a place are compared if the keyframe would move farther than this, or between
+# maps. Smaller motions do not lead to another room.
+_FAR_M = 0.5
+_SURROUNDINGS_M = 8.0  # not tuned: the drift up to this distance is within the search windows
+_LATEST = 40  # chosen: keyframes of one visit of a room, which belong to the new end of a loop
+# Views of two keyframes that show mostly the same.
+_SAME_VIEW_M = 0.7
+_SAME_VIEW_RAD = 0.4
+# A view contradicts a place if so many points are expected in it and at most this share is found.
+# At the same place it is more than the half; at another one, points are found by chance.
+_MIN_EXPECTED = 40
+_CONTRADICTING_SHARE = 0.15
+# So many views, and this share of all, must contradict: in a known place, furniture is moved too.
+_MIN_CONTRADICTING = 2
+_MAX_CONTRADICTING_SHARE = 0.1
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
@@ -66,10 +82,15 @@ class LoopDetector:
             support = self._support_in_time(i, c, match)
             self._remember(i, c, match)
             support += self._support_around(i, c, match)
-            if support >= self._config.min_support and self._is_plausible(i, c, match):
+            is_place = support >= self._config.min_support and self._is_plausible(i, c, match)
+            if is_place and not self._is_contradicted(i, c, match):
                 self._detections = []
                 return FoundPlace(c, match)
         return None
+
+    def index_places(self) -> None:
+        """Index all keyframes that are not indexed yet."""
+        self._finder.index_places()
 
     def correction(self, i: int, match: PlaceMatch) -> tuple[float, float]:
         """Return the rotation [rad] and distance [m] by which a loop would move keyframe `i`."""
@@ -148,6 +169,53 @@ class LoopDetector:
         max_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
         max_m = limit.drift_m + limit.drift_share * path_m
         return bool(distance_m <= max_m and turn_rad <= max_rad)
+
+    def _is_contradicted(self, i: int, c: int, match: PlaceMatch) -> bool:
+        """Return whether the surroundings of keyframe `i` differ from those of the place.
+
+        Other keyframes around `i` are moved with it. Those that then have the view of a keyframe
+        around the place should find its points.
+        """
+        keyframes = self._atlas.keyframes
+        is_same_map = keyframes.map_id[i] == keyframes.map_id[c]
+        if is_same_map and self.correction(i, match)[1] < _FAR_M:
+            return False
+        is_latest = np.abs(keyframes.uid - keyframes.uid[i]) < _LATEST
+        own, place = self._around(i) & is_latest, self._around(c)
+        if is_same_map:
+            place &= ~is_latest
+        n, h = np.flatnonzero(own), np.flatnonzero(place)
+        T_place_map = match.T_map_camera @ se3.inverse(keyframes.T_map_camera[i])
+        T_place_n = T_place_map @ keyframes.T_map_camera[n]
+        apart = pose_distances(T_place_n, keyframes.T_map_camera[h])
+        has_same_view = (apart[0] < _SAME_VIEW_M) & (apart[1] < _SAME_VIEW_RAD)
+        num_compared = num_contradicting = 0
+        for row in np.flatnonzero(has_same_view.any(1)).tolist():
+            nearest = int(h[np.argmin(np.where(has_same_view[row], apart[0][row], np.inf))])
+            seen = self._finder.verifier.compare(
+                keyframes.frame(int(n[row])),
+                se3.inverse(T_place_n[row]),
+                np.r_[nearest, self._atlas.covisible(nearest, limit=_AROUND)],
+            )
+            if seen.num_expected >= _MIN_EXPECTED:
+                num_compared += 1
+                num_contradicting += seen.found_share < _CONTRADICTING_SHARE
+        least = max(_MIN_CONTRADICTING, _MAX_CONTRADICTING_SHARE * num_compared)
+        return num_contradicting >= least
+
+    def _around(self, i: int) -> BoolArray:
+        """Return the mask of the keyframes of the same map within the surroundings of `i`."""
+        keyframes = self._atlas.keyframes
+        T = keyframes.T_map_camera
+        near = np.linalg.norm(T[:, :3, 3] - T[i, :3, 3], axis=1) < _SURROUNDINGS_M
+        return np.asarray(near & keyframes.alive & (keyframes.map_id == keyframes.map_id[i]))
+
+
+def pose_distances(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the distances [m] and the angles [rad] of view (N, M) of poses (N or M, 4, 4)."""
+    distance_m = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=2)
+    cosine = a[:, :3, 2] @ b[:, :3, 2].T
+    return distance_m, np.arccos(np.clip(cosine, -1, 1))
 
 
 def motion_size(T: FloatArray) -> tuple[float, float]:

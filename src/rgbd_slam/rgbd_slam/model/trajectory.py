@@ -84,6 +84,12 @@ class TrajectoryRecorder:
         frame['T_reference_camera'] = (se3.inverse(T_map_reference) @ T_map_camera)[:3]
         self._frames[n] = frame
 
+    def become_keyframe(self, uid: int) -> None:
+        """Make the final pose of the last frame that of a keyframe that is still to be mapped."""
+        frame = self._frames[len(self) - 1]
+        frame['reference_uid'], frame['T_reference_camera'] = uid, np.eye(4)[:3]
+        self._frames[len(self) - 1] = frame
+
     def redirect(self, redirects: Iterable[Redirect]) -> None:
         """Store the parents of removed keyframes; poses of frames become relative to these."""
         for redirect in redirects:

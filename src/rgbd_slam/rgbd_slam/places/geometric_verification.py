@@ -55,6 +55,14 @@ class PlaceMatch(NamedTuple):
         return self.T_map_camera[:3, 3]
 
 
+class Evidence(NamedTuple):
+    """How well an image agrees with the points that are expected in it."""
+
+    num_expected: float  # points, each weighted with the probability that it is detected
+    found_share: float  # of them
+    contradicted_share: float  # of the points in view that depth readings lie behind
+
+
 class PlaceVerifier:
     """Verifies places in a map, which it does not change.
 
@@ -102,6 +110,32 @@ class PlaceVerifier:
             keyframes: (K,) rows of the keyframes whose points are searched.
         """
         points = self._atlas.points_of(keyframes)
+        found = self._found(frame, T_camera_map, points)
+        if found is None or len(found.k) < self._config.min_inliers:
+            return None
+        evidence = self._evidence(frame, found.T_camera_map, found.j, points)
+        is_same = evidence.found_share >= self._config.min_found_share
+        is_same &= evidence.contradicted_share <= self._config.max_contradicted_share
+        return found if is_same else None
+
+    def compare(self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray) -> Evidence:
+        """Return how well a frame agrees with the points around (K,) keyframes at about a pose.
+
+        Args:
+            frame: The frame.
+            T_camera_map: (4, 4) pose, which is refined if enough points are found.
+            keyframes: (K,) rows of the keyframes whose points are searched.
+        """
+        points = self._atlas.points_of(keyframes)
+        found = self._found(frame, T_camera_map, points)
+        if found is None:
+            return self._evidence(frame, T_camera_map, np.empty(0, np.int64), points)
+        return self._evidence(frame, found.T_camera_map, found.j, points)
+
+    def _found(
+        self, frame: Frame, T_camera_map: FloatArray, points: IntArray
+    ) -> PlaceMatch | None:
+        """Return the points (P,) that a frame observes and its pose; None if they are too few."""
         for radius in _SEARCH_RADII:
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
             matches = match_by_projection(
@@ -111,33 +145,30 @@ class PlaceVerifier:
                 return None
             estimate = self._optimize(frame, matches.k, view.points[matches.q], T_camera_map)
             T_camera_map = estimate.T_camera_map
-        found = PlaceMatch(
+        return PlaceMatch(
             T_camera_map,
             covariance(estimate),
             matches.k[estimate.inliers],
             view.points[matches.q[estimate.inliers]],
         )
-        return found if self._is_same_place(frame, found, points) else None
 
-    def _is_same_place(self, frame: Frame, found: PlaceMatch, points: IntArray) -> bool:
-        """Return whether enough points (P,) of the place are found, and few are contradicted.
+    def _evidence(
+        self, frame: Frame, T_camera_map: FloatArray, found: IntArray, points: IntArray
+    ) -> Evidence:
+        """Return which share of the points (P,) is found, and which is contradicted.
 
         A point is contradicted if depth readings around its pixel lie behind it.
         """
-        table, config = self._atlas.points, self._config
-        view = visible_points(self._atlas, self._camera, found.T_camera_map, points, 1.0)
-        depth_m = to_camera(found.T_camera_map, table.position_m[view.points].T)[2]
+        table = self._atlas.points
+        view = visible_points(self._atlas, self._camera, T_camera_map, points, 1.0)
+        depth_m = to_camera(T_camera_map, table.position_m[view.points].T)[2]
         seen = visibility(view.queries.projection_px, depth_m, frame)
-        is_found = np.isin(view.points, found.j)
+        is_found = np.isin(view.points, found)
         expected = float(detection_probability(table, view.points[seen.observable]).sum())
         found_share = np.count_nonzero(is_found & seen.observable) / max(expected, 1.0)
         num_contradicted = np.count_nonzero(seen.contradicted & ~is_found)
         contradicted_share = num_contradicted / max(len(view.points), 1)
-        return bool(
-            len(found.k) >= config.min_inliers
-            and found_share >= config.min_found_share
-            and contradicted_share <= config.max_contradicted_share
-        )
+        return Evidence(expected, found_share, contradicted_share)
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
         """Return matches of the O observations of a keyframe with the features of a frame.

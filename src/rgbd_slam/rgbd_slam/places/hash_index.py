@@ -73,6 +73,7 @@ class HashIndex:
             seen = keyframes.point_of_feature[i] != NO_POINT
             self._append(int(keyframes.uid[i]), keyframes.descriptors[i, seen])
         self._members = uids
+        self._insert_pending()
 
     def add(self, uid: int, descriptors: ByteArray) -> None:
         """Add a keyframe with its (N, 32) descriptors, thinned evenly to `max_features`."""

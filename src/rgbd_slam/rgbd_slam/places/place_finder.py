@@ -55,6 +55,10 @@ class PlaceFinder:
         """Use the index of a map that has replaced the map."""
         self._index = index
 
+    def index_places(self) -> None:
+        """Index all keyframes that are not indexed yet; `candidates` does it as well."""
+        self._index.update(self._atlas)
+
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
         """Return the rows of the keyframes most similar to an image, one for each place.
 
@@ -62,7 +66,7 @@ class PlaceFinder:
             descriptors: (N, 32) descriptors of the image.
             excluded: Rows of keyframes that must not be returned.
         """
-        self._index.update(self._atlas)
+        self.index_places()
         keyframes = self._atlas.keyframes
         taken = set(excluded.tolist())
         chosen: list[int] = []

@@ -2,7 +2,8 @@
 
 The ledger stores the images relative to keyframes and follows the corrections of the keyframes.
 A correction first moves each submap with its anchor keyframe. Where the images of a submap have
-moved relative to each other, the submap is bent, and is fused again from its stored images.
+moved relative to each other, the submap is bent, and is fused again from its stored images. The
+voxels of a saved map stay: they move with their keyframe, and images carve those that are wrong.
 """
 
 from __future__ import annotations
@@ -225,8 +226,7 @@ class SceneLedger:
                 continue
             is_bent = submap.bend_m(poses) > voxels * self._config.voxel_m
             needed = min(_ENOUGH, _MIN_SHARE * submap.num_fused)
-            is_stored = len(submap.fused) >= needed and not submap.is_rigid
-            submap.is_bent = is_bent and is_stored
+            submap.is_bent = is_bent and len(submap.fused) >= needed
 
     def _limit_views(self, posed: PosedView) -> None:
         """Remove the most redundant image near a new one if too many are stored there."""

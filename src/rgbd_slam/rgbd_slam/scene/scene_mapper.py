@@ -182,7 +182,7 @@ class SceneMapper:
         mark_free_space(submaps, floor, floor_m, self._voxels.camera, self.ledger.read)
         before, self._cells = self._cells, {}
         for submap in submaps:
-            key = submap.revision, floor_m[submap], floor, config
+            key = submap.revision, floor_m[submap], config
             known = before.get(submap)
             if known is None or known[0] != key:
                 known = key, self._cells_of(submap, T_map_level, floor_m[submap])
@@ -211,6 +211,7 @@ class SceneMapper:
             if np.abs(new - old).max() < _SAME_FLOOR_M:
                 return
         self._floors = LocalFloors(floor)
+        self._cells.clear()
         for submap in self._voxels.submaps:
             submap.marked.clear()
 

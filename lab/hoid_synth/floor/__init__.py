@@ -1,0 +1,1 @@
+"""The plan of a floor with many rooms, and the drive of a robot through it."""
