@@ -236,16 +236,13 @@ class RgbdSlam:
         if repetition is Repetition.COLOR:
             T_last_camera = se3.inverse(self.odometry.predict()[0])
         T_map_camera = self.odometry.pose() @ T_last_camera
-        T_reference_camera = last.T_reference_camera @ T_last_camera
-        frame = replace(last.frame, stamp_ns=stamp_ns)
-        self.trajectory.add(
-            replace(
-                last,
-                frame=frame,
-                T_map_camera=T_map_camera,
-                T_reference_camera=T_reference_camera,
-            )
+        copy = replace(
+            last,
+            frame=replace(last.frame, stamp_ns=stamp_ns),
+            T_map_camera=T_map_camera,
+            T_reference_camera=last.T_reference_camera @ T_last_camera,
         )
+        self.trajectory.add(copy)
         return replace(
             original,
             stamp_ns=stamp_ns,
