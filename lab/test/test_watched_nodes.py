@@ -32,7 +32,7 @@ def test_a_killed_node_is_restarted_without_polling_and_ends_on_sigint(tmp_path:
         time.sleep(1.0)  # a process that ends sooner is not restarted immediately
         os.kill(first, signal.SIGKILL)
         wait_for(log, 2)
-        assert nodes.poll() == [ProcessExit('node', -signal.SIGKILL)]
+        assert nodes.poll() == [ProcessExit('node', -signal.SIGKILL, restart_s=0.0)]
         assert nodes.poll() == []
         second = nodes.pids['node']
         assert second != first
