@@ -394,5 +394,6 @@ class RgbdSlam:
 
     def _forget_pose(self) -> None:
         self.odometry.restart_from(None)
+        self._tracked = None
         self._loss_timer.reset()  # the time until a new map is started counts from now
         self.odometry.forget_velocity()

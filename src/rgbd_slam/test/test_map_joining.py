@@ -51,7 +51,7 @@ def _cloud_m(content: MapFile) -> Float32Array:
     state, voxels = content.map, VoxelMap(CAMERA, DenseConfig())
     uids = np.arange(len(state))
     assert isinstance(content.dense, SubmapState)
-    keyframes = KeyframePoses(1, uids, state.map_id, 0, state.T_map_camera)
+    keyframes = KeyframePoses(1, uids, state.map_id.astype(np.int64), 0, state.T_map_camera)
     voxels.load(content.dense, keyframes, uids)
     return voxels.cloud().points_m
 

@@ -11,6 +11,7 @@ import pytest
 from hoid_common.slam_status import SlamState
 from hoid_common.values import Features, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
 
@@ -78,3 +79,14 @@ def test_a_copied_pair_has_the_pose_of_the_original() -> None:
     after = slam.process(replace(shown[10], stamp_ns=11 * PERIOD_NS))
     assert after.state is SlamState.TRACKING
     assert after.num_inliers > 100
+
+
+def test_a_copy_is_searched_in_the_map_after_a_pose_was_given() -> None:
+    slam, shown = RgbdSlam(CAMERA, SlamConfig()), images()
+    for features in shown[:10]:
+        slam.process(features)
+    slam.relocalize_near(PoseHint(np.eye(4), 0.5, 0.5))
+    result = slam.process(copy_of(shown[9], 10 * PERIOD_NS))
+    assert result.state is SlamState.TRACKING
+    assert not result.is_predicted
+    assert slam.stats.num_relocalizations == 1
