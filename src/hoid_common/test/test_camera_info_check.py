@@ -50,9 +50,13 @@ def test_calibration_on_trial_is_replaced_after_two_messages() -> None:
     check.update(OTHER)
     check.check_image(SIZE)
     assert not check.update(RIGHT)  # a single message may be wrong
+    assert 'the first is kept, until this is repeated' in check.problem
     check.check_image(SIZE)
     assert check.update(RIGHT)
     assert check.camera == RIGHT
+    assert 'the second is used for all images' in check.problem
+    assert not check.update(RIGHT)
+    assert check.problem == ''
 
 
 @pytest.mark.parametrize('stray', [TWICE, OTHER])

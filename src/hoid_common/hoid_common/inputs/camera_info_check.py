@@ -30,7 +30,7 @@ class CameraInfoCheck:
     def __init__(self, remedy: str) -> None:
         self._remedy = remedy
         self.camera: CameraModel | None = None  # the calibration in use
-        self.change = ''  # one line about another calibration after the trial, until it has ended
+        self.change = ''  # one line about another calibration, until its messages have ended
         self._size_problem = ''  # one line about a size that is not that of the images
         self._image_size_px: tuple[int, int] | None = None
         self._num_images = 0  # number of images that matched the calibration in use
@@ -52,15 +52,21 @@ class CameraInfoCheck:
             self._candidate, self.change = None, ''
             return False
         if self.camera is not None and self._num_images >= _TRIAL_IMAGES:
-            self.change = self._change_text(self.camera, camera)
+            self.change = self._change_text(self.camera, camera, 'since the map depends on it')
             return False
         if self._size_problem:
             return False
         self._num_repeats = self._num_repeats + 1 if camera == self._candidate else 1
         self._candidate = camera
         is_wrong_size = self.camera is not None and self.size_mismatch(self.camera)
-        if self.camera is not None and not is_wrong_size and self._num_repeats < _MIN_REPEATS:
-            return False
+        if self.camera is not None and not is_wrong_size:
+            if self._num_repeats < _MIN_REPEATS:
+                self.change = self._change_text(self.camera, camera, 'until this is repeated')
+                return False
+            self.change = (
+                f'{_changed(self.camera, camera)}: the second is used for all images, since the '
+                f'first came with few; if it is wrong, {self._remedy}'
+            )
         self.camera, self._candidate, self._num_images = camera, None, 0
         return True
 
@@ -76,11 +82,8 @@ class CameraInfoCheck:
             raise MessageError(self._size_problem)
         self._num_images += self.camera is not None
 
-    def _change_text(self, kept: CameraModel, other: CameraModel) -> str:
-        return (
-            f'camera_info has changed from {_text(kept)} to {_text(other)}: the first is kept, '
-            f'since the map depends on it; {self._remedy}'
-        )
+    def _change_text(self, kept: CameraModel, other: CameraModel, why: str) -> str:
+        return f'{_changed(kept, other)}: the first is kept, {why}; {self._remedy}'
 
     def size_mismatch(self, camera: CameraModel) -> str:
         """Return one line if a calibration has not the size of the latest image, else ''."""
@@ -93,6 +96,10 @@ class CameraInfoCheck:
             f'camera_info is of {width}x{height} px, images are of {seen_width}x{seen_height} px: '
             f'{remedy}'
         )
+
+
+def _changed(first: CameraModel, second: CameraModel) -> str:
+    return f'camera_info has changed from {_text(first)} to {_text(second)}'
 
 
 def _text(camera: CameraModel) -> str:
