@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -353,6 +355,27 @@ def test_after_a_failed_sync_everything_is_written_again(
     robot.write()
     assert robot.stored() == robot.expected()
     assert not names & set(segment_sizes(robot))
+
+
+def test_between_checkpoints_no_file_is_open(robot: Robot) -> None:
+    """Otherwise, the disk could not be made read-only."""
+    robot.write()
+    change_points(robot)
+    robot.write()
+    links = (Path(f'/proc/self/fd/{n}') for n in range(3, 200))
+    opened = [link.readlink() for link in links if link.is_symlink()]
+    assert not [path for path in opened if path.parent == robot.folder.path]
+    assert robot.stored() == robot.expected()
+
+
+def test_after_somebody_has_deleted_the_files_everything_is_written_again(robot: Robot) -> None:
+    robot.write()
+    shutil.rmtree(robot.folder.path)
+    change_points(robot)
+    with pytest.raises(MapFileError, match=re.escape(str(robot.folder.path))):
+        robot.write()
+    robot.write()
+    assert robot.stored() == robot.expected()
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ class CheckpointWriter:
         Raises:
             MapFileError: It cannot be written.
         """
-        with self._described_errors():
+        with self._described_errors(), self._anew_if_missing():
             self._folder.path.mkdir(parents=True, exist_ok=True)
             before = self.total_bytes
             first_feature = self._segments['features'].append(part.features)
@@ -182,7 +182,8 @@ class CheckpointWriter:
         with self._described_errors():
             before = self.total_bytes
             if not keep_submaps:
-                self._submaps.append(submaps, self._segments)
+                with self._anew_if_missing():
+                    self._submaps.append(submaps, self._segments)
             self.num_bytes += self.total_bytes - before
             self._sync()
             with archive.replaced(index) as file:
@@ -204,8 +205,16 @@ class CheckpointWriter:
                 segment.sync()
         except OSError:
             # Linux forgets which bytes are missing on the disk: write all to new segments.
-            for name in SEGMENTS:
-                self._replace(name)
+            self._replace_all()
+            raise
+
+    @contextmanager
+    def _anew_if_missing(self) -> Iterator[None]:
+        """Let the next checkpoint write everything if somebody has deleted a segment."""
+        try:
+            yield
+        except FileNotFoundError:
+            self._replace_all()
             raise
 
     def _compact(self, keyframes: KeyframeCopy) -> None:
@@ -216,6 +225,10 @@ class CheckpointWriter:
         for name, segment in self._segments.items():
             if segment.is_wasteful(alive[name], _SPARE_BYTES):
                 self._replace(name)
+
+    def _replace_all(self) -> None:
+        for name in SEGMENTS:
+            self._replace(name)
 
     def _replace(self, name: str) -> None:
         self._segments[name].close()

@@ -43,34 +43,41 @@ class Segment:
         self.num_rows = self.num_bytes = self.crc = 0
         self._row_bytes = _row_bytes(record)
         self._descriptor: int | None = None
-        self._is_synced = True
 
     def append(self, record: Record) -> int:
         """Append the rows of a record, and return the number of the first one.
 
         Raises:
+            FileNotFoundError: Somebody has deleted the file since the last `sync`.
             OSError: They cannot be written; the segment is as before.
         """
         first, count = self.num_rows, num_rows(record)
         if count == 0:
             return first
         if self._descriptor is None:
-            self._descriptor = os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
+            create = os.O_CREAT if self.num_bytes == 0 else 0
+            self._descriptor = os.open(self.path, os.O_WRONLY | create, 0o644)
         end, crc = self.num_bytes, self.crc
         for array in record.arrays().values():
             data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
             _write_at(self._descriptor, data, end)
             end, crc = end + len(data), zlib.crc32(data, crc)
-        self.num_bytes, self.crc, self._is_synced = end, crc, False
+        self.num_bytes, self.crc = end, crc
         self.num_rows += count
         self.chunks.append(count)
         return first
 
     def sync(self) -> None:
-        """Wait until all rows are on the disk; raise OSError if they cannot be written."""
-        if self._descriptor is not None and not self._is_synced:
+        """Wait until all rows are on the disk, and close the file until the next `append`.
+
+        A disk with a file that is open for writing cannot be made read-only.
+
+        Raises:
+            OSError: They cannot be written.
+        """
+        if self._descriptor is not None:
             os.fsync(self._descriptor)
-            self._is_synced = True
+            self.close()
 
     def close(self) -> None:
         """Close the file."""
