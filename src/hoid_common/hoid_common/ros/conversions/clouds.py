@@ -15,12 +15,8 @@ from hoid_common.errors import MessageError
 from hoid_common.ros.conversions.arrays import bytes_field
 from hoid_common.values import ByteArray, Float32Array
 
-_XYZ = [
-    PointField(name=n, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-    for i, n in enumerate('xyz')
-]
 # Color is 0x00RRGGBB in the bits of a float32, as in PCL and RViz.
-_RGB = PointField(name='rgb', offset=12, datatype=PointField.FLOAT32, count=1)
+_FIELDS = ('x', 'y', 'z', 'rgb')
 
 
 class Cloud(NamedTuple):
@@ -78,11 +74,15 @@ def cloud_to_msg(cloud: Cloud, header: Header) -> PointCloud2:
     table[:, :12] = np.ascontiguousarray(cloud.points_m, np.float32).view(np.uint8).reshape(n, 12)
     if cloud.colors_bgr is not None:
         table[:, 12:15] = cloud.colors_bgr
+    fields = [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(_FIELDS[: step // 4])
+    ]
     return PointCloud2(
         header=header,
         height=1,
         width=n,
-        fields=_XYZ if cloud.colors_bgr is None else [*_XYZ, _RGB],
+        fields=fields,
         is_bigendian=False,
         point_step=step,
         row_step=step * n,
