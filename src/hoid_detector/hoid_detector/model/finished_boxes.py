@@ -34,6 +34,7 @@ _ORDERS: tuple[Order, ...] = (
     ('xyxy', 'class', 'score'),  # YOLOv7, with the batch
     ('class', 'xyxy', 'score'),
     ('class', 'score', 'xyxy'),  # PINTO_model_zoo, with the batch
+    ('score', 'class', 'xyxy'),
     ('yxyx', 'score', 'class'),  # TensorFlow; no value shows that y comes first
 )
 TABLE_LAYOUTS: Mapping[str, Order] = {
@@ -121,16 +122,17 @@ class Columns(NamedTuple):
     def is_plausible(self, threshold: float) -> bool:
         """Return whether these can be boxes, scores and ids.
 
-        Boxes with a score below the threshold may have any corners, and a few others as well, as
-        networks do not guarantee their order.
+        At least half of the boxes must have ordered corners, and half of those whose score is at
+        least the threshold; networks do not guarantee the order of the others.
         """
         is_strong = self.scores >= threshold
-        ordered = (self.boxes[is_strong, 2:] >= self.boxes[is_strong, :2]).all(axis=1)
+        is_ordered = np.asarray((self.boxes[:, 2:] >= self.boxes[:, :2]).all(axis=1))
         return (
             not self.batch.any()
             and bool((np.abs(self.scores) <= MAX_SCORE).all())
             and bool((np.abs(self.ids - np.rint(self.ids)) <= _MAX_ID_ERROR).all())
-            and 2 * int(ordered.sum()) >= int(is_strong.sum())
+            and 2 * int(is_ordered.sum()) >= len(is_ordered)
+            and 2 * int(is_ordered[is_strong].sum()) >= int(is_strong.sum())
         )
 
 
