@@ -39,13 +39,13 @@ _COLUMNS = (
 
 
 def damaged_model(place: Path, rng: Rng | None) -> Callable[[], int]:
-    """Return a function that loads and runs the synthetic detector with damaged bytes."""
+    """Return a function that runs the synthetic detector, damaged unless `rng` is None."""
     data = find_model(SYNTHETIC).read_bytes()
     return _detection_work(place, data if rng is None else damaged(data, rng))
 
 
 def hostile_model(place: Path, rng: Rng | None) -> Callable[[], int]:
-    """Return a function that loads and runs a model with abnormal shapes, values or names."""
+    """Return a function that runs a model, with one abnormal property unless `rng` is None."""
     model = ConstantModel()
     if rng is not None:
         changes = (
