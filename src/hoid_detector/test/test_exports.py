@@ -84,7 +84,7 @@ def test_an_export_of_a_real_network_finds_the_people_of_the_original(
     detector = OnnxDetector(path, DetectorConfig(**form.parameters))
     placement = detector.layout.preprocessing.placement
     original = OnnxDetector(model, DetectorConfig(letterbox=placement))
-    # A network of 8 bits rounds standardized values, which moves boxes by 2 px.
+    # An 8-bit quantized network rounds its standardized input, which moves boxes by up to 2 px.
     tolerance_px = 3.0 if form.input == 'ImageNet' and 'int8' in network else 1.0
     for image in map(picture, IMAGES):
         people = people_xyxy_px(detector.detect(image, 0))

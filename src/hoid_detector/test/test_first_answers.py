@@ -48,7 +48,7 @@ def table(rows: Sequence[Row], layout: str) -> Float32Array:
 
 
 def recognized(layout: str) -> Layout:
-    """Return what is recognized of a table that was empty for the test image."""
+    """Return the layout of a model whose answer to the test image has no box."""
     return recognize(Probe(SIZE_WH, ('output',), (table((), layout),), {}, None))
 
 
@@ -202,3 +202,15 @@ def test_a_warning_is_logged_once() -> None:
     (message,) = messages
     assert 'class ids coco_91, but may be columns xyxy_score_class, class ids from_0' in message
     assert 'the first row is 10.5 20.25 30.5 60.75 0.9 1;' in message
+
+
+def test_centers_after_the_number_of_the_image_are_refused() -> None:
+    """With three classes, the table has as many columns as one of queries."""
+    centers = np.array([(x, y) for y in (0.2, 0.5, 0.8) for x in (0.1, 0.3, 0.5, 0.7)])
+    scores = np.linspace(0.45, 0.95, len(centers))
+    classes = np.arange(len(centers)) % 3
+    sides = np.tile([0.11, 0.23], (len(centers), 1))
+    rows = np.column_stack([0 * scores, scores, classes, centers, sides]).astype(np.float32)
+    probe = Probe(SIZE_WH, ('output',), (rows[None],), {}, ('person', 'cup', 'chair'))
+    with pytest.raises(ModelError, match='the answer fits no known order of columns'):
+        recognize(probe)

@@ -153,8 +153,11 @@ def is_finished_table(probe: Probe) -> bool:
         return True
     if not known_orders(num_columns):
         return False
-    # A table of queries with 2 or 3 classes has as many columns.
-    if not (num_columns - 4 == probe.num_classes and probe.table.ndim == 3):
+    # A table of queries with 2 or 3 classes has as many columns. Its first column is the center of
+    # the boxes; a constant one is the number of the image.
+    rows = probe.table.reshape(-1, num_columns)
+    is_constant = len(rows) > 1 and bool((rows[:, 0] == rows[0, 0]).all())
+    if is_constant or not (num_columns - 4 == probe.num_classes and probe.table.ndim == 3):
         return True
     try:
         table_decoder(probe)
