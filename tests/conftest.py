@@ -34,6 +34,14 @@ def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 @pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The folder of maps of a node, with a space in its name."""
+    folder = tmp_path / 'my maps'
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
 def probe(domain_id: int) -> Iterator[Probe]:
     node = Probe(domain_id)
     yield node

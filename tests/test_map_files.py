@@ -68,11 +68,6 @@ class Peer(SlamPeer):
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return tmp_path / 'my maps'
-
-
-@pytest.fixture
 def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer, Supervisor]]:
     """Start a node and return a peer of it."""
 
@@ -206,14 +201,20 @@ def repeated(state: MapState, times: int) -> MapState:
     return MapState.of(arrays)
 
 
-@pytest.mark.alone
-def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Path) -> None:
-    peer, _ = begin()
-    peer.send(*range(40))
+def saved_large_map(peer: Peer, folder: Path) -> map_file.MapFile:
+    """Save a map of 300 keyframes or more as large.hoidmap, and return it."""
     assert peer.save('one').success
     one = map_file.load(folder / 'one.hoidmap')
     large = one._replace(map=repeated(one.map, 1 + 300 // len(one.map)))
     map_file.save(folder / 'large.hoidmap', large)
+    return large
+
+
+@pytest.mark.alone
+def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Path) -> None:
+    peer, _ = begin()
+    peer.send(*range(40))
+    large = saved_large_map(peer, folder)
     assert peer.load('large').success
     assert peer.set_mode('localization').success
     peer.send(39)
@@ -239,10 +240,7 @@ def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Pat
 def test_images_are_tracked_while_a_large_map_is_loaded(begin: Begin, folder: Path) -> None:
     peer, _ = begin()
     peer.send(*range(40))
-    assert peer.save('one').success
-    one = map_file.load(folder / 'one.hoidmap')
-    large = one._replace(map=repeated(one.map, 1 + 300 // len(one.map)))
-    map_file.save(folder / 'large.hoidmap', large)
+    large = saved_large_map(peer, folder)
     client = peer.probe.node.create_client(LoadMap, 'rgbd_slam/load_map')
     peer.probe.spin_until(client.service_is_ready, 'no load_map')
     loading = client.call_async(LoadMap.Request(name='large'))

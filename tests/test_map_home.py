@@ -26,11 +26,6 @@ SCENE = SceneConfig(num_frames=90, width_px=320)
 LATER = SceneConfig(num_frames=30, width_px=320, people_seed=3, start_s=2.0)  # other people
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return tmp_path / 'my maps'
-
-
 def test_a_saved_home_is_recognized_with_other_people_in_it(
     start: Start, probe: Probe, folder: Path
 ) -> None:

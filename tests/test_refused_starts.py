@@ -14,12 +14,13 @@ import pytest
 from hoid_msgs.msg import SlamStatus
 from std_srvs.srv import Trigger
 
+from hoid_benchmarks.faults.live.commands import full_pipe
 from hoid_common.process.entry import EXIT_CONFIG
 from hoid_system_tests import launch_stand_in
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import executable
 from hoid_system_tests.running_camera import RunningCamera
-from hoid_system_tests.started_suite import HOID, LIMIT_S, StartedSuite, full_pipe, started_suite
+from hoid_system_tests.started_suite import HOID, LIMIT_S, StartedSuite, started_suite
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
@@ -27,13 +28,6 @@ LAUNCH_FILE = Path(__file__).parents[1] / 'src/hoid_bringup/launch/hoid.launch.p
 _HAS_LAUNCH = find_spec('ros2launch') is not None
 LAUNCH = ('ros2', 'launch') if _HAS_LAUNCH else (sys.executable, '-m', launch_stand_in.__name__)
 Start = Callable[..., tuple[str, ...]]
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    folder = tmp_path / 'maps'
-    folder.mkdir()
-    return folder
 
 
 @pytest.fixture

@@ -24,16 +24,19 @@ _BACK_S = 5.0  # from the kill to odometry in the same map
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    folder = tmp_path / 'maps'
-    folder.mkdir()
-    return folder
-
-
-@pytest.fixture
 def run(start: Start, folder: Path) -> Callable[[], Supervisor]:
     params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_SCENE
     return lambda: start('rgbd_slam', 'rgbd_slam_node', params)
+
+
+def mapped(probe: Probe, folder: Path) -> RunningCamera:
+    """Map 20 places with the node that runs; return the camera once there is a checkpoint."""
+    peer = RunningCamera(probe)
+    peer.await_ready()
+    for place in range(20):
+        peer.send(place)
+    peer.await_checkpoint(folder)
+    return peer
 
 
 def kill(node: Supervisor) -> None:
@@ -87,11 +90,7 @@ def test_a_damaged_map_file_does_not_keep_a_checkpoint_from_being_resumed(
 ) -> None:
     params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_SCENE
     node = start('rgbd_slam', 'rgbd_slam_node', params)
-    peer = RunningCamera(probe)
-    peer.await_ready()
-    for place in range(20):
-        peer.send(place)
-    peer.await_checkpoint(folder)
+    peer = mapped(probe, folder)
     kill(node)
     (folder / 'damaged.hoidmap').write_bytes(b'half a map')
     start('rgbd_slam', 'rgbd_slam_node', params | {'map_file': 'damaged'})
@@ -107,11 +106,7 @@ def test_a_map_that_was_stopped_or_reset_is_not_resumed(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     node = run()
-    peer = RunningCamera(probe)
-    peer.await_ready()
-    for place in range(20):
-        peer.send(place)
-    peer.await_checkpoint(folder)
+    peer = mapped(probe, folder)
     assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request(), times=3).success
     assert list(folder.iterdir()) == []
     for place in range(20):
@@ -130,11 +125,7 @@ def test_a_restarted_recording_gets_a_new_map(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     node = run()
-    peer = RunningCamera(probe)
-    peer.await_ready()
-    for place in range(20):
-        peer.send(place)
-    peer.await_checkpoint(folder)
+    peer = mapped(probe, folder)
     kill(node)
     peer.stamp_ns = START_NS
     run()

@@ -41,11 +41,6 @@ MANIFESTS: tuple[dict[str, Any], ...] = (
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return tmp_path / 'maps'
-
-
-@pytest.fixture
 def peer(start: Start, probe: Probe, folder: Path) -> SlamPeer:
     start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder)} | NO_SCENE)
     peer = SlamPeer(probe)

@@ -78,20 +78,3 @@ def started_suite(argv: Sequence[str], log: Path) -> Iterator[StartedSuite]:
         if suite.process.poll() is None:
             suite.process.send_signal(signal.SIGINT)
             suite.process.wait(_END_S)
-
-
-@contextmanager
-def full_pipe() -> Iterator[int]:
-    """Yield the writing end of a pipe that is full and that nobody reads."""
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    try:
-        while True:
-            os.write(writer, bytes(4096))
-    except BlockingIOError:
-        os.set_blocking(writer, True)
-    try:
-        yield writer
-    finally:
-        os.close(writer)
-        os.close(reader)

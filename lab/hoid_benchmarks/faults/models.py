@@ -110,7 +110,7 @@ def _detection_work(
     *,
     must_be_refused: bool = False,
 ) -> Callable[[], int]:
-    """Return a function that runs a model on noise, and checks the boxes.
+    """Return a function that runs a model on an image of random pixels, and checks the boxes.
 
     Args:
         place: Folder for the model.

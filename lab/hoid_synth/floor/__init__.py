@@ -1,1 +1,1 @@
-"""The plan of a floor with many rooms, and the drive of a robot through it."""
+"""A floor of a building: the plan of its rooms and corridors, and the path of a robot in it."""

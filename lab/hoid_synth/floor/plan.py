@@ -1,4 +1,4 @@
-"""Plan of a floor: rooms in rows along one corridor, or along two that form a ring.
+"""Plan of a floor: rows of rooms along one corridor, or along two corridors of a ring.
 
 Coordinates are in m, x along the corridors, the origin in the corner of the bounding box.
 """

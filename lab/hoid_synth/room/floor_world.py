@@ -67,7 +67,7 @@ def build_floor(config: SceneConfig) -> World:
 
 
 def _furnish_room(f: Furnisher) -> None:
-    """Furnish a room whose front wall has an open door in the middle."""
+    """Add walls and furniture of a room; its front wall has an open doorway in the middle."""
     sides = ('left', 'right') if f.rng.random() < 0.5 else ('right', 'left')
     accent = ('back', 'left', 'right')[int(f.rng.integers(0, 3))]
     f.shell(('front',), accent)

@@ -15,107 +15,29 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import MapFileError
-from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.dense.depth_view import Surface
 from rgbd_slam.dense.submap import Evidence, Submap
 from rgbd_slam.dense.submap_export import SubmapExports
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import checkpoint, map_parts
-from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
-from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.model.map_state import snapshot
 
-from .map_content import OCTAVES, SCALE, new_map, ring
-from .ring_world import MODEL, RingWorld, mapped, ring_poses
-
-T_MAP_CORE = se3.exp(np.array([0.1, -0.2, 0.3, 1.0, 2.0, 3.0]))
-CONFIG = DenseConfig()
-HEADER = MapHeader(MODEL, SCALE, OCTAVES, T_MAP_CORE)
-
-
-class Robot:
-    """A mapper, the tracker's copy of its map, and the checkpoint of the copy."""
-
-    def __init__(self, folder: Path, count: int = 8) -> None:
-        self.mapper, self.copy = ring(count), new_map()
-        self.folder = CheckpointFolder(str(folder), 'robot')
-        self.writer = CheckpointWriter(self.folder, self.copy)
-        self.update()
-
-    def update(self) -> None:
-        """Send the changes of the mapper's map to the copy."""
-        version = self.copy.version if len(self.copy.keyframes) else 0
-        self.copy.apply(self.mapper.changes_since(version))
-
-    def write(self, stamp_ns: int = 7) -> int:
-        """Write a checkpoint; return the number of its parts."""
-        for count in range(1, 1000):
-            part = self.writer.parts.copy()
-            self.writer.append(part)
-            if part.keyframes is not None:
-                self.bytes = self.writer.finish(HEADER, part.keyframes, None, stamp_ns)
-                return count
-        raise AssertionError('it never ends')
-
-    def expected(self) -> str:
-        return snapshot(self.copy).moved(T_MAP_CORE).digest()
-
-    def stored(self) -> str | None:
-        checkpoint = self.folder.read()
-        return None if checkpoint is None else checkpoint.content.map.digest()
+from .checkpoint_robot import (
+    CHANGES,
+    CONFIG,
+    HEADER,
+    Robot,
+    change_points,
+    extend,
+)
+from .map_content import OCTAVES, SCALE
+from .ring_world import MODEL
 
 
 @pytest.fixture
 def robot(tmp_path: Path) -> Robot:
     return Robot(tmp_path)
-
-
-def extend(robot: Robot, first: int, end: int) -> None:
-    """Map further keyframes of the ring."""
-    poses = ring_poses(36)[first:end]
-    map_id = 1 + int(robot.mapper.keyframes.map_id.max())
-    mapped(robot.mapper, RingWorld(600), poses, poses, map_id)
-    robot.update()
-
-
-def change_points(robot: Robot) -> None:
-    points = robot.mapper.points
-    j = points.indices()[::7]
-    robot.mapper.set_positions(j, points.position_m[j] + 0.01)
-    robot.mapper.remove_points(points.indices()[::11])
-    robot.update()
-
-
-def move_keyframes(robot: Robot) -> None:
-    rows = robot.mapper.keyframes.indices()[2:5]
-    robot.mapper.move(rows, np.array([se3.exp(np.full(6, 0.01))] * len(rows)))
-    robot.update()
-
-
-def cull(robot: Robot) -> None:
-    robot.mapper.remove_keyframe(int(robot.mapper.keyframes.indices()[3]))
-    robot.update()
-
-
-def forbid(robot: Robot) -> None:
-    robot.mapper.forbid_seeds(1, np.arange(5))
-    robot.update()
-
-
-def cull_and_extend(robot: Robot) -> None:
-    cull(robot)
-    extend(robot, 8, 9)
-
-
-CHANGES: dict[str, Callable[[Robot], None]] = {
-    'new keyframes': lambda robot: extend(robot, 8, 10),
-    'points': change_points,
-    'a loop': move_keyframes,
-    'a culled keyframe': cull,
-    'verdicts': forbid,
-    'a reused row': cull_and_extend,
-}
 
 
 def test_a_checkpoint_is_the_map(robot: Robot) -> None:

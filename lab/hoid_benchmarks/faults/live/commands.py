@@ -103,8 +103,8 @@ def _unread_output(folder: Path) -> str:
 
 
 @contextmanager
-def _unread(argv: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a command whose output is a pipe that is full and that nobody reads."""
+def full_pipe() -> Iterator[int]:
+    """Yield the writing end of a pipe that is full and that nobody reads."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     try:
@@ -112,18 +112,27 @@ def _unread(argv: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
             os.write(writer, bytes(4096))
     except BlockingIOError:
         os.set_blocking(writer, True)
-    process = subprocess.Popen([*_HOID, *argv], stdout=writer, stderr=writer, process_group=0)
-    os.close(writer)
     try:
-        yield process
+        yield writer
     finally:
-        process.terminate()
-        try:
-            process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+        os.close(writer)
         os.close(reader)
+
+
+@contextmanager
+def _unread(argv: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a command whose output is a full pipe."""
+    with full_pipe() as writer:
+        process = subprocess.Popen([*_HOID, *argv], stdout=writer, stderr=writer, process_group=0)
+        try:
+            yield process
+        finally:
+            process.terminate()
+            try:
+                process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
 
 
 def _small_messages(bag: Path) -> str:

@@ -115,7 +115,7 @@ class CheckpointIndex(NamedTuple):
     submaps: IndexedSubmaps
 
     def write(self, file: IO[bytes], segments: Mapping[str, Segment]) -> None:
-        """Write the index of segments that are on the disk."""
+        """Write this index to a file; the rows of the segments must be on the disk already."""
         camera, scale_factor, num_octaves, T_map_core = self.header
         manifest = {
             'format': _FORMAT,

@@ -172,9 +172,9 @@ class MapTables:
         return change
 
     def skip_changes(self) -> int:
-        """Start a new version, because the copies of the map have its changes already.
+        """Discard the changes that `take_changes` would return; the copies already have them.
 
-        Returns the version that the copies have.
+        Both processes have just restored the same saved map. Returns the version of the copies.
         """
         self._moves, self._has_copies = [], True
         self.keyframes.is_reobserved[:] = False

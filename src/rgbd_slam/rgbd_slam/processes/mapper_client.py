@@ -66,7 +66,9 @@ class MapperClient(Protocol):
         """
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Request a saved map in place of the map. A later `update` brings it into the tracker's.
+        """Start to replace the map by a saved one, without waiting for the end.
+
+        The first `update` after that replaces the tracker's map.
 
         Args:
             loading: The saved map, which another thread restores for the tracker.

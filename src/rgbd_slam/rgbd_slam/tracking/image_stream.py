@@ -94,7 +94,7 @@ class RepeatedImages:
 
     @property
     def original_ns(self) -> int | None:
-        """Return the stamp of the latest image that was no copy."""
+        """Return the stamp (ns) of the latest image that was not a copy; None at the start."""
         return None if self._original is None else self._original.stamp_ns
 
     def add(self, features: Features) -> Repetition:
