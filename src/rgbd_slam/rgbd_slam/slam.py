@@ -46,7 +46,7 @@ _BY_WHEELS = (
 )
 # Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
 # Triangulation adds points to the first map later.
-_MIN_USABLE = 50  # features with depth that a new map needs
+_MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
 
 
 class RgbdSlam:
@@ -272,7 +272,8 @@ class RgbdSlam:
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map with this frame as its first keyframe, if it has enough depth readings."""
-        if self.map.is_loading or np.count_nonzero(frame.has_depth & frame.may_seed) < _MIN_USABLE:
+        num_features = np.count_nonzero(frame.has_depth & frame.may_seed)
+        if self.map.is_loading or num_features < _MIN_FIRST_FEATURES:
             state = SlamState.NOT_INITIALIZED if self.map.is_empty else SlamState.LOST
             return TrackingResult(frame.stamp_ns, state)
         uid = self.map.start(frame, T_map_camera)

@@ -21,6 +21,7 @@ from rgbd_slam.dense.submap_export import SubmapExports
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import checkpoint, map_parts
 from rgbd_slam.map_io.map_collector import MapCollector
+from rgbd_slam.map_io.map_parts import KeyframeCopy
 from rgbd_slam.model.map_state import snapshot
 
 from .checkpoint_robot import (
@@ -149,6 +150,35 @@ def test_the_dense_map_adds_only_changed_submaps(robot: Robot) -> None:
     assert stored is not None
     assert stored.content.dense is not None
     assert stored.content.dense.digest() == expected().digest()
+
+
+def test_a_dense_map_that_is_written_anew_is_not_lost_while_it_is_unknown(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, '_SPARE_BYTES', 0)
+    uids = np.sort(robot.copy.keyframes.uid[robot.copy.keyframes.indices()])
+    submaps, exports = [submap(int(uids[0]), 0)], SubmapExports(CONFIG)
+    for seed in range(3):  # most voxels on the disk are dead then
+        export = exports.since(robot.writer.submaps_since, submaps, uids)
+        robot.writer.finish(HEADER, appended(robot), export, 7)
+        submaps[0].update(no_evidence(len(submaps[0])), surface(seed))
+    before = robot.folder.read()
+    assert robot.writer.submaps_since is None
+    with pytest.raises(MapFileError, match='the last checkpoint is kept'):
+        robot.writer.finish(HEADER, appended(robot), None, 8, keep_submaps=True)
+    after = robot.folder.read()
+    assert before is not None
+    assert after is not None
+    assert before.content.dense is not None
+    assert after.content.dense is not None
+    assert after.content.dense.digest() == before.content.dense.digest()
+
+
+def appended(robot: Robot) -> KeyframeCopy:
+    part = robot.writer.parts.copy()
+    robot.writer.append(part)
+    assert part.keyframes is not None
+    return part.keyframes
 
 
 # ---- kills and damage

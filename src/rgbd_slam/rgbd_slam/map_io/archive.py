@@ -33,6 +33,8 @@ _HEADER_BYTES = 128
 # Protection from zip bombs: a map unpacks to about twice the size of its file.
 _MAX_EXPANSION = 50
 _SMALL_BYTES = 1_000_000  # chosen: so many unpacked bytes are harmless in any case
+# Chosen: a manifest has less than 1 kB.
+_MAX_MANIFEST_BYTES = 10_000
 _MAX_QUOTED = 120  # chosen: characters of an error, which may quote the file
 _PIECE_BYTES = 1 << 20  # arrays are written piecewise
 # The errors that zipfile, zlib, json and NumPy raise for damaged files.
@@ -153,16 +155,26 @@ class Reader:
 
     def __init__(self, archive: zipfile.ZipFile, file_bytes: int) -> None:
         self._archive = archive
-        self.infos = {info.filename: info for info in archive.infolist()}
-        for name, info in self.infos.items():  # before anything is unpacked
+        self._infos = {info.filename: info for info in archive.infolist()}
+        for name, info in self._infos.items():  # before anything is unpacked
             if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise MapFileError(f'"{name:.40}" is compressed by an unknown method')
         self._unpacked = sum(info.file_size for info in archive.infolist())
         self._limit = _SMALL_BYTES + _MAX_EXPANSION * file_bytes
 
-    def json(self, name: str) -> Any:
-        """Return the content of a small JSON member."""
-        return json.loads(self._archive.read(name))
+    def manifest(self) -> dict[str, Any]:
+        """Return the manifest.
+
+        Raises:
+            MapFileError: There is none, or it is no dictionary.
+        """
+        info = self._infos.get(MANIFEST)
+        if info is None or info.file_size > _MAX_MANIFEST_BYTES:
+            raise MapFileError('is no map file: it has no manifest')
+        content = json.loads(self._archive.read(info))
+        if not isinstance(content, dict):
+            raise MapFileError('is no map file: its manifest is of something else')
+        return content
 
     def records(
         self, kinds: Mapping[str, type[Record]], lengths: Mapping[str, Mapping[str, int]]

@@ -117,6 +117,7 @@ class CheckpointWriter:
         self._folder = folder
         self._segments = {name: self._new_segment(name) for name in SEGMENTS}
         self._submaps = _StoredSubmaps()
+        self._has_dense = False  # whether the last checkpoint has a dense map
 
     @property
     def submaps_since(self) -> ExportMark | None:
@@ -178,6 +179,11 @@ class CheckpointWriter:
             'first_feature': self.parts.first_feature[keyframes.rows],
             'first_state': self.parts.first_state[keyframes.rows],
         }
+        if keep_submaps and self._has_dense and not len(self._submaps):
+            raise MapFileError(
+                'the dense map has to be written anew and has not arrived; the last checkpoint is '
+                'kept'
+            )
         index = self._folder.path / _INDEX
         with self._described_errors():
             before = self.total_bytes
@@ -191,6 +197,7 @@ class CheckpointWriter:
                 content = CheckpointIndex(header, IndexedKeyframes.of(columns), kept)
                 content.write(file, self._segments)
                 written, self.num_bytes = self.num_bytes + file.tell(), 0
+        self._has_dense = len(kept.arrays()['anchor_uid']) > 0
         self._folder.touch(stamp_ns)
         self._remove_unused()
         self._compact(keyframes)

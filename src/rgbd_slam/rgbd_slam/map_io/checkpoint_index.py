@@ -152,7 +152,7 @@ def read_checkpoint(path: Path) -> MapFile:
 
 
 def _content(reader: archive.Reader, folder: Path) -> MapFile:
-    manifest = reader.json(archive.MANIFEST)
+    manifest = reader.manifest()
     if (manifest.get('format'), manifest.get('version')) != (_FORMAT, _VERSION):
         raise MapFileError('is of another version of this program')
     records = reader.records(_SECTIONS, manifest['lengths'])

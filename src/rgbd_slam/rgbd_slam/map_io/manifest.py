@@ -9,7 +9,7 @@ from hoid_common.errors import MapFileError
 from hoid_common.values import CameraModel
 from rgbd_slam.dense.dense_state import DenseState
 from rgbd_slam.dense.submap_state import SubmapState
-from rgbd_slam.map_io.archive import MANIFEST, Reader
+from rgbd_slam.map_io.archive import Reader
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.records.record import Record
 
@@ -21,7 +21,6 @@ SECTIONS: dict[str, type[Record]] = {
     'dense': DenseState,  # the images of the dense map, in files of earlier versions
 }
 MAX_DISTORTION = 14  # coefficients of the largest of OpenCV's lens models
-_MAX_MANIFEST_BYTES = 10_000  # chosen: a manifest has less than 1 kB
 _MAX_ROWS = 2**31
 
 
@@ -40,11 +39,8 @@ def read_manifest(reader: Reader) -> Manifest:
     Raises:
         MapFileError: The file is not a map, of another version, or damaged.
     """
-    info = reader.infos.get(MANIFEST)
-    if info is None or info.file_size > _MAX_MANIFEST_BYTES:
-        raise MapFileError('is no map file: it has no manifest')
-    content = reader.json(MANIFEST)
-    if not isinstance(content, dict) or content.get('format') != FORMAT:
+    content = reader.manifest()
+    if content.get('format') != FORMAT:
         raise MapFileError('is no map file: its manifest is of something else')
     if content.get('version') != VERSION:
         raise MapFileError(

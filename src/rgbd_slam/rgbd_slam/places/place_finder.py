@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, IntArray
+from hoid_common.values import ByteArray, IntArray
 from rgbd_slam.config.place_config import PlaceConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -48,7 +48,6 @@ class PlaceFinder:
         """Return the place index of another map, ready to be queried. Any thread may call this."""
         index = make_place_index(self._index_config.method, self._index_config)
         index.update(atlas)
-        index.query(np.empty((0, DESCRIPTOR_BYTES), np.uint8))  # may complete the index
         return index
 
     def use_index(self, index: PlaceIndex) -> None:

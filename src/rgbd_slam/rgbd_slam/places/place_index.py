@@ -33,7 +33,10 @@ class PlaceIndex(Protocol):
     def __init__(self, config: IndexConfig) -> None: ...
 
     def update(self, atlas: Atlas) -> None:
-        """Add the new keyframes of a map, and remove those that are no longer in it."""
+        """Add the new keyframes of a map, and remove those that are no longer in it.
+
+        Afterwards, `query` takes no longer for the first image than for others.
+        """
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
         """Return the keyframes that resemble an image with descriptors (N, 32)."""

@@ -7,18 +7,20 @@ from collections.abc import Callable
 from functools import partial
 from itertools import count
 from queue import SimpleQueue
-from threading import Thread
+from threading import Event, Thread
 from typing import NamedTuple
 
 import numpy as np
 from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common import topics
+from hoid_common.errors import InputError
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.large_messages.publisher import OnDemandPublisher
 from hoid_common.ros.large_messages.serialized import (
@@ -70,6 +72,7 @@ class MapOutputs:
     ) -> None:
         self._frame, self._session = config.frames.map, session
         self._node_thread, self._context = NodeThread(node), node.context
+        self._logger = node.get_logger()
         self._makers: dict[OnDemandPublisher, Callable[[_Snapshot], ByteArray]] = {
             OnDemandPublisher(node, type_, topic, qos.LATCHED, self._on_subscribers): make
             for type_, topic, make in (
@@ -80,6 +83,8 @@ class MapOutputs:
         }
         self._outdated: set[OnDemandPublisher] = set()  # whose last message is not the map's
         self._is_busy, self._rest_until_s = False, 0.0
+        self._is_retried = False  # whether the last messages could not be made
+        self._is_ended = Event()
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name='map outputs', daemon=True)
         self._thread.start()
@@ -92,6 +97,7 @@ class MapOutputs:
 
     def close(self) -> None:
         """End the thread after the message that is being made."""
+        self._is_ended.set()
         self._jobs.put(None)
 
     def _on_timer(self) -> None:
@@ -106,8 +112,9 @@ class MapOutputs:
         session = self._session()
         if session is None or self._is_busy:
             return
-        if session.robot_map.take_change():
+        if session.robot_map.take_change() or self._is_retried:
             self._outdated.update(self._makers)
+            self._is_retried = False
         wanted = [publisher for publisher in self._outdated if publisher.is_wanted]
         if wanted:
             self._outdated.difference_update(wanted)
@@ -124,10 +131,13 @@ class MapOutputs:
             try:
                 for publisher in job.publishers:
                     publisher.publish(self._makers[publisher](job.snapshot))
-            except Exception:
-                if self._context.ok():
+            except InputError as error:  # the next timer tries again
+                self._logger.warning(f'path, map points and keyframes are not published: {error}')
+                self._is_retried = True
+            except (InvalidHandle, RuntimeError):  # rclpy's errors after the end of the node
+                if self._context.ok() and not self._is_ended.is_set():
                     raise
-                return  # the node is ending
+                return
             self._rest_until_s = start_s + (time.thread_time() - start_cpu_s) / _MAX_SHARE
             self._is_busy = False
 

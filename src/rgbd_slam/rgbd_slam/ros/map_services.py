@@ -136,9 +136,12 @@ class MapServices:
         collector = MapCollector(session.slam.map.atlas)
 
         def copy() -> tuple[MapPart, Callable[[], SubmapExport | None] | None]:
-            part, keyframes = collector.copy(), session.robot_map.keyframes()
-            is_last = part.keyframes is not None
-            return part, self._scene.request_submaps(keyframes) if is_last else None
+            if self._session() is not session:
+                raise InputError('the map was discarded meanwhile: there is nothing to save')
+            part = collector.copy()
+            if part.keyframes is None:
+                return part, None
+            return part, self._scene.request_submaps(session.robot_map.keyframes())
 
         while True:
             start_s = time.perf_counter()
