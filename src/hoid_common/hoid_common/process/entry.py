@@ -17,7 +17,7 @@ from hoid_common.errors import ConfigError
 from hoid_common.process.child_process import preload
 from hoid_common.process.limits import require_descriptors
 from hoid_common.process.output import relay_output
-from hoid_common.process.signals import TERMINATION_SIGNALS
+from hoid_common.process.signals import NODE_END_SIGNALS
 
 EXIT_INTERRUPTED = 128 + signal.SIGINT
 """Exit status after Ctrl-C during start-up: a shell's convention for death by a signal."""
@@ -65,6 +65,6 @@ def start(module: str) -> NoReturn:
 
 def _pause_before_exit() -> None:
     """Wait for the time that launch has asked for, or until a signal ends the process."""
-    for sign in (signal.SIGINT, *TERMINATION_SIGNALS):
+    for sign in NODE_END_SIGNALS:
         signal.signal(sign, lambda *_: os._exit(EXIT_CONFIG))
     time.sleep(float(os.environ.get(REFUSAL_PAUSE, '0')))

@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import NoReturn
 
-from hoid_common.process.signals import TERMINATION_SIGNALS
+from hoid_common.process.signals import NODE_END_SIGNALS
 
 _STREAMS = (1, 2)  # stdout and stderr
 _MARK = 'HOID_RELAYED_OUTPUT'  # environment variable: identifies the pipes that a relay reads
@@ -107,7 +107,7 @@ def _finish(relay: int, finish: int, owner: int) -> None:
 def _run(pairs: Iterable[tuple[int, int]], finish: int) -> NoReturn:
     """Relay from pipes to streams until the process has ended; main function of the relay."""
     try:
-        for sign in (signal.SIGINT, signal.SIGUSR1, *TERMINATION_SIGNALS):
+        for sign in NODE_END_SIGNALS:
             signal.signal(sign, signal.SIG_IGN)
         channels = [_Channel(reader, stream) for reader, stream in pairs]
         _close_all_but({finish, *(fd for c in channels for fd in (c.reader, c.stream))})

@@ -14,6 +14,8 @@ TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """The signals, beside SIGINT, that ask a process to end."""
 FAILURE_SIGNAL = signal.SIGUSR1
 """Signal that ends a node because another process failed: its map is kept (decision 046)."""
+NODE_END_SIGNALS = (signal.SIGINT, *TERMINATION_SIGNALS, FAILURE_SIGNAL)
+"""All signals that end a node."""
 
 
 def interrupt_on_termination() -> None:

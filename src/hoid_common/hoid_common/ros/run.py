@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from hoid_common.errors import ConfigError, HoidError
 from hoid_common.process.entry import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
-from hoid_common.process.signals import FAILURE_SIGNAL, TERMINATION_SIGNALS
+from hoid_common.process.signals import FAILURE_SIGNAL, NODE_END_SIGNALS
 from hoid_common.ros.clocks import ignore_negative_clock_times
 from hoid_common.ros.execution.executor import SteadyExecutor
 
@@ -90,7 +90,7 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
             raise
         return 0
     finally:
-        _handle(_do_nothing)
+        _handle(_note)
         limit_exit_time()
         executor.shutdown()
         if node is not None:
@@ -106,10 +106,6 @@ def is_end_asked_for() -> bool:
     return sys.exc_info()[0] is None and not _failure.is_set()
 
 
-def _note_failure(_sign: int, _frame: FrameType | None) -> None:
-    _failure.set()
-
-
 class _Interrupt:
     """Makes the first SIGINT or SIGTERM raise KeyboardInterrupt, until `_handle` is called."""
 
@@ -118,8 +114,9 @@ class _Interrupt:
         sys.unraisablehook = self._ignore_interrupt
         _handle(self._raise)
 
-    def _raise(self, _sign: int, _frame: FrameType | None) -> None:
-        _handle(_do_nothing)
+    def _raise(self, sign: int, frame: FrameType | None) -> None:
+        _note(sign, frame)
+        _handle(_note)
         self.came = True
         raise KeyboardInterrupt
 
@@ -130,17 +127,17 @@ class _Interrupt:
             sys.__unraisablehook__(error)
 
 
-def _do_nothing(_sign: int, _frame: FrameType | None) -> None:
-    pass
+def _note(sign: int, _frame: FrameType | None) -> None:
+    """Record a failure of another process, for `is_end_asked_for`; ignore other signals."""
+    if sign == FAILURE_SIGNAL:
+        _failure.set()
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
-    """Set the handler of SIGINT and termination signals; with `nohup`, SIGHUP stays ignored."""
-    for sign in (signal.SIGINT, *TERMINATION_SIGNALS):
+    """Set the handler of all signals that end a node; with `nohup`, SIGHUP stays ignored."""
+    for sign in NODE_END_SIGNALS:
         if sign != signal.SIGHUP or signal.getsignal(sign) is not signal.SIG_IGN:  # `nohup`
             signal.signal(sign, handler)
-    # If it comes together with others, they are handled first, but its handler runs as well.
-    signal.signal(FAILURE_SIGNAL, _note_failure if handler is _do_nothing else handler)
 
 
 def _reduce_processor_load() -> None:
@@ -172,7 +169,7 @@ def _spin(executor: SteadyExecutor, interrupt: _Interrupt) -> int:
     # Python handlers do not run while this thread waits for messages in C code. The wake-up file
     # descriptor is written at once, and another thread reads it.
     signal.set_wakeup_fd(tell_fd, warn_on_full_buffer=False)
-    _handle(_do_nothing)
+    _handle(_note)
     if interrupt.came:  # in code that has swallowed the KeyboardInterrupt
         return EXIT_INTERRUPTED
     Thread(target=end, name='signals', daemon=True).start()
