@@ -66,14 +66,20 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
     return Cloud(points, rgb.view(np.uint8).reshape(n, 4)[:, :3].copy())
 
 
-def cloud_to_msg(cloud: Cloud, header: Header) -> PointCloud2:
-    """Return an unordered cloud with the fields x, y, z and, when there are colors, rgb."""
+def point_table(cloud: Cloud) -> ByteArray:
+    """Return the (N, 12) bytes of x, y and z of N points, or (N, 16) with their colors."""
     n = len(cloud.points_m)
-    step = 12 if cloud.colors_bgr is None else 16
-    table = np.zeros((n, step), np.uint8)
+    table = np.zeros((n, 12 if cloud.colors_bgr is None else 16), np.uint8)
     table[:, :12] = np.ascontiguousarray(cloud.points_m, np.float32).view(np.uint8).reshape(n, 12)
     if cloud.colors_bgr is not None:
         table[:, 12:15] = cloud.colors_bgr
+    return table
+
+
+def cloud_to_msg(cloud: Cloud, header: Header) -> PointCloud2:
+    """Return an unordered cloud with the fields x, y, z and, when there are colors, rgb."""
+    table = point_table(cloud)
+    n, step = table.shape
     fields = [
         PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
         for i, name in enumerate(_FIELDS[: step // 4])

@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from hoid_common import se3
 from hoid_common.ros.conversions import Cloud
-from hoid_common.ros.conversions.clouds import cloud_to_msg
+from hoid_common.ros.conversions.clouds import cloud_to_msg, point_table
 from hoid_common.ros.conversions.slam import keyframe_lines_m, keyframe_marker
 from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray
 
@@ -74,12 +74,9 @@ def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
     """Return the serialized sensor_msgs/PointCloud2 that `cloud_to_msg` makes."""
     colors = None if cloud.colors_bgr is None else cloud.colors_bgr[:0]
     msg = cloud_to_msg(Cloud(cloud.points_m[:0], colors), header)
-    n, step = len(cloud.points_m), msg.point_step
+    table = point_table(cloud)
+    n, step = table.shape
     msg.width, msg.row_step = n, n * step
-    table = np.zeros((n, step), np.uint8)
-    table[:, :12] = np.ascontiguousarray(cloud.points_m, np.float32).view(np.uint8)
-    if cloud.colors_bgr is not None:
-        table[:, 12:15] = cloud.colors_bgr
     empty = serialize_message(msg)
     sentinel = struct.pack('<d', _SENTINEL)
     msg.data = array('B', sentinel)
