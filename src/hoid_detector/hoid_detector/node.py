@@ -56,6 +56,7 @@ class DetectorNode(ManagedNode):
         self._debug_images = DebugImages(self)
         has_base = bool(self._settings.config.base_frame)
         self._static = StaticFrameListener(self, self.diagnostics) if has_base else None
+        self._mounted_roll_deg = 0.0  # of the camera on the base, by /tf_static
         self.create_service(SetBool, topics.ENABLE, self._enable)
         Inputs(self, self._settings.config.input, self.diagnostics).color(self._take)
         self.begin(autostart=self._settings.config.autostart)
@@ -86,21 +87,26 @@ class DetectorNode(ManagedNode):
     def _find_roll(self, camera_frame: str) -> None:
         """Set the roll of the camera by its place on the base, unless the user has set it."""
         config = self._settings.config
-        if self._static is None or self._detector is None or config.camera_roll_deg:
+        if self._static is None or self._detector is None:
+            return
+        if config.camera_roll_deg:
+            self.diagnostics.clear_problem('base')
             return
         T_base_camera = self._static.frames.find(config.base_frame, camera_frame)
         if T_base_camera is None:
             self.diagnostics.set_problem(
                 'base',
                 f'{self.resolve_topic_name(topics.TF_STATIC)} does not join frames '
-                f'"{config.base_frame}" and "{camera_frame}", so images are not turned upright',
+                f'"{config.base_frame}" and "{camera_frame}", so images are not turned upright: '
+                'publish where the camera is mounted',
             )
             return
         self.diagnostics.clear_problem('base')
         roll_deg = mounted_roll_deg(T_base_camera)
-        if roll_deg != self._detector.config.camera_roll_deg:
+        if roll_deg != self._mounted_roll_deg:
+            self._mounted_roll_deg = roll_deg
             self.diagnostics.set_value('camera roll', f'{roll_deg:.0f} degrees')
-            self._detector.reconfigure(replace(self._detector.config, camera_roll_deg=roll_deg))
+            self._reconfigure(config)
 
     def _detect(self, msg: conversions.ReceivedImage | CompressedImage) -> _Result:
         """Detect objects in an image, publish them, and return what the diagnostics need."""
@@ -156,8 +162,10 @@ class DetectorNode(ManagedNode):
             self._detector.check_classes(config.classes)
 
     def _reconfigure(self, config: DetectorNodeConfig) -> None:
+        """Apply parameters; the roll by /tf_static is used unless the user has set one."""
         if self._detector is not None:
-            self._detector.reconfigure(config)
+            roll_deg = config.camera_roll_deg or self._mounted_roll_deg
+            self._detector.reconfigure(replace(config, camera_roll_deg=roll_deg))
 
 
 def main() -> int:
