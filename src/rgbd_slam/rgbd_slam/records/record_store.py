@@ -119,8 +119,10 @@ class RecordStore:
         return np.frombuffer(data, self._dtype)
 
     def _write_old_blocks(self) -> None:
+        if self._writer is not None and self._writer.is_alive():
+            return
         old = sorted(self._held)[:-_NUM_NEWEST]
-        if old and (self._writer is None or not self._writer.is_alive()):
+        if old:
             self._writer = Thread(target=self._write, args=(old,), name='records', daemon=True)
             self._writer.start()
 
