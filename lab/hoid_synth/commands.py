@@ -28,6 +28,11 @@ _FIELDS = {
     '--rooms': 'num_rooms',
     '--every': 'every',
     '--width': 'width_px',
+    '--pace': 'pace',
+    '--shutter': 'shutter_s',
+    '--blur': 'motion_blur',
+    '--color-every': 'color_every',
+    '--swing': 'exposure_swing',
 }
 """Options, and the fields of the configuration that they set."""
 _METAVARS = {'_m': 'M', '_s': 'S', '_mps': 'M/S', '_px': 'PX'}  # by the unit in a field's name

@@ -83,6 +83,26 @@ class SceneConfig(Config):
         1, 'render every so-many-th frame: 3 gives 10 images per second', minimum=1, maximum=30
     )
     start_s: float = param(0.0, 'start time on the camera path in s', minimum=0.0, maximum=1e4)
+    pace: float = param(
+        1.0, 'speed of the camera motion, relative to its default', minimum=0.1, maximum=10.0
+    )
+    shutter_s: float = param(
+        0.0,
+        'time between the first and the last row of color and depth images in s; people and '
+        'objects do not move meanwhile',
+        minimum=0.0,
+        maximum=0.05,
+    )
+    color_every: int = param(
+        1,
+        'every so-many-th color image is new and the others repeat it, as in the dark: 2 gives '
+        '15 new images per second',
+        minimum=1,
+        maximum=10,
+    )
+    exposure_swing: float = param(
+        0.07, 'amplitude of the slow changes of the exposure', minimum=0.0, maximum=0.4
+    )
     color_noise: float = param(1.0, 'scale of the color noise', minimum=0.0, maximum=10.0)
     motion_blur: float = param(1.0, 'scale of the exposure time', minimum=0.0, maximum=10.0)
     depth_noise: float = param(1.0, 'scale of the depth noise', minimum=0.0, maximum=10.0)

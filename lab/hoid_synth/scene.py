@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from multiprocessing import get_context
 
 import cv2
@@ -46,15 +47,17 @@ class SceneRenderer:
     def __init__(self, config: SceneConfig) -> None:
         self.stage = set_stage(config)
         self._renderer = Renderer(self.stage)
+        self._rendering = lru_cache(2)(self._renderer.render)
 
     def frame(self, i: int) -> SynthFrame:
         """Render frame i."""
         stage, stamp_ns = self.stage, self.stage.config.stamp_ns(i)
-        out = self._renderer.render(i)
+        out = self._rendering(i)
+        image_bgr = self._rendering(i - i % stage.config.color_every).image_bgr
         seen = truth.visible_objects(stage, i, stamp_ns, out.instances)
         return SynthFrame(
             index=i,
-            frame=RgbdFrame(stamp_ns, out.image_bgr, out.depth_m),
+            frame=RgbdFrame(stamp_ns, image_bgr, out.depth_m),
             T_world_camera=stage.T_world_camera[i],
             detections=seen.detections,
             instances=seen.instances,

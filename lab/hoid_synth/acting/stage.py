@@ -98,7 +98,7 @@ def set_stage(config: SceneConfig) -> Stage:
     """Build the world of a configuration, and plan all motions in it."""
     world = build_floor(config) if config.path == FLOOR else build_world(config)
     times_s = config.start_s + np.arange(config.frames + 1) / config.rate_hz
-    T_world_camera = camera_poses(config, times_s)
+    T_world_camera = camera_poses(config, config.pace * times_s)
     rng = np.random.default_rng([config.seed, 4, *config.people_stream])
     shown, count = config.timeline_frames, config.timeline_length
     T_timeline_camera = T_world_camera[np.searchsorted(shown, np.arange(count))]

@@ -21,7 +21,6 @@ from hoid_synth.render.tracer import Hits, Tracer
 _COARSE = 2  # shadows and image motion are computed on every second pixel
 _SHADOW_DEPTH = 0.55  # share of the light that a full shadow removes
 _SHADOW_REACH_M = 1.8
-_EXPOSURE_SWING = 0.07
 _MARGIN_PX = 2
 
 
@@ -39,12 +38,14 @@ class Rendering:
 class _View:
     """A camera pose and the rays of its pixels."""
 
-    T_world_camera: FloatArray
+    T_world_camera: FloatArray  # (4, 4) of the middle of the image
+    origins_m: Float32Array  # (1, 3), or (N, 3) with a rolling shutter
     directions: Float32Array  # (N, 3) in the world frame, scaled to depth 1
 
-    @property
-    def origin(self) -> Float32Array:
-        return self.T_world_camera[:3, 3].astype(np.float32)
+    def at(self, pixels: IntArray) -> tuple[Float32Array, Float32Array]:
+        """Return origins and directions of the rays of some pixels."""
+        is_common = len(self.origins_m) == 1
+        return self.origins_m if is_common else self.origins_m[pixels], self.directions[pixels]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +92,8 @@ class Renderer:
     def render(self, i: int) -> Rendering:
         """Render frame i."""
         rng = np.random.default_rng([self._config.seed, 6, i])
-        T = self._stage.T_world_camera[i]
-        view = _View(T, self._rays @ T[:3, :3].T.astype(np.float32))
-        hits = self._tracer.first_hits(view.origin, view.directions)
+        view = self._view(i)
+        hits = self._tracer.first_hits(view.origins_m, view.directions)
         moving = self._prepare_moving(i)
         if moving is not None:
             self._overlay(hits, moving, view)
@@ -115,6 +115,21 @@ class Renderer:
         read = sensor.depth_image(depth, cosine.reshape(self._shape), dark, self._config, rng)
         return Rendering(image, read, depth, self._instance[hits.face].reshape(self._shape))
 
+    def _view(self, i: int) -> _View:
+        """Return the rays of frame i; a rolling shutter has a camera pose for each row."""
+        T, T_next = self._stage.T_world_camera[i : i + 2]
+        if not self._config.shutter_s:
+            rotation, origin = T[:3, :3].astype(np.float32), T[:3, 3].astype(np.float32)
+            return _View(T, origin[None], self._rays @ rotation.T)
+        height, width = self._shape
+        frames = self._config.shutter_s * self._config.rate_hz
+        share = frames * ((np.arange(height) + 0.5) / height - 0.5)
+        rows = T @ se3.exp(share[:, None] * se3.log(se3.inverse(T) @ T_next))
+        rays = self._rays.reshape(height, width, 3)
+        directions = rays @ rows[:, :3, :3].swapaxes(1, 2).astype(np.float32)
+        origins = np.repeat(rows[:, :3, 3].astype(np.float32), width, axis=0)
+        return _View(T, origins, directions.reshape(-1, 3))
+
     def _prepare_moving(self, i: int) -> _Moving | None:
         mesh, after = self._moving_mesh(i), self._moving_mesh(i + 1)
         if mesh is None or after is None:
@@ -131,7 +146,7 @@ class Renderer:
         pixels = np.flatnonzero(self._may_show(moving.mesh, view))
         if len(pixels) == 0:
             return
-        front = moving.tracer.first_hits(view.origin, view.directions[pixels])
+        front = moving.tracer.first_hits(*view.at(pixels))
         nearer = front.t < hits.t[pixels]
         at = pixels[nearer]
         hits.t[at] = front.t[nearer]
@@ -168,7 +183,7 @@ class Renderer:
         waves = np.sin(
             2 * np.pi * self._config.time_s(i) * np.array([0.13, 0.31]) + self._exposure_phases
         )
-        return float(1.15 * (1 + _EXPOSURE_SWING * waves.sum()))
+        return float(1.15 * (1 + self._config.exposure_swing * waves.sum()))
 
     def _coarse(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values (N, ...) of every second pixel in every second row."""
@@ -186,11 +201,13 @@ class Renderer:
         if moving is None:
             return np.ones(len(hits.t), np.float32)
         t, face = self._coarse(hits.t), self._coarse(hits.face)
-        points = view.origin + t[:, None] * self._coarse(view.directions)
+        origin = view.T_world_camera[:3, 3].astype(np.float32)
+        own = view.origins_m if len(view.origins_m) == 1 else self._coarse(view.origins_m)
+        points = own + t[:, None] * self._coarse(view.directions)
         left = np.ones(len(points), np.float32)
         resting = np.flatnonzero(face < self._num_static)
         near = resting[_near(points[resting, :2], moving.mesh)]
-        origins = points[near] + np.float32(0.004) * (view.origin - points[near])
+        origins = points[near] + np.float32(0.004) * (origin - points[near])
         lamps = [
             lamp.points_m.astype(np.float32)
             for lamp in self._stage.world.lamps
