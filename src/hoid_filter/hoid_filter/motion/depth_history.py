@@ -5,10 +5,14 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import NamedTuple
 
+import cv2
+import numpy as np
+
 from hoid_common import se3
 from hoid_common.values import Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_filter.motion.downscaled_view import DownscaledView
+from hoid_filter.motion.shutter_shift import shift_px
 from hoid_native import depth_ranges_3x3, occlusion_log_odds
 
 # Chosen: every image of a 30 Hz camera is stored, and every other image of a 60 Hz camera.
@@ -50,6 +54,7 @@ class _PastDepth(NamedTuple):
 
     stamp_s: float
     T_camera_world: FloatArray
+    turn_radps: FloatArray  # (3,) turn rate of the camera
     range_m: Float32Array  # (h, w, 2) least and greatest depth in the 3x3 neighborhood
 
 
@@ -60,7 +65,9 @@ class DepthHistory:
         self._camera = camera
         self._past: list[_PastDepth] = []
 
-    def add(self, view: DownscaledView, T_world_camera: FloatArray) -> None:
+    def add(
+        self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
+    ) -> None:
         """Store the depth of a view and drop old ones.
 
         A view that is less than 25 ms newer than the last stored one is not stored.
@@ -68,16 +75,20 @@ class DepthHistory:
         Args:
             view: The view.
             T_world_camera: (4, 4) camera pose of the view.
+            turn_radps: (3,) turn rate of the camera.
         """
         if self._past and view.stamp_s - self._past[-1].stamp_s < _MIN_SPACING_S:
             return
         range_m = depth_ranges_3x3(view.depth_m)
-        self._past.append(_PastDepth(view.stamp_s, se3.inverse(T_world_camera), range_m))
+        T_camera_world = se3.inverse(T_world_camera)
+        self._past.append(_PastDepth(view.stamp_s, T_camera_world, turn_radps, range_m))
         oldest_s = view.stamp_s - _BASELINES[-1].age_s * (1 + _AGE_TOLERANCE)
         while self._past[0].stamp_s < oldest_s:
             del self._past[0]
 
-    def occlusion_evidence(self, view: DownscaledView, T_world_camera: FloatArray) -> FloatArray:
+    def occlusion_evidence(
+        self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
+    ) -> FloatArray:
         """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each depth segment moves.
 
         A surface in front of the depth of an earlier image has moved there since. Unchanged depth
@@ -87,9 +98,15 @@ class DepthHistory:
         Args:
             view: The current view with S depth segments.
             T_world_camera: (4, 4) camera pose of the view.
+            turn_radps: (3,) turn rate of the camera in the view.
         """
+        focal_px = self._camera.depth_pinhole.fx_px
         earlier = [
-            (past.T_camera_world @ T_world_camera, past.range_m, baseline.static_log_odds)
+            (
+                past.T_camera_world @ T_world_camera,
+                _widened(past.range_m, shift_px(turn_radps, past.turn_radps, focal_px)),
+                baseline.static_log_odds,
+            )
             for baseline in _BASELINES
             if (past := self._nearest(view.stamp_s, baseline.age_s)) is not None
         ]
@@ -113,3 +130,18 @@ class DepthHistory:
         neighbors = [self._past[k] for k in (n - 1, n) if 0 <= k < len(self._past)]
         best = min(neighbors, key=lambda past: abs(past.stamp_s - wanted_s))
         return best if abs(best.stamp_s - wanted_s) <= tolerance_s else None
+
+
+def _widened(range_m: Float32Array, by_px: FloatArray) -> Float32Array:
+    """Return the (h, w, 2) depth range of a neighborhood that is larger by so many pixels."""
+    side = 2 * round(float(by_px)) + 1
+    if side == 1:
+        return range_m
+    kernel = np.ones((side, side), np.uint8)
+    least_m, greatest_m = np.moveaxis(range_m, 2, 0)
+    is_known = greatest_m > 0
+    nearest_m = cv2.erode(np.where(is_known, least_m, np.float32(np.inf)), kernel)
+    farthest_m = cv2.dilate(np.ascontiguousarray(greatest_m), kernel)
+    widened_m = np.stack([nearest_m, farthest_m], axis=2)
+    widened_m[~is_known] = 0
+    return np.asarray(widened_m, np.float32)

@@ -29,6 +29,7 @@ from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, PointObservatio
 from hoid_filter.motion.motion_log_odds import LabeledRegions, MotionLogOdds
 from hoid_filter.motion.point_tracks import PointTracks, predict_px, track
 from hoid_filter.motion.region_velocity import PointDisplacements
+from hoid_filter.motion.shutter_shift import shift_px
 from hoid_native import depths_at, strongest_corners_per_cell
 
 _MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again
@@ -89,6 +90,7 @@ class MotionSegmentation:
         self._view: DownscaledView | None = None
         self._T_world_camera = self._T_camera_world = np.eye(4)
         self._T_previous_current = np.eye(4)
+        self._turn_radps = np.zeros(3)  # of the camera, in the last view
         self.displacements = PointDisplacements.none()  # of the points in the last view
 
     def segment(self, view: MotionView) -> LabeledRegions:
@@ -106,6 +108,9 @@ class MotionSegmentation:
         pixels = self._track_points(view, small, predictions[0])
         tracked = self._observe_points(pixels, small)
         self._estimate_ego_motion(tracked, ~view.is_detected(pixels.pixel), predictions)
+        if self._view is not None:
+            turn_rad = se3.log(self._T_previous_current)[:3]
+            self._turn_radps = turn_rad / (small.stamp_s - self._view.stamp_s)
         self._log_odds.update(small, self._T_previous_current, self._evidence(tracked, small))
         regions = self._log_odds.moving_regions()
         self.displacements = (
@@ -113,7 +118,7 @@ class MotionSegmentation:
             if regions.num_regions
             else PointDisplacements.none()
         )
-        self._history.add(small, self._T_world_camera)
+        self._history.add(small, self._T_world_camera, self._turn_radps)
         occupied = self._renew_anchors(tracked, small.stamp_s)
         self._add_points(view, small, occupied)
         self._view = small
@@ -208,7 +213,9 @@ class MotionSegmentation:
         """
         evidence = np.zeros(len(small.segments.region))
         if self._config.in_front:
-            evidence += self._history.occlusion_evidence(small, self._T_world_camera)
+            evidence += self._history.occlusion_evidence(
+                small, self._T_world_camera, self._turn_radps
+            )
         if self._config.off_course and len(self._tracks):
             evidence += self._point_evidence(tracked, small)
         return evidence
@@ -233,7 +240,11 @@ class MotionSegmentation:
         self._ego_motion.update_noise(errors_px[tracked.points.static_probability > 0.5])
         age_s = small.stamp_s - self._tracks.anchored_s
         inlier_weight = np.minimum(age_s / _FULL_WEIGHT_S, 1.0)
-        is_outlier = errors_px > min(_OUTLIER_SIGMAS * self._ego_motion.noise_px, _MAX_OUTLIER_PX)
+        limit_px = min(_OUTLIER_SIGMAS * self._ego_motion.noise_px, _MAX_OUTLIER_PX)
+        shifts_px = shift_px(
+            self._turn_radps, self._tracks.anchored_radps, self.camera.gray_pinhole.fx_px
+        )
+        is_outlier = errors_px > np.hypot(limit_px, shifts_px)
         log_odds = _POINT_LOG_ODDS * np.where(is_outlier, 1.0, -inlier_weight)
         inside = tracked.segment >= 0
         num = len(small.segments.region)
@@ -251,7 +262,11 @@ class MotionSegmentation:
         is_due = self._tracks.renew_s <= now_s
         world_m = se3.transform(self._T_world_camera, tracked.points.camera_m)
         anchored = self._tracks.anchor(
-            is_due & tracked.points.has_depth, world_m, now_s, self._config.anchor_s
+            is_due & tracked.points.has_depth,
+            world_m,
+            self._turn_radps,
+            now_s,
+            self._config.anchor_s,
         )
         kept = ~is_due | tracked.points.has_depth
         self._tracks = anchored.select(kept)
@@ -278,6 +293,7 @@ class MotionSegmentation:
                 self.camera.gray_px(full_px),
                 se3.transform(self._T_world_camera, camera_m),
                 np.full(len(pixels), small.stamp_s),
+                np.tile(self._turn_radps, (len(pixels), 1)),
                 small.stamp_s + self._config.anchor_s - ages_s,
                 depth_m,
             )

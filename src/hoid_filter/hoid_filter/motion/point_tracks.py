@@ -36,6 +36,7 @@ class PointTracks:
     uv_px: Float32Array  # (N, 2) in the downscaled gray image
     anchor_m: FloatArray  # (N, 3) anchor: position in the world at the time `anchored_s`
     anchored_s: FloatArray  # (N,) time of the anchor
+    anchored_radps: FloatArray  # (N, 3) turn rate of the camera at that time
     renew_s: FloatArray  # (N,) time at which the anchor must be renewed
     depth_m: FloatArray  # (N,) last known depth
 
@@ -43,7 +44,8 @@ class PointTracks:
     def none() -> PointTracks:
         """Return tracks without points."""
         empty = np.empty(0)
-        return PointTracks(np.empty((0, 2), np.float32), np.empty((0, 3)), empty, empty, empty)
+        three = np.empty((0, 3))
+        return PointTracks(np.empty((0, 2), np.float32), three, empty, three, empty, empty)
 
     def __len__(self) -> int:
         return len(self.anchored_s)
@@ -59,13 +61,19 @@ class PointTracks:
         return PointTracks(**{n: np.concatenate([mine[n], theirs[n]]) for n in mine})
 
     def anchor(
-        self, mask: BoolArray, points_world_m: FloatArray, now_s: float, for_s: float
+        self,
+        mask: BoolArray,
+        points_world_m: FloatArray,
+        turn_radps: FloatArray,
+        now_s: float,
+        for_s: float,
     ) -> PointTracks:
         """Return a copy of the tracks in which some points have a new anchor.
 
         Args:
             mask: (N,) flags of the points that get a new anchor.
             points_world_m: (N, 3) positions in the world; used where the flag is set.
+            turn_radps: (3,) present turn rate of the camera.
             now_s: Time of the new anchors.
             for_s: Time for which they are valid.
         """
@@ -73,6 +81,7 @@ class PointTracks:
             self,
             anchor_m=np.where(mask[:, None], points_world_m, self.anchor_m),
             anchored_s=np.where(mask, now_s, self.anchored_s),
+            anchored_radps=np.where(mask[:, None], turn_radps, self.anchored_radps),
             renew_s=np.where(mask, now_s + for_s, self.renew_s),
         )
 

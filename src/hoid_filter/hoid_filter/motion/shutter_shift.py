@@ -1,0 +1,25 @@
+"""How far a rolling shutter shifts the first and last rows of images of a camera that turns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import FloatArray
+
+# Chosen: that of a Kinect, 30.6 ms (Ringaby and Forssen, ICCV 2011), because the filter does not
+# know the readout time. While a camera turns slowly, the shift is below the other tolerances.
+_READOUT_S = 0.03
+
+
+def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
+    """Return the (...) largest shift of a row between two images, relative to the middle rows.
+
+    Both images are distorted alike while the camera turns at a constant rate.
+
+    Args:
+        turn_radps: (..., 3) turn rates of the camera in one image.
+        earlier_radps: (..., 3) turn rates in the other image.
+        focal_px: Focal length.
+    """
+    change_radps = np.linalg.norm(turn_radps - earlier_radps, axis=-1)
+    return np.asarray(0.5 * _READOUT_S * focal_px * change_radps)
