@@ -36,7 +36,7 @@ from hoid_benchmarks.report.check import check
 from hoid_benchmarks.report.report import Report
 from hoid_benchmarks.report.runs import RunList
 from hoid_benchmarks.rooms.rooms import room_report
-from hoid_common.errors import HoidError
+from hoid_common.errors import ConfigError, HoidError
 
 _MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
 _FAULTS, _COVARIANCES = 'faults', 'covariances'
@@ -199,6 +199,8 @@ def _faults(args: argparse.Namespace) -> None:
 
 
 def _live(args: argparse.Namespace, store: Store) -> None:
+    if args.publish and (args.only or args.quick):
+        raise ConfigError('bench live --publish writes the whole page: omit --only and --quick')
     from hoid_benchmarks.live.live_report import live_report  # imports ROS
 
     lines = []

@@ -80,7 +80,10 @@ class SceneConfig(Config):
         maximum=16,
     )  # fmt: skip
     every: int = param(
-        1, 'render every so-many-th frame: 3 gives 10 images per second', minimum=1, maximum=30
+        1,
+        'images of the 30 Hz camera for each rendered one: 3 gives 10 images per second',
+        minimum=1,
+        maximum=30,
     )
     start_s: float = param(0.0, 'start time on the camera path in s', minimum=0.0, maximum=1e4)
     pace: float = param(
@@ -95,8 +98,8 @@ class SceneConfig(Config):
     )
     color_every: int = param(
         1,
-        'every so-many-th color image is new and the others repeat it, as in the dark: 2 gives '
-        '15 new images per second',
+        'depth images for each new color image, which is repeated, as in the dark: 2 gives 15 new '
+        'color images per second',
         minimum=1,
         maximum=10,
     )

@@ -22,6 +22,7 @@ KINDS = (
     recordings.depth_units,
     recordings.extreme_depths,
     recordings.rectified_images,
+    recordings.changed_camera,
     recordings.bad_truth,
 )
 REFUSED = (recordings.offset_stamps, recordings.depth_units)

@@ -25,6 +25,7 @@ from hoid_benchmarks.faults.damage import Rng
 from hoid_benchmarks.faults.samples import Samples
 from hoid_bringup import cli
 from hoid_common.errors import HoidError
+from hoid_common.io.depth import is_reading
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.values import ByteArray, CameraModel, Float32Array
 
@@ -36,7 +37,6 @@ _COLOR, _DEPTH, _INFO = '/cam/color/image_raw', '/cam/depth/image_raw', '/cam/co
 _NUM_FRAMES, _START_NS, _PERIOD_NS = 8, 1_305_031_102_000_000_000, 100_000_000
 _MS = 1_000_000
 _WALL_MM, _STEP_PX, _BLOCK_PX = 2000, 3, 4
-_MAX_DEPTH_M = 65.535  # what 16UC1 holds
 _MAX_ERROR_M = 0.02
 
 
@@ -129,12 +129,11 @@ def _unless_silent(work: Callable[[], int]) -> int:
 
 
 def _is_same_depth(read_m: Float32Array, written_m: Float32Array) -> bool:
-    """Return whether good readings are unchanged; others must be positive, or no reading (0)."""
-    is_good = np.isfinite(written_m) & (written_m > 0) & (written_m <= _MAX_DEPTH_M)
-    others_m = read_m[~is_good]
+    """Return whether readings within the range are unchanged, and no others are left."""
+    is_good = is_reading(written_m)
     return bool(
         np.allclose(read_m[is_good], written_m[is_good], atol=1e-4)
-        and (np.isnan(others_m) | (others_m >= 0)).all()
+        and not is_reading(read_m[~is_good]).any()
     )
 
 

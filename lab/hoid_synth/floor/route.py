@@ -17,7 +17,7 @@ INTO_ROOM_M = 1.4
 _KEEPS_RIGHT_M = 0.3  # of the middle of a corridor, so that people can pass
 _END_M = 1.2  # from the end of a single corridor
 _EPSILON = 1e-6
-# Every which room is visited in each lap; 0 for none.
+# For each lap: 1, every room is visited; 2, every second one; 0, none.
 _LAPS = (1, 2, 0)
 
 
@@ -73,7 +73,7 @@ class FloorRoute:
         return float(np.linalg.norm(np.diff(xy, axis=0), axis=1).sum())
 
     def _lap(self, every: int) -> None:
-        """Drive along each main corridor and back to the start, and visit each so-many-th room."""
+        """Drive along each main corridor and back to the start, and visit every `every`-th room; 0: none."""
         (x1, y1, x2, y2), *others = self._plan.main
         lane_m = (y1 + y2) / 2 - _KEEPS_RIGHT_M
         rooms = list(self._plan.rooms_of(0))

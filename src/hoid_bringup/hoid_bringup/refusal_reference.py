@@ -7,6 +7,7 @@ warnings in the log. Values are placeholders, named by the expression that gives
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from functools import cache
@@ -58,6 +59,7 @@ _SPEAKERS = {  # kinds of the texts of functions whose callers do not show that 
 _MAX_DEPTH = 5  # of functions and variables through which a text is followed
 _MAX_VARIANTS = 8  # of one text
 _MIN_WORDS = 3  # shorter texts only join others
+_FORMAT = re.compile(r'%[-+.\d]*[sdgf]')  # a value in the text of a logging call
 
 
 def refusal_reference(root: Path) -> str:
@@ -92,8 +94,9 @@ def _said(path: Path) -> Iterator[tuple[str, str]]:
         name = _name_of(call.func)
         place = 1 if name.endswith('_problem') else 0
         if name in _KINDS and len(call.args) > place:
-            for text in _Texts(path, function).of(call.args[place]):
-                yield text, _KINDS[name]
+            texts = _Texts(path, function)
+            for text in texts.of(call.args[place]):
+                yield texts.formatted(text, call.args[place + 1 :]), _KINDS[name]
 
 
 def _returned(path: Path) -> Iterator[tuple[str, str]]:
@@ -182,6 +185,17 @@ class _Texts(NamedTuple):
             case ast.Name(id=name):
                 return self._of_variable(name) or self.of_name(name)
         return []
+
+    def formatted(self, text: str, values: Sequence[ast.expr]) -> str:
+        """Return a text of a logging call, with placeholders for its arguments."""
+        if not values:
+            return text
+        left = iter(values)
+
+        def placeholder(_: re.Match[str]) -> str:
+            return ' or '.join(filter(None, self._placeholders(next(left))))
+
+        return _FORMAT.sub(placeholder, text)
 
     def of_name(self, name: str) -> list[str]:
         """Return the texts of a constant, or those that a function returns."""

@@ -1,1 +1,1 @@
-"""Detection of people and objects in color images with any ONNX model of the YOLO family."""
+"""Detection of people and objects in color images with ONNX models of the YOLO family, RT-DETR or DETR."""

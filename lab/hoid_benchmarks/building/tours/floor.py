@@ -21,7 +21,7 @@ from hoid_synth.room_truth import RoomTruth
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.scene.export import write_ply
 
-SMALL, WHOLE = 2, 12  # rooms
+SMALL = 2  # rooms
 # Chosen: 6 images per second of 480 x 360 pixels take a third of the time to render.
 _SCENE = 'synth-{seed}-path=floor+rooms={rooms}+every=5+people=4+width=480'
 _COLUMNS = {
