@@ -7,7 +7,7 @@ NAME = 'hoid_detector'
 setup(
     name=NAME,
     version='0.2.0',
-    description='People and objects in color images, by ONNX models of the YOLO family, RT-DETR or DETR',
+    description='People and objects in color images: YOLO family, RT-DETR or DETR as ONNX',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',
     license='Apache-2.0',

@@ -73,7 +73,7 @@ class FloorRoute:
         return float(np.linalg.norm(np.diff(xy, axis=0), axis=1).sum())
 
     def _lap(self, every: int) -> None:
-        """Drive along each main corridor and back to the start, and visit every `every`-th room; 0: none."""
+        """Drive along each main corridor and back to the start; visit every `every`-th room."""
         (x1, y1, x2, y2), *others = self._plan.main
         lane_m = (y1 + y2) / 2 - _KEEPS_RIGHT_M
         rooms = list(self._plan.rooms_of(0))

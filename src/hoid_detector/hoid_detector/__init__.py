@@ -1,1 +1,1 @@
-"""Detection of people and objects in color images with ONNX models of the YOLO family, RT-DETR or DETR."""
+"""Detection of people and objects in color images: YOLO family, RT-DETR or DETR as ONNX."""
