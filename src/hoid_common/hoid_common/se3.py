@@ -101,14 +101,15 @@ def transform(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
 
 
 def orthonormalized(T: FloatArray) -> FloatArray:
-    """Return T (4, 4) with its rotation replaced by the nearest one in SO(3).
+    """Return T (..., 4, 4) with the rotations replaced by the nearest ones in SO(3).
 
     Rounding errors make a chain of products drift away from SO(3); this removes the drift. The
     nearest rotation in the Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
     """
-    u, _, vt = np.linalg.svd(T[:3, :3])
+    u, _, vt = np.linalg.svd(T[..., :3, :3])
+    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
     out = T.copy()
-    out[:3, :3] = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    out[..., :3, :3] = u @ vt
     return out
 
 

@@ -100,3 +100,5 @@ def test_orthonormalized_is_a_rotation_again() -> None:
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(R) == pytest.approx(1)
     np.testing.assert_allclose(R, T[:3, :3], atol=5e-3)
+    many = np.stack([T, noisy, T])
+    np.testing.assert_allclose(se3.orthonormalized(many)[1], se3.orthonormalized(noisy))

@@ -168,6 +168,25 @@ def test_points_follow_their_keyframe_through_a_correction(
     np.testing.assert_allclose(seen_after[own], seen_before[own], atol=1e-9)
 
 
+def test_hundreds_of_loops_leave_rotations_and_positions_finite(
+    drifting: tuple[Atlas, IntArray, FloatArray],
+) -> None:
+    original, rows, _ = drifting
+    atlas, moved = _copy(original), np.empty((len(rows), 4, 4))
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        correction = se3.exp(rng.normal(0, 1e-3, (len(rows), 6)))
+        moved = correction @ atlas.keyframes.T_map_camera[rows]
+        move_map(atlas, rows, moved)
+    T = atlas.keyframes.T_map_camera[rows]
+    R = T[:, :3, :3]
+    np.testing.assert_allclose(
+        R @ R.swapaxes(1, 2), np.tile(np.eye(3), (len(R), 1, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(T, moved, atol=1e-9)
+    assert np.isfinite(atlas.points.position_m).all()
+
+
 def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
     drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:

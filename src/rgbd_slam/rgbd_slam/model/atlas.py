@@ -93,13 +93,14 @@ class Atlas(MapTables):
         """Move keyframes by rigid motions, with the points whose reference keyframes they are.
 
         Returns the motions. Only these are sent to the copies of the map, not the moved points.
+        They are made rigid, because rounding errors of poses would grow threefold with each loop.
 
         Args:
             i: (N,) rows of the keyframes.
             T_new_old: (N, 4, 4) motions in the map frame.
             map_id: The map that keyframes and points belong to from now on; None: as before.
         """
-        move = Move(self.keyframes.uid[i], T_new_old, map_id)
+        move = Move(self.keyframes.uid[i], se3.orthonormalized(T_new_old), map_id)
         if self._has_copies:
             self._moves.append(move)
         self._apply_move(move)
