@@ -299,7 +299,8 @@ def test_the_log_tells_when_tracking_begins_is_lost_and_is_found_again(
     assert peer.status[-1].state == SlamStatus.TRACKING
     log = '\n'.join(path.read_text() for path in tmp_path.glob('log_*/*'))
     lines = [line.partition('[rgbd_slam]: ')[2] for line in log.splitlines() if 'tracking' in line]
-    assert [line.partition(':')[0] for line in lines] == [
+    changes = [line.partition(':')[0] for line in lines if not line.startswith('tracking,')]
+    assert changes == [
         'tracking has begun',
         'tracking is lost',
         'tracking was found again after 3 images',

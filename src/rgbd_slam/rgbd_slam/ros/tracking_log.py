@@ -1,19 +1,26 @@
-"""Log lines about changes of tracking: begun, lost, found again, and a new map."""
+"""Log lines about tracking: begun, lost, found again, a new map, and at times that it goes on."""
 
 from __future__ import annotations
 
+import time
+
+import numpy as np
 from rclpy.node import Node
 
 from hoid_common.slam_status import SlamState, SlamStatus
 
+_PERIOD_S = 10.0  # chosen: often enough to see that the node works, and too rare to disturb
+
 
 class TrackingLog:
-    """Logs one line when the state of tracking changes, and nothing while it stays the same."""
+    """Logs changes of the state of tracking, and every 10 s how tracking goes."""
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
         self._last: SlamStatus | None = None
         self._lost_at = 0  # number of processed images when tracking was lost
+        self._since_s = time.monotonic()  # start of the present period
+        self._track_ms: list[float] = []  # of the images tracked in it
 
     def update(self, status: SlamStatus) -> None:
         """Log what has changed since the status of the previous image."""
@@ -36,3 +43,18 @@ class TrackingLog:
         elif now is SlamState.LOST and was is SlamState.TRACKING:
             self._lost_at = status.frames_processed
             self._logger.info(f'tracking is lost: {status.message}')
+        self._log_progress(status)
+
+    def _log_progress(self, status: SlamStatus) -> None:
+        """Log rate, time and size of the map if the period is over and images were tracked."""
+        if status.state is SlamState.TRACKING:
+            self._track_ms.append(status.stage_ms.get('track', 0.0))
+        elapsed_s = time.monotonic() - self._since_s
+        if elapsed_s < _PERIOD_S:
+            return
+        if self._track_ms:
+            self._logger.info(
+                f'tracking, {len(self._track_ms) / elapsed_s:.1f} Hz, '
+                f'{np.median(self._track_ms):.0f} ms, {status.keyframes} keyframes'
+            )
+        self._since_s, self._track_ms = time.monotonic(), []
