@@ -14,9 +14,9 @@ from hoid_benchmarks.building.building import SCENARIOS, building_report
 from hoid_benchmarks.building.tours.floor import SMALL
 from hoid_benchmarks.building.tours.tour import DEFAULT_WAY_M
 from hoid_benchmarks.faults.campaign import CAMPAIGNS, NIGHTLY, SLICE, Size, fault_report
+from hoid_benchmarks.jobs.code import Code
 from hoid_benchmarks.jobs.covariances import covariance_report
 from hoid_benchmarks.jobs.engine import Engine
-from hoid_benchmarks.jobs.machine import Code
 from hoid_benchmarks.jobs.masks import mask_report
 from hoid_benchmarks.jobs.pairs import pair_report
 from hoid_benchmarks.jobs.results import Result

@@ -9,11 +9,12 @@ import pytest
 from distributed import LocalCluster
 
 from hoid_benchmarks.jobs import engine as engine_module
+from hoid_benchmarks.jobs.code import Code
 from hoid_benchmarks.jobs.engine import Engine
-from hoid_benchmarks.jobs.machine import Code, machine
 from hoid_benchmarks.jobs.worker import Outcome
 from hoid_benchmarks.plan.plan import Job
 from hoid_benchmarks.plan.sequences import Store
+from hoid_bringup.run.provenance import machine
 
 JOBS = (
     Job('here', 'none', '', 0, mode='timed'),

@@ -9,7 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hoid_benchmarks.jobs.machine import Code, machine
+from hoid_benchmarks.jobs.code import Code
+from hoid_bringup.run.provenance import machine
 
 _ROOT = Path(__file__).parents[3]
 

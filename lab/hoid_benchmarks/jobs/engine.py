@@ -12,7 +12,7 @@ import psutil
 from distributed import Client, Future, LocalCluster, as_completed
 
 from hoid_bags.progress import progress
-from hoid_benchmarks.jobs.machine import Code
+from hoid_benchmarks.jobs.code import Code
 from hoid_benchmarks.jobs.results import Result, read_result, result_path, write_result
 from hoid_benchmarks.jobs.worker import Outcome, run_job
 from hoid_benchmarks.plan.plan import Job

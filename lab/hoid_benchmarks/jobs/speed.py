@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from hoid_bags.sequence import Sequence, open_sequence
-from hoid_benchmarks.jobs.machine import machine
 from hoid_benchmarks.plan.sequences import Store
 from hoid_bringup.run.offline import OfflinePipeline
+from hoid_bringup.run.provenance import machine
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import InputError
 from hoid_common.values import S_PER_NS, Detections, RgbdFrame

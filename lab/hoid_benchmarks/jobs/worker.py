@@ -14,7 +14,6 @@ from typing import Any
 
 from hoid_bags.sequence import open_sequence
 from hoid_benchmarks.jobs.exact import ExactFilter
-from hoid_benchmarks.jobs.machine import machine as this_machine
 from hoid_benchmarks.jobs.masks import mask_rows
 from hoid_benchmarks.jobs.verdicts import Verdicts
 from hoid_benchmarks.plan.detections import cached_detections
@@ -27,6 +26,7 @@ from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_bringup.run.detection_source import detection_source
 from hoid_bringup.run.offline import OfflinePipeline
 from hoid_bringup.run.outputs import write_outputs
+from hoid_bringup.run.provenance import machine as this_machine
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import HoidError, InputError
 from hoid_common.io.trajectory_io import read_tum, write_tum

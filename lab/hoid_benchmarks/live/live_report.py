@@ -8,13 +8,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_benchmarks.jobs.machine import Code, machine
+from hoid_benchmarks.jobs.code import Code
 from hoid_benchmarks.live.cases import CASES, PUBLISHING, QUICK, LiveCase
 from hoid_benchmarks.live.live_case import PROCESSES, LiveResult, run_case
 from hoid_benchmarks.live.publishing import publishing
 from hoid_benchmarks.live.usage import Usage
 from hoid_benchmarks.plan.sequences import Store
 from hoid_bringup.cli import main as hoid
+from hoid_bringup.run.provenance import machine
 from hoid_common.errors import HoidError, InputError
 
 _ROOT = Path(__file__).parents[3]

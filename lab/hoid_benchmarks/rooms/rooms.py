@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_benchmarks.jobs.machine import Code, machine
+from hoid_benchmarks.jobs.code import Code
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.rooms.room_ghost import Ghost
 from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.room_scores import Carried, RoomScores, score
+from hoid_bringup.run.provenance import machine
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
 from hoid_synth.config import SceneConfig

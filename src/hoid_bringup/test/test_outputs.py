@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+from hashlib import sha256
 from pathlib import Path
+from subprocess import run
 
 import cv2
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 
 from hoid_bringup import cli
 from hoid_bringup.run.outputs import staged, write_outputs
+from hoid_bringup.run.provenance import Provenance, commit
 from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Spread
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import read_tum, write_tum
@@ -17,7 +20,7 @@ from hoid_common.values import Trajectory
 CONTRACT = """frames_total frames_processed frames_tracked coverage ate_rmse_m ate_online_rmse_m
     frames_in_other_maps maps merges
     rpe_trans_1s_rmse_m rpe_rot_1s_rmse_deg keyframes map_points loops relocalizations
-    stage_ms latency_ms peak_rss_mb filter versions"""
+    stage_ms latency_ms peak_rss_mb filter made_by versions"""
 
 
 def spiral(n: int) -> Trajectory:
@@ -143,3 +146,37 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 def test_spread() -> None:
     assert Spread.of([3.0, 1.0, 2.0]) == Spread(2.0, 2.9)
     assert Spread.of([]) is None
+
+
+@pytest.mark.parametrize(
+    ('options', 'detector'),
+    [
+        ({'filter': 'motion'}, None),
+        ({'filter': 'hoid+', 'detector.model': 'truth'}, ('truth', None)),
+        ({'filter': 'hoid+', 'detector.model': 'gone.onnx'}, None),
+        ({'filter': 'hoid2d', 'detector.model': 'own.onnx'}, ('own', sha256(b'own').hexdigest())),
+    ],
+)
+def test_a_result_names_its_detector_code_and_machine(
+    options: dict[str, str], detector: tuple[str, str | None] | None, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    Path('own.onnx').write_bytes(b'own')
+    made_by = Provenance.of_this_process(options)
+    found = made_by.detector
+    assert (None if found is None else (found.name, found.sha256)) == detector
+    assert made_by.command
+    assert 'cores' in made_by.machine
+
+
+def test_a_clone_has_a_commit_that_says_whether_files_differ(tmp_path: Path) -> None:
+    assert commit(tmp_path) == ''
+    git = ['git', '-C', str(tmp_path), '-c', 'user.name=a', '-c', 'user.email=a@localhost']
+    (tmp_path / 'file').write_text('one')
+    for command in (['init', '-q'], ['add', '.'], ['commit', '-q', '-m', 'first']):
+        run([*git, *command], check=True)
+    clean = commit(tmp_path)
+    assert len(clean) >= 7
+    (tmp_path / 'file').write_text('two')
+    assert commit(tmp_path) == f'{clean}-dirty'

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from hoid_bringup.evaluate.evaluation import evaluate
+from hoid_bringup.run.provenance import Provenance
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.dense.voxel_map import ColoredCloud
@@ -118,6 +119,7 @@ class Summary:
     cpu_share_by_node: Mapping[str, float]
     filter: FilterCounts
     options: Mapping[str, Any]
+    made_by: Provenance
     versions: Mapping[str, str]
 
     def to_json(self) -> str:
@@ -153,6 +155,7 @@ def summarize(result: RunResult) -> Summary:
         cpu_share_by_node={n: round(c, 3) for n, c in result.cpu_share_by_node.items()},
         filter=result.filter_counts,
         options=dict(result.options),
+        made_by=Provenance.of_this_process(result.options),
         versions=versions(),
     )
 
