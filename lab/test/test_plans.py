@@ -125,6 +125,16 @@ def test_the_error_of_a_missing_sequence_names_its_source(tmp_path: Path) -> Non
     assert replace(store, official=tmp_path / 'tum').find('fr1_xyz') == official
 
 
+def test_a_recording_of_an_own_camera_is_converted_with_it(tmp_path: Path) -> None:
+    store = Store(tmp_path / 'shared', tmp_path / 'made')
+    assert store.locate('d435_office') is None
+    folder = tmp_path / 'shared' / 'data' / 'd435_office'
+    folder.mkdir(parents=True)
+    assert store.locate('d435_office') == tmp_path / 'made' / 'd435_office'
+    command, source, *_, units_per_m = store.recipe('d435_office')
+    assert (command, source, units_per_m) == ('convert', str(folder), '1000')
+
+
 def test_a_scene_is_rendered_anew_when_any_module_of_the_renderer_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,7 +152,7 @@ def test_a_scene_is_rendered_anew_when_any_module_of_the_renderer_changes(
 
 def test_every_named_plan_file_is_shipped() -> None:
     folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'plan' / 'experiments'
-    names = {'quick', 'full', 'readme', 'ablation', 'scenes'}
+    names = {'quick', 'full', 'readme', 'ablation', 'scenes', 'hand_held'}
     assert {p.stem for p in folder.glob('*.yaml')} == names
 
 

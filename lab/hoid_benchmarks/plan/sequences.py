@@ -25,6 +25,9 @@ _SHORT = (
 )
 PEOPLE_SUFFIX = '_people'
 _SYNTH = 'synth-'
+# Recordings whose name does not tell the camera, which `camera.yaml` in the folder has: depth
+# units per meter.
+_OF_OWN_CAMERA = {'d435_office': 1000}
 _MAKE_PEOPLE = 'tools/make_people_sequence.py'
 _SCENES = Path(__file__).parent / 'experiments' / 'scenes.yaml'
 _WHERE = (
@@ -52,8 +55,8 @@ class Store:
         if path is None:
             raise InputError(f'sequence {name} is missing: {_advice(name)}')
         if not path.exists():
-            if scene_options(name):
-                _call([sys.executable, '-m', 'hoid_bringup', *self.recipe(name)])
+            if recipe := self.recipe(name):
+                _call([sys.executable, '-m', 'hoid_bringup', *recipe])
             else:
                 self._paste_people(name, path)
         return path
@@ -67,7 +70,7 @@ class Store:
             return self.official / folder
         recording = self.shared / 'data' / name
         if recording.is_dir():
-            return recording
+            return self.made / name if name in _OF_OWN_CAMERA else recording
         return self.made / name if name.endswith(PEOPLE_SUFFIX) else None
 
     def official_sequences(self) -> tuple[str, ...]:
@@ -89,9 +92,15 @@ class Store:
         return names
 
     def recipe(self, name: str) -> list[str]:
-        """Return the `hoid` arguments that make a rendered sequence; empty for a recording."""
-        options = scene_options(name)
-        return ['synth', str(self._bag(name, options)), *options] if options else []
+        """Return the `hoid` arguments that make a sequence; empty for one that is there."""
+        if options := scene_options(name):
+            return ['synth', str(self._bag(name, options)), *options]
+        if units_per_m := _OF_OWN_CAMERA.get(name):
+            folder = self.shared / 'data' / name
+            camera = ['--camera', str(folder / 'camera.yaml')]
+            units = ['--depth-factor', str(units_per_m)]
+            return ['convert', str(folder), str(self.made / name), *camera, *units]
+        return []
 
     def _folders(self) -> list[Path]:
         return sorted(p for p in (self.official or Path()).iterdir() if p.is_dir())
