@@ -51,8 +51,9 @@ def mark_free_space(
     """
     waiting: dict[int, list[Submap]] = {}
     for submap in submaps:
-        for slot in submap.poses.keys() - submap.marked:
-            waiting.setdefault(slot, []).append(submap)
+        if _may_show_floor(submap, floor, floor_m[submap]):
+            for slot in submap.poses.keys() - submap.marked:
+                waiting.setdefault(slot, []).append(submap)
         submap.marked = set(submap.poses)
     columns = {s: _Columns(s, floor, floor_m[s]) for part in waiting.values() for s in part}
     for slot, part in sorted(waiting.items(), reverse=True):  # the newest ones see most
@@ -66,6 +67,14 @@ def mark_free_space(
             bits = np.packbits(is_free, bitorder='little').view(np.uint16)
             for column in open_parts:
                 bits = column.take(bits)
+
+
+def _may_show_floor(submap: Submap, floor: Floor, floor_m: float) -> bool:
+    """Return whether the floor, at a height above its plane, passes through a submap."""
+    up, origin_m = floor.T_map_floor[:3, 2], floor.T_map_floor[:3, 3]
+    above_m = (submap.center_map_m - origin_m) @ up - floor_m
+    reach_m = submap.radius_m / np.sqrt(3) * np.abs(submap.T_map_submap[:3, :3].T @ up).sum()
+    return bool(abs(above_m) < reach_m + _FLOOR_BAND_M)
 
 
 class _Columns:
