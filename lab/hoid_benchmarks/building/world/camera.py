@@ -21,6 +21,7 @@ from hoid_common.values import (
 MODEL = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 NO_LANDMARK = -1  # id of a spurious feature
 _RANGE_M = (0.3, 6.0)
+_WIDEST = 0.62  # more than the largest x / z and y / z in an image
 _MIN_COSINE = 0.2  # of the angle between the line of sight and the normal of a landmark
 _SCALE_FACTOR, _NUM_OCTAVES = 1.2, 8
 _MAX_FEATURES = 1000
@@ -108,10 +109,13 @@ class FeatureCamera:
         near = slice(*np.searchsorted(along_m, reach_m).tolist())
         ray_m = landmarks.position_m[near] - eye_m
         camera_m = ray_m @ T_world_camera[:3, :3].astype(np.float32)
-        z = camera_m[:, 2]
-        ahead = np.flatnonzero((z > _RANGE_M[0]) & (z < _RANGE_M[1]))
+        x, y, z = camera_m.T
+        may_show = (z > _RANGE_M[0]) & (z < _RANGE_M[1])
+        may_show &= (np.abs(x) < _WIDEST * z) & (np.abs(y) < _WIDEST * z)
+        ahead = np.flatnonzero(may_show)
         uv_px = MODEL.project_px(camera_m[ahead].astype(np.float64))
-        inside = (uv_px >= 0).all(1) & (uv_px < (MODEL.width_px, MODEL.height_px)).all(1)
+        u, v = uv_px.T
+        inside = (u >= 0) & (v >= 0) & (u < MODEL.width_px) & (v < MODEL.height_px)
         k, uv_px = ahead[inside], uv_px[inside]
         rows, ray_m, z = near.start + k, ray_m[k], z[k]
         distance_m = np.linalg.norm(ray_m, axis=1)
