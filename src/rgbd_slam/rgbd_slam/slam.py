@@ -355,7 +355,7 @@ class RgbdSlam:
             self._shutter.add(tracked, self._atlas, self._noise.camera, self.odometry.twist)
         self._tracker.use_camera(self._noise.camera)
         self._loss_timer.reset()
-        self._new_map.found()
+        self._new_map.found(tracked.frame)
         self.trajectory.add(tracked)
         self._warm_up.add(tracked)
         self._warm_up.reestimate_next(self._noise.camera)

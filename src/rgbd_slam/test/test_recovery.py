@@ -114,6 +114,26 @@ def test_a_covered_view_waits_and_new_ground_starts_maps_ever_less_often(
     assert slam.odometry.is_in_main_map
 
 
+def test_a_map_starts_in_the_first_sharp_image_and_in_a_poor_view_after_a_second() -> None:
+    """Blurred images have few features, and after a second a view with few is taken as it is."""
+
+    def starts(num_blurred: int) -> int:
+        here, there, slam = World(), World(seed=7), RgbdSlam(CAMERA, SlamConfig())
+        for n in range(20):
+            slam.process(seen(here, n, POSES[n]))
+        for n in range(60):
+            features = seen(there, 20 + n, POSES[n])
+            if n < num_blurred:
+                features = features.select(np.arange(len(features)) % 2 == 0)
+            if slam.process(features).state is TRACKING:
+                return n
+        raise AssertionError('no map was started')
+
+    per_s = round(1e9 / PERIOD_NS)
+    assert starts(20) == 20
+    assert starts(60) in (per_s - 1, per_s)
+
+
 LATER = 3000  # images, of a clock that is set back by 100 s then
 
 

@@ -24,6 +24,10 @@ _NEW_GROUND_IMAGES = 5
 # twice as long, so that a stretch of useless images does not make a map every 0.4 s.
 _MIN_TRACKED = 15
 _MIN_NEW_GROUND = 100  # chosen: features with depth that new ground must show
+# Chosen: and, within this time, this share of those of the images tracked last. A blurred image
+# has fewer, and a map that starts in a blur is lost again. Later, the view itself has few.
+_SHARP_SHARE, _MAX_BLUR_S = 0.8, 1.0
+_USUAL_GAIN = 0.1  # chosen: the usual number follows an average over about 10 images
 _CELL_PX = 80.0  # chosen: side of the cells of the image in which depths are compared
 # Chosen: a surface hides map points that are farther away by a quarter. That is more than a camera
 # moves between two images.
@@ -86,6 +90,7 @@ class NewMapPolicy:
         self._wait_s = _NEW_GROUND_S
         self._num_tracked = 0  # images since the last map was started
         self._num_lost = 0  # images since the camera was lost
+        self._usual = 0.0  # features with depth in the images that were tracked last
         # Whether the view was covered in the first one of them, by the last map that was tracked
         # for long enough.
         self._was_covered = False
@@ -95,8 +100,10 @@ class NewMapPolicy:
         self._num_tracked = self._num_lost = 0
         self._wait_s *= 2
 
-    def found(self) -> None:
+    def found(self, frame: Frame) -> None:
         """Note that an image was tracked."""
+        number = _num_seeds(frame)
+        self._usual += _USUAL_GAIN * (number - self._usual) if self._usual else number
         self._num_lost = 0
         self._num_tracked += 1
         if self._num_tracked >= _MIN_TRACKED:
@@ -120,8 +127,8 @@ class NewMapPolicy:
             self._was_covered = is_covered
         self._num_lost += 1
         is_blur = lost_s <= self._wait_s or self._num_lost <= _NEW_GROUND_IMAGES
-        num_features = np.count_nonzero(frame.has_depth & frame.may_seed)
-        has_features = num_features >= _MIN_NEW_GROUND
+        needed = _SHARP_SHARE * self._usual if lost_s < _MAX_BLUR_S else 0
+        has_features = _num_seeds(frame) >= max(needed, _MIN_NEW_GROUND)
         return bool(has_features and not is_blur and not (self._was_covered and is_covered))
 
     def _is_covered(self, frame: Frame, last: TrackedFrame) -> bool:
@@ -145,10 +152,15 @@ class NewMapPolicy:
         of_point, points = of_point[has_surface], view.points[has_surface]
         point_m = atlas.points.position_m[points] @ T_camera_map[2, :3] + T_camera_map[2, 3]
         is_hidden = point_m * sum_per_m[of_point] / count[of_point] > _HIDDEN_RATIO
-        return bool(is_hidden.sum() > _COVERED_SHARE * len(points))
+        return bool(is_hidden.sum() > _COVERED_SHARE * len(view.points))
 
     def _cells(self, pixels: FloatArray) -> IntArray:
         """Return the index of the cell of the undistorted image of each of (2, N) pixels."""
         left, top, right, _ = self._camera.bounds_px
         column, row = np.maximum((pixels - np.array([[left], [top]])) // _CELL_PX, 0.0)
         return np.asarray(row * np.ceil((right - left) / _CELL_PX + 1) + column, np.int64)
+
+
+def _num_seeds(frame: Frame) -> int:
+    """Return the number of features that can become map points at once."""
+    return int(np.count_nonzero(frame.has_depth & frame.may_seed))
