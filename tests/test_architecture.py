@@ -38,12 +38,13 @@ LAYERS = {
         < ros < node
     """,
     'rgbd_slam': """
-        config < records < model < matching < optimize < places < tracking local_mapping
+        config < records < model < matching < optimize < places < inertial < tracking local_mapping
         < loops < dense < scene < map_io < mapper map_joining < processes < slam_map statistics
         < robot_frames slam late_verdicts < robot_map < session < ros < node
     """,
     'hoid_bags': """
-        images progress < mcap < tum < bag < sequence convert < options < live < commands
+        images progress < mcap < tum < bag < imu_recording sequence convert < options < live
+        < commands
     """,
     'hoid_synth': """
         mesh noise < floor < config < texture < people < room < acting < render

@@ -100,26 +100,46 @@ def pose_from_message(message: Message) -> FloatArray:
     return se3.from_quat_translation(quat, place)
 
 
-def imu(stamp_ns: int, acceleration_mps2: FloatArray) -> Message:
-    """Return the sensor_msgs/Imu of an accelerometer, of which only the acceleration is known.
+def imu(
+    stamp_ns: int,
+    acceleration_mps2: FloatArray | None = None,
+    rate_radps: FloatArray | None = None,
+    frame: str = IMU_FRAME,
+) -> Message:
+    """Return the sensor_msgs/Imu of an accelerometer, of a gyro, or of both.
 
     A covariance of -1 marks the other values as missing.
 
     Args:
         stamp_ns: Stamp of the measurement.
-        acceleration_mps2: (3,) acceleration along the axes of the IMU.
+        acceleration_mps2: (3,) acceleration along the axes of the IMU; None: unknown.
+        rate_radps: (3,) angular velocity about these axes; None: unknown.
+        frame: Frame of the axes.
     """
     unknown = np.array([-1.0, *[0.0] * 8])
-    ax, ay, az = acceleration_mps2.tolist()
+    ax, ay, az = [0.0] * 3 if acceleration_mps2 is None else acceleration_mps2.tolist()
+    wx, wy, wz = [0.0] * 3 if rate_radps is None else rate_radps.tolist()
     return new_message(
         types.IMU,
-        header=header(stamp_ns, IMU_FRAME),
+        header=header(stamp_ns, frame),
         orientation=new_message('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=unknown,
-        angular_velocity=new_message('geometry_msgs/msg/Vector3', x=0.0, y=0.0, z=0.0),
-        angular_velocity_covariance=unknown,
+        angular_velocity=new_message('geometry_msgs/msg/Vector3', x=wx, y=wy, z=wz),
+        angular_velocity_covariance=unknown if rate_radps is None else np.zeros(9),
         linear_acceleration=new_message('geometry_msgs/msg/Vector3', x=ax, y=ay, z=az),
-        linear_acceleration_covariance=np.zeros(9),
+        linear_acceleration_covariance=unknown if acceleration_mps2 is None else np.zeros(9),
+    )
+
+
+def imu_values(message: Message) -> tuple[list[float] | None, list[float] | None]:
+    """Return the angular velocity [rad/s] and the acceleration [m/s^2] of a sensor_msgs/Imu.
+
+    Each is None if its covariance marks it as missing.
+    """
+    rate, force = message.angular_velocity, message.linear_acceleration
+    return (
+        None if message.angular_velocity_covariance[0] < 0 else [rate.x, rate.y, rate.z],
+        None if message.linear_acceleration_covariance[0] < 0 else [force.x, force.y, force.z],
     )
 
 

@@ -6,8 +6,10 @@ import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import reduce
 from pathlib import Path
 
+from hoid_bags.imu_recording import ImuRecording, read_imu
 from hoid_bags.options import add_recording_arguments
 from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
 from hoid_bringup.live.replay_plan import ReplayConfig
@@ -56,6 +58,14 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         help='how the camera is mounted on a level robot, in degrees: rolled clockwise, pitched '
         'down, yawed to the left (default: level)',
     )
+    parser.add_argument(
+        '--imu',
+        action='append',
+        default=[],
+        metavar='FILE|TOPIC',
+        help='samples of an IMU: a text file of stamp, wx wy wz (rad/s) or ax ay az (m/s^2) or '
+        'both, or a topic of a bag; give it twice for two files or topics (default: no IMU)',
+    )
     parser.add_argument('--map', type=Path, metavar='FILE', help='saved map to start with')
     parser.add_argument(
         '--localize',
@@ -83,10 +93,18 @@ def run_command(args: argparse.Namespace) -> None:
     summary = run_offline(
         sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps,
         T_base_camera=None if args.mount is None else camera_mount(*args.mount),
+        imu=_imu(args.imu, args.input),
     )  # fmt: skip
     print(run_report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)
+
+
+def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
+    """Return the samples of the files and topics that the command line names; None for none."""
+    if not names:
+        return None
+    return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))
 
 
 def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:

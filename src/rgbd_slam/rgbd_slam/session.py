@@ -14,6 +14,7 @@ from hoid_common.errors import ConfigError
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import CameraModel, Features, FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.late_verdicts import LateVerdicts
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
@@ -60,6 +61,7 @@ class SlamSession:
         background: Whether the mapper runs in a separate process, which `close` ends.
         scene_scheduler: Selects the images for the scene mapper; None: no image is selected.
         wheels: External odometry (e.g. wheels), as motions of the camera; None if there is none.
+        imu: An IMU, whose samples the caller adds as they arrive; None if there is none.
     """
 
     def __init__(
@@ -71,9 +73,10 @@ class SlamSession:
         background: bool = False,
         scene_scheduler: SceneScheduler | None = None,
         wheels: MotionLookup | None = None,
+        imu: Imu | None = None,
     ) -> None:
-        self.camera = camera
-        self.slam = RgbdSlam(camera, config, background=background, wheels=wheels)
+        self.camera, self.imu = camera, imu
+        self.slam = RgbdSlam(camera, config, background=background, wheels=wheels, imu=imu)
         self.robot_map = RobotMap(self.slam, frames, camera, config.camera)
         self.is_paused = False  # True: images are ignored
         self.stamp_ns = 0  # of the latest image that was tracked

@@ -12,6 +12,7 @@ from hoid_common import se3
 from hoid_common.slam_status import SlamState
 from hoid_common.values import NS_PER_S, S_PER_NS, CameraModel, Features, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera, check_octaves
@@ -25,6 +26,7 @@ from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.slam_map import SlamMap
 from rgbd_slam.statistics import SlamStats, slam_stats
 from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
+from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
 from rgbd_slam.tracking.loss import LossTimer, NewMapPolicy
 from rgbd_slam.tracking.motion_sources import MotionLookup
@@ -40,9 +42,6 @@ _OFF_MAP_NS = NS_PER_S  # chosen: tracking without the map for longer is reporte
 _OFF_MAP = (
     'for {:.0f} s fewer than {} points of the map have been seen; the pose rests on the depth of '
     'the last image and drifts'
-)
-_BY_WHEELS = (
-    'too few map points are seen; the pose follows the wheel odometry, for {:.1f} s and {:.2f} m'
 )
 # Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
 # Triangulation adds points to the first map later.
@@ -63,6 +62,7 @@ class RgbdSlam:
             so that runs repeat bit for bit.
         wheels: External odometry (e.g. wheels), which bridges images that cannot be tracked; None
             if there is none.
+        imu: An IMU, which predicts turns and bridges short losses; None if there is none.
     """
 
     def __init__(
@@ -72,6 +72,7 @@ class RgbdSlam:
         *,
         background: bool = False,
         wheels: MotionLookup | None = None,
+        imu: Imu | None = None,
     ) -> None:
         self._config = config
         self._model = camera
@@ -79,7 +80,7 @@ class RgbdSlam:
         atlas = self._atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
         self.trajectory = TrajectoryRecorder(atlas.keyframes)
         self._warm_up = WarmUp(atlas, self.trajectory, config.tracking)
-        self.odometry = Odometry(atlas, wheels)
+        self.odometry = Odometry(atlas, wheels, None if imu is None else InertialMotion(imu))
         self.map = SlamMap(
             atlas, self._camera, config, self.trajectory.redirect, background=background
         )
@@ -229,24 +230,16 @@ class RgbdSlam:
             repetition: What the copy repeats. If its depth is not new, its pose is that of the
                 original.
         """
-        last = self.odometry.last
-        assert last is not None
         self.odometry.follow(stamp_ns)
         T_last_camera = np.eye(4)
         if repetition is Repetition.COLOR:
             T_last_camera = se3.inverse(self.odometry.predict()[0])
-        T_map_camera = self.odometry.pose() @ T_last_camera
-        copy = replace(
-            last,
-            frame=replace(last.frame, stamp_ns=stamp_ns),
-            T_map_camera=T_map_camera,
-            T_reference_camera=last.T_reference_camera @ T_last_camera,
-        )
+        copy = self.odometry.extrapolated(stamp_ns, T_last_camera)
         self.trajectory.add(copy)
         return replace(
             original,
             stamp_ns=stamp_ns,
-            T_map_camera=T_map_camera,
+            T_map_camera=copy.T_map_camera,
             T_odom_camera=self.odometry.T_odom_camera @ T_last_camera,
             is_keyframe=False,
             is_predicted=True,
@@ -333,6 +326,8 @@ class RgbdSlam:
                 return started
         if bridge is None:
             return TrackingResult(frame.stamp_ns, SlamState.LOST)
+        if bridge.is_short:
+            self.trajectory.add(self.odometry.extrapolated(frame.stamp_ns, bridge.T_last_camera))
         return TrackingResult(
             frame.stamp_ns,
             SlamState.LOST,
@@ -340,7 +335,7 @@ class RgbdSlam:
             T_odom_camera=self.odometry.T_odom_camera,
             covariance=self.odometry.in_map(bridge.covariance),
             image_covariance=bridge.image_covariance,
-            note=_BY_WHEELS.format(bridge.elapsed_s, bridge.distance_m),
+            note=bridge.note,
         )
 
     def _update_estimates(self, tracking: TrackerOutput) -> None:

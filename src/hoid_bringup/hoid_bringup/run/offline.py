@@ -10,9 +10,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from hoid_bags.imu_recording import ImuRecording
 from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
+from hoid_bringup.run.imu_feed import ImuFeed
 from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.run_config import RunConfig
@@ -44,6 +46,7 @@ class OfflinePipeline:
         find_features: Function that returns the features of a frame; None: the configured filter.
         dense: Whether to make the dense map and the grid as well.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
+        imu: Samples of an IMU; None: there is none.
     """
 
     def __init__(
@@ -55,7 +58,9 @@ class OfflinePipeline:
         find_features: Callable[[RgbdFrame, Detections | None], FilterResult] | None = None,
         dense: bool = False,
         T_base_camera: FloatArray | None = None,
+        imu: ImuRecording | None = None,
     ) -> None:
+        self._imu = None if imu is None else ImuFeed(imu, config.slam.imu)
         self._detect = detect or detection_source(sequence, config)
         self._find_features = (
             find_features or FeatureFilter(config.filter, sequence.camera).process
@@ -65,6 +70,7 @@ class OfflinePipeline:
             config.slam,
             RobotFrames(T_base_camera),
             scene_scheduler=SceneScheduler(config.slam.dense.rate_hz if dense else None, None),
+            imu=None if self._imu is None else self._imu.imu,
         )
         self._scene = SceneMapper(
             sequence.camera,
@@ -116,10 +122,15 @@ class OfflinePipeline:
         detect_ms = _MS_PER_S * (time.perf_counter() - start_s)
         filtered = self._find_features(frame, detections)
         start_s = time.thread_time()
+        if self._imu is not None:
+            self._imu.advance(frame.stamp_ns)
         done = self._session.process(filtered.features)
         track_ms = _MS_PER_S * (time.thread_time() - start_s)
         if done.scene_request is not None:
             self._scene.fuse(done.scene_request, frame.depth_m, frame.image_bgr, filtered.objects)
+        if self._imu is not None:
+            for news in self._imu.imu.take_news():
+                _LOG.info('%s', news)
         self._count(filtered)
         self._time(filtered, done.status.stage_ms, track_ms)
         if detections is not None:
@@ -206,6 +217,7 @@ def run_offline(
     recording: Path | None = None,
     maps: MapFiles = MapFiles(),  # noqa: B008 - immutable
     T_base_camera: FloatArray | None = None,
+    imu: ImuRecording | None = None,
     show_progress: bool = True,
 ) -> Summary:
     """Process every frame of a recording and write the results.
@@ -220,6 +232,7 @@ def run_offline(
         recording: Path of the recording to write into the summary.
         maps: Map files to load and to save.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
+        imu: Samples of an IMU; None: there is none.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
@@ -227,7 +240,9 @@ def run_offline(
     """
     check_writable(out_dir)
     maps.check()
-    pipeline = OfflinePipeline(sequence, config, detect, dense=dense, T_base_camera=T_base_camera)
+    pipeline = OfflinePipeline(
+        sequence, config, detect, dense=dense, T_base_camera=T_base_camera, imu=imu
+    )
     if maps.load is not None:
         pipeline.load_map(maps.load, localize=maps.localize)
     bar = progress(sequence, len(sequence), 'frames', show=show_progress)

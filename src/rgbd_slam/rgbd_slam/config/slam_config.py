@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from hoid_common.config import Config, param, section
 from rgbd_slam.config.consensus_config import ConsensusConfig
+from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.config.place_config import PlaceConfig
 
 
@@ -347,3 +348,4 @@ class SlamConfig(Config):
     keyframes: KeyframeConfig = section(KeyframeConfig, expert=True)
     mapping: MappingConfig = section(MappingConfig, expert=True)
     places: PlaceConfig = section(PlaceConfig, expert=True)
+    imu: ImuConfig = section(ImuConfig, expert=True)

@@ -32,6 +32,10 @@ class BridgedMotion(NamedTuple):
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first
     image_covariance: FloatArray  # (6, 6) part whose errors differ from image to image
     elapsed_s: float
+    source: str = 'the wheel odometry'  # what measured it, for the status
+    # Whether it is bridged for a moment only, in which the pose is as good as a tracked one: it
+    # then belongs to the trajectory.
+    is_short: bool = False
 
 
 class MotionSource(Protocol):

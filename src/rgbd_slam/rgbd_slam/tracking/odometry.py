@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,13 +12,19 @@ from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
-from rgbd_slam.tracking.motion_sources import MOTION_SOURCES, BridgedMotion, MotionLookup
+from rgbd_slam.tracking.motion_sources import (
+    MOTION_SOURCES,
+    BridgedMotion,
+    MotionLookup,
+    MotionSource,
+)
 from rgbd_slam.tracking.pose_noise import PoseNoise
 from rgbd_slam.tracking.tracker import TrackerOutput
 
 # Chosen: standard deviations [rad, m] of a pose in a map that is not connected with the main one:
 # nothing is known of the motion of the camera while it was lost.
 _UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
+_NOTE = 'too few map points are seen; the pose follows {}, for {:.1f} s and {:.2f} m'
 
 
 class Bridge(NamedTuple):
@@ -26,8 +33,9 @@ class Bridge(NamedTuple):
     T_map_camera: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first
     image_covariance: FloatArray  # (6, 6) part whose errors differ from image to image
-    elapsed_s: float  # since the last tracked frame
-    distance_m: float  # from the last tracked frame
+    note: str  # for the status
+    T_last_camera: FloatArray  # (4, 4) motion since the last tracked frame
+    is_short: bool  # whether the pose belongs to the trajectory
 
 
 class Odometry:
@@ -40,9 +48,15 @@ class Odometry:
     Args:
         atlas: The map, which determines the current pose of the last frame.
         wheels: External odometry; None if there is none.
+        gyro: A motion source that is more reliable than all others; None if there is none.
     """
 
-    def __init__(self, atlas: Atlas, wheels: MotionLookup | None = None) -> None:
+    def __init__(
+        self,
+        atlas: Atlas,
+        wheels: MotionLookup | None = None,
+        gyro: MotionSource | None = None,
+    ) -> None:
         self.last: TrackedFrame | None = None
         self.T_odom_camera = np.eye(4)
         # (6,) last observed velocity of points in the camera frame, rotation first [rad/s, m/s]
@@ -53,6 +67,8 @@ class Odometry:
         self.covariance = self.image_covariance = np.zeros((6, 6))
         self._atlas = atlas
         self._sources = [make(wheels) for make in MOTION_SOURCES.values()]
+        if gyro is not None:
+            self._sources.insert(0, gyro)
         self._T_odom_last = np.eye(4)
         self._is_bridged = False  # True: a motion source has replaced the tracker since `last`
         self._pose_noise = PoseNoise()
@@ -111,8 +127,27 @@ class Odometry:
             self.pose() @ motion.T_last_camera,
             A @ self.covariance @ A.T + motion.covariance,
             motion.image_covariance,
-            motion.elapsed_s,
-            float(np.linalg.norm(motion.T_last_camera[:3, 3])),
+            _NOTE.format(
+                motion.source, motion.elapsed_s, np.linalg.norm(motion.T_last_camera[:3, 3])
+            ),
+            motion.T_last_camera,
+            motion.is_short,
+        )
+
+    def extrapolated(self, stamp_ns: int, T_last_camera: FloatArray) -> TrackedFrame:
+        """Return the last frame at a later stamp and another pose, for an untracked image.
+
+        Args:
+            stamp_ns: Stamp of the image.
+            T_last_camera: (4, 4) motion since the last frame, which must exist.
+        """
+        last = self.last
+        assert last is not None
+        return replace(
+            last,
+            frame=replace(last.frame, stamp_ns=stamp_ns),
+            T_map_camera=self.pose() @ T_last_camera,
+            T_reference_camera=last.T_reference_camera @ T_last_camera,
         )
 
     def restart_from(self, tracked: TrackedFrame | None) -> None:

@@ -1,0 +1,132 @@
+"""The samples of an IMU in a text file or in a topic of a bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_bags.bag import bag_types as types
+from hoid_bags.bag.bag_messages import imu_values
+from hoid_bags.bag.bag_reader import BagReader, is_bag
+from hoid_bags.bag.stamps import stamp_ns
+from hoid_common.errors import InputError, MessageError
+from hoid_common.io.stamps import in_order
+from hoid_common.io.tum_text import NumberTable, read_numbers, read_rows
+from hoid_common.io.untrusted import read_text
+
+# Chosen: lengths of the mean acceleration [m/s^2] that tell an accelerometer from a gyro. No
+# camera turns at 7 rad/s for a whole recording.
+_GRAVITY_MPS2 = 7.0, 12.0
+_ACCELEROMETER_WORDS = ('accel', 'ax ay az')
+_GYRO_WORDS = ('gyro', 'wx wy wz')
+_HEAD_CHARS = 500  # chosen: of the comments at the start of a file
+
+
+class ImuRecording(NamedTuple):
+    """The samples of an IMU along its own axes."""
+
+    rates: NumberTable | None = None  # (N, 3) rad/s; None: there is no gyro
+    accelerations: NumberTable | None = None  # (N, 3) m/s^2; None: there is no accelerometer
+
+    def joined(self, other: ImuRecording) -> ImuRecording:
+        """Return both recordings as one; of two gyros or accelerometers, the first."""
+        return ImuRecording(
+            self.rates if self.rates is not None else other.rates,
+            self.accelerations if self.accelerations is not None else other.accelerations,
+        )
+
+
+def read_imu(name: str, recording: Path) -> ImuRecording:
+    """Return the samples of a text file, or of a topic of the recording if that is a bag.
+
+    Args:
+        name: The file or the topic.
+        recording: The recording that the samples belong to.
+
+    Raises:
+        InputError: There is no such file or topic, or it has no usable sample.
+    """
+    if is_bag(recording) and not Path(name).is_file():
+        return read_imu_topic(recording, name)
+    return read_imu_file(Path(name))
+
+
+def read_imu_file(path: Path) -> ImuRecording:
+    """Return the samples of a text file with a stamp in seconds and three or six numbers a line.
+
+    Six numbers are wx wy wz [rad/s] and ax ay az [m/s^2]. Three are those of one sensor, as in
+    TUM's `accelerometer.txt`: comments or the name of the file say which; if they do not, numbers
+    of the length of gravity are accelerations.
+
+    Raises:
+        InputError: The file cannot be read, or has no usable line.
+    """
+    columns = next((min(len(row.text.split()), 6) for row in read_rows(path)), 0)
+    if columns < 3:
+        raise InputError(
+            f'{path}: has no samples; expected lines of a stamp in seconds and wx wy wz (rad/s), '
+            'ax ay az (m/s^2), or both'
+        )
+    if columns == 6:
+        table = read_numbers(path, 6)
+        return ImuRecording(
+            NumberTable(table.stamps_ns, table.values[:, :3]),
+            NumberTable(table.stamps_ns, table.values[:, 3:]),
+        )
+    table = read_numbers(path, 3)
+    if _is_accelerometer(path, table):
+        return ImuRecording(accelerations=table)
+    return ImuRecording(rates=table)
+
+
+def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
+    """Return the samples of a topic of sensor_msgs/Imu.
+
+    Raises:
+        InputError: The bag has no such topic, the topic has another type, or a message is damaged.
+    """
+    topic = f'/{topic.lstrip("/")}'
+    rates: list[list[float]] = []
+    accelerations: list[list[float]] = []
+    with BagReader(bag) as reader:
+        found = {item.name: item for item in reader.topics}.get(topic)
+        if found is None or found.type_name != types.IMU:
+            names = ', '.join(item.name for item in reader.topics if item.type_name == types.IMU)
+            raise InputError(f'{bag}: no topic {topic} of {types.IMU}; it has {names or "none"}')
+        stamps: tuple[list[int], list[int]] = [], []
+        for message in reader.messages([topic]):
+            try:
+                msg = types.deserialize(message.data, types.IMU)
+            except MessageError as error:
+                raise InputError(f'{bag}: {topic}: {error}') from error
+            for values, rows, times in zip(
+                imu_values(msg), (rates, accelerations), stamps, strict=True
+            ):
+                if values is not None and np.isfinite(values).all():
+                    rows.append(values)
+                    times.append(stamp_ns(msg))
+    if not rates and not accelerations:
+        raise InputError(f'{bag}: {topic} has no rates and no accelerations')
+    return ImuRecording(_table(stamps[0], rates), _table(stamps[1], accelerations))
+
+
+def _table(stamps_ns: list[int], values: list[list[float]]) -> NumberTable | None:
+    if not values:
+        return None
+    order = in_order(stamps_ns)
+    return NumberTable(order.stamps_ns, np.array(values)[order.positions])
+
+
+def _is_accelerometer(path: Path, table: NumberTable) -> bool:
+    """Return whether a file of three columns is of an accelerometer."""
+    lines = read_text(path)[:_HEAD_CHARS].splitlines()
+    head = ' '.join([path.name, *(line for line in lines if line.startswith('#'))]).lower()
+    is_named = tuple(
+        any(word in head for word in words) for words in (_ACCELEROMETER_WORDS, _GYRO_WORDS)
+    )
+    if is_named[0] != is_named[1]:
+        return is_named[0]
+    low, high = _GRAVITY_MPS2
+    return bool(low < np.linalg.norm(table.values.mean(axis=0)) < high)

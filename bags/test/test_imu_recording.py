@@ -1,0 +1,87 @@
+"""Samples of an IMU are read from text files and from topics of a bag."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_bags.bag import bag_messages
+from hoid_bags.bag.bag_types import IMU
+from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.imu_recording import ImuRecording, read_imu, read_imu_file, read_imu_topic
+from hoid_common.errors import InputError
+from hoid_common.values import NS_PER_S
+
+
+def written(folder: Path, name: str, text: str) -> Path:
+    """Return the path of a text file."""
+    path = folder / name
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+@pytest.mark.parametrize(
+    ('name', 'head'),
+    [('gyro.txt', ''), ('imu.txt', '# timestamp wx wy wz\n'), ('imu.txt', '')],
+)
+def test_three_columns_are_rates(tmp_path: Path, name: str, head: str) -> None:
+    found = read_imu_file(written(tmp_path, name, f'{head}1.0 0.1 0.2 0.3\n1.005 0.4 0.5 0.6\n'))
+    assert found.accelerations is None
+    assert found.rates is not None
+    assert found.rates.stamps_ns.tolist() == [NS_PER_S, NS_PER_S + 5_000_000]
+    np.testing.assert_array_equal(found.rates.values, [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
+
+
+@pytest.mark.parametrize(
+    ('name', 'head'),
+    [('accelerometer.txt', ''), ('imu.txt', '# timestamp ax ay az\n'), ('imu.txt', '')],
+)
+def test_three_columns_are_accelerations(tmp_path: Path, name: str, head: str) -> None:
+    found = read_imu_file(written(tmp_path, name, f'{head}1.0 0.1 9.7 0.3\n1.01 0.4 9.6 0.6\n'))
+    assert found.rates is None
+    assert found.accelerations is not None
+    np.testing.assert_array_equal(found.accelerations.values[0], [0.1, 9.7, 0.3])
+
+
+def test_six_columns_are_rates_and_accelerations(tmp_path: Path) -> None:
+    found = read_imu_file(written(tmp_path, 'imu.csv', '1.0,1,2,3,4,5,6\n'))
+    assert found.rates is not None
+    assert found.accelerations is not None
+    np.testing.assert_array_equal(found.rates.values, [[1.0, 2.0, 3.0]])
+    np.testing.assert_array_equal(found.accelerations.values, [[4.0, 5.0, 6.0]])
+
+
+@pytest.mark.parametrize('text', ['', '# nothing\n', '1.0 0.1 0.2\n', '1.0 a b c\n'])
+def test_a_file_without_samples_is_refused_by_its_name(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match=r'imu\.txt: '):
+        read_imu_file(written(tmp_path, 'imu.txt', text))
+
+
+def test_two_files_join_to_one_recording(tmp_path: Path) -> None:
+    gyro = read_imu_file(written(tmp_path, 'gyro.txt', '1.0 0.1 0.2 0.3\n'))
+    both = gyro.joined(read_imu_file(written(tmp_path, 'accel.txt', '1.0 0.1 9.7 0.3\n')))
+    assert both.rates is gyro.rates
+    assert both.accelerations is not None
+    assert ImuRecording().joined(both) == both
+
+
+def test_a_topic_with_two_sensors_in_turn_is_read(tmp_path: Path) -> None:
+    bag = tmp_path / 'bag'
+    with BagWriter(bag) as writer:
+        writer.add_topic('/imu', IMU)
+        writer.add_topic('/other', IMU)
+        for k in range(3):
+            rate, force = np.array([0.1 * k, 0.0, 1.0]), np.array([0.0, 9.8, k])
+            writer.write('/imu', 2 * k + 1, bag_messages.imu(2 * k + 1, rate_radps=rate))
+            writer.write('/imu', 2 * k + 2, bag_messages.imu(2 * k + 2, force))
+    found = read_imu('imu', bag)
+    assert found.rates is not None
+    assert found.accelerations is not None
+    assert found.rates.stamps_ns.tolist() == [1, 3, 5]
+    assert found.accelerations.stamps_ns.tolist() == [2, 4, 6]
+    np.testing.assert_allclose(found.rates.values[:, 0], [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(found.accelerations.values[:, 2], [0.0, 1.0, 2.0])
+    with pytest.raises(InputError, match='no topic /gyro of sensor_msgs/msg/Imu; it has /imu'):
+        read_imu_topic(bag, 'gyro')
+    with pytest.raises(InputError, match='/other has no rates and no accelerations'):
+        read_imu_topic(bag, '/other')

@@ -1,0 +1,53 @@
+"""Gives the recorded samples of an IMU to an offline run, as if they arrived beside the images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hoid_bags.imu_recording import ImuRecording
+from hoid_common.io.tum_text import NumberTable
+from hoid_common.values import NS_PER_S
+from rgbd_slam.config.imu_config import ImuConfig
+from rgbd_slam.inertial.imu import Imu
+from rgbd_slam.inertial.mounting import read_kalibr
+from rgbd_slam.inertial.sample_buffer import Samples
+
+# Chosen: time by which samples are ahead of the image. Features of a live image arrive later than
+# the samples of its time.
+_AHEAD_NS = NS_PER_S // 10
+
+
+class ImuFeed:
+    """Adds the samples of a recording to an IMU in step with the images.
+
+    Args:
+        recording: The samples.
+        config: Parameters of the IMU.
+
+    Raises:
+        InputError: The calibration file cannot be used.
+    """
+
+    def __init__(self, recording: ImuRecording, config: ImuConfig) -> None:
+        path = config.calibration
+        self.imu = Imu(config, read_kalibr(Path(path)) if path else None)
+        self._rates, self._accelerations = recording
+        self._num_rates = self._num_accelerations = 0  # samples that have been added
+
+    def advance(self, stamp_ns: int) -> None:
+        """Add the samples up to 0.1 s after an image with this stamp."""
+        end_ns = stamp_ns + _AHEAD_NS
+        if self._rates is not None:
+            samples, self._num_rates = _next(self._rates, self._num_rates, end_ns)
+            self.imu.add_rates(samples)
+        if self._accelerations is not None:
+            samples, self._num_accelerations = _next(
+                self._accelerations, self._num_accelerations, end_ns
+            )
+            self.imu.add_accelerations(samples)
+
+
+def _next(table: NumberTable, first: int, end_ns: int) -> tuple[Samples, int]:
+    """Return the samples from a row on up to a stamp, and the row after them."""
+    end = max(int(table.stamps_ns.searchsorted(end_ns)), first)
+    return Samples(table.stamps_ns[first:end], table.values[first:end]), end

@@ -1,0 +1,34 @@
+"""Parameters of an IMU, which is used if there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hoid_common.config import Config, param
+
+
+@dataclass(frozen=True)
+class ImuConfig(Config):
+    """The use of a gyro and an accelerometer beside the camera."""
+
+    gyro: bool = param(
+        default=True,
+        description='Whether a gyro predicts how the camera turns, and continues its pose for up '
+        'to 1.5 s while images show nothing. Set it to false if the gyro is useless; the suite '
+        'ignores by itself one that contradicts the images.',
+        expert=True,
+    )
+    level: bool = param(
+        default=True,
+        description='Whether an accelerometer makes the map frame level: z points up also if the '
+        'camera is tilted at the start. Set it to false to keep the map frame as the start gives '
+        'it. A saved map keeps its own frame.',
+        expert=True,
+    )
+    calibration: str = param(
+        '',
+        'File camchain-imucam.yaml of Kalibr, whose T_cam_imu and timeshift_cam_imu of cam0 are '
+        'used. If it is empty, the rotation is that of /tf_static, and is estimated from the '
+        'images if there is none or if the images contradict it, as is the time offset.',
+        expert=True,
+    )

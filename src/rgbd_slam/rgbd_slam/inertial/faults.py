@@ -1,0 +1,72 @@
+"""Faults of a gyro, noticed by itself or by comparison with the tracked rotation."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+
+from hoid_common.values import NS_PER_S
+from rgbd_slam.inertial.gyro_calibration import GyroFit
+from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
+
+_LOOK_NS = NS_PER_S  # chosen: the time over which samples must not all be equal
+_LATE_NS = NS_PER_S // 4  # chosen: more than any driver's delay and the offsets that are found
+_MIN_SAMPLES = 20  # chosen: fewer equal samples may be a coincidence of coarse sensors
+_SATURATED_RADPS = 1.0  # chosen: a rate that stays equal above it is the end of the range
+_SATURATED_SAMPLES = 3  # chosen: noise makes three equal samples in a row rare below the end
+_UNIT_TOLERANCE = 1.5  # chosen: factor around 180 / pi within which the unit is deg/s
+_MIN_CORRELATION = 0.7  # chosen: below it, the rates are not those of the camera in another unit
+_MIN_SIGNAL_RADPS = 0.1  # chosen: below it, the tracked rates are mostly noise
+_MAX_UNEXPLAINED = 0.8  # chosen: share of the tracked rates that a good gyro leaves unexplained
+
+
+class GyroFault(Enum):
+    """Why a gyro is left out; the value says what is wrong and what to do."""
+
+    STUCK = 'its values do not change; restart its driver'
+    LATE = 'its samples are more than 0.25 s late or have stopped; check its driver and its clock'
+    UNIT = 'its rates are in degrees per second instead of radians per second; correct its driver'
+    MIRRORED = 'one of its axes points the wrong way (a left-handed frame); correct its driver'
+    DISAGREES = 'it contradicts the rotation that the images show; check its unit, axes and clock'
+
+
+def fault_of_samples(gyro: SampleBuffer, image_ns: int, offset_ns: int) -> GyroFault | None:
+    """Return a fault that the samples themselves show, or None.
+
+    Args:
+        gyro: The samples.
+        image_ns: Stamp of the latest image.
+        offset_ns: Time by which the stamps of the IMU are later than those of the images.
+    """
+    newest_ns = gyro.newest_ns
+    if newest_ns is None or newest_ns < image_ns + offset_ns - _LATE_NS:
+        return GyroFault.LATE
+    latest = gyro.between(newest_ns - _LOOK_NS, newest_ns).values
+    if len(latest) >= _MIN_SAMPLES and (latest == latest[0]).all():
+        return GyroFault.STUCK
+    return None
+
+
+def fault_of_fit(fit: GyroFit) -> GyroFault | None:
+    """Return a fault that the comparison with the tracked rotation shows, or None."""
+    if fit.signal_radps < _MIN_SIGNAL_RADPS:
+        return None
+    if fit.is_mirrored:
+        return GyroFault.MIRRORED
+    in_degrees = np.rad2deg(1.0) * fit.scale
+    is_similar = fit.correlation > _MIN_CORRELATION
+    if is_similar and 1 / _UNIT_TOLERANCE < in_degrees < _UNIT_TOLERANCE:
+        return GyroFault.UNIT
+    if fit.residual_radps > _MAX_UNEXPLAINED * fit.signal_radps:
+        return GyroFault.DISAGREES
+    return None
+
+
+def is_saturated(samples: Samples) -> bool:
+    """Return whether a rate stays at the end of the gyro's range in three samples or more."""
+    values = samples.values
+    if len(values) < _SATURATED_SAMPLES:
+        return False
+    repeats = (values[1:] == values[:-1]) & (np.abs(values[1:]) > _SATURATED_RADPS)
+    return bool((repeats[1:] & repeats[:-1]).any())

@@ -1,0 +1,243 @@
+"""Calibration of a gyro against the tracked rotation: time offset, mounting and bias."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray, IntArray
+from rgbd_slam.inertial.gyro_integral import RateIntegral, rotation_vector
+from rgbd_slam.inertial.sample_buffer import SampleBuffer
+
+MAX_OFFSET_S = 0.1  # chosen: more than drivers of cameras with an IMU are off
+_COARSE_S, _FINE_S = 0.01, 0.0025  # chosen: steps of the search for the offset
+_WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations that are compared with the gyro
+_MAX_STEP_NS = NS_PER_S // 5  # chosen: a longer step between tracked images is not compared
+_MIN_STEPS = 20  # chosen: fewer tracked rotations say nothing
+_ROUNDS = 3  # chosen: of the search, each with weights from the residuals of the one before
+_CAUCHY = 1.5  # chosen: residuals of this multiple of the median have the weight 0.5
+_LEAST_RAD = 1e-4  # chosen: far below the errors of tracked rotations, so that no weight is 0 / 0
+_LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median say nothing about the bias
+_BLOCK_STEPS = 15  # chosen: half a second, over which errors of tracking are correlated
+# Chosen: least standard deviations of what is found, and what it starts with. 0.02 rad/s is the
+# zero-rate error of common MEMS gyros at room temperature (Bosch BMI055: 1 deg/s).
+_MIN_BIAS_RADPS, UNKNOWN_BIAS_RADPS = 5e-4, 0.02
+# Chosen: the axis that turns least must turn by this share of the one that turns most before its
+# sign is believed.
+_MIRROR_SHARE = 0.1
+_MIN_ROTATION_RAD, _MIN_OFFSET_S = np.deg2rad(0.1), 5e-4
+
+
+class GyroFit(NamedTuple):
+    """The gyro as the tracked rotations of the last 20 s show it.
+
+    Rotations w_imu that the gyro measures, R_camera_imu and the tracked ones w_camera satisfy
+    w_camera = R_camera_imu @ (w_imu - bias * time), with w_imu taken `offset_s` later.
+    """
+
+    offset_s: float  # by which the stamps of the IMU are later than those of the images
+    R_camera_imu: FloatArray  # (3, 3)
+    bias_radps: FloatArray  # (3,) along the axes of the IMU
+    offset_sigma_s: float  # standard deviation
+    rotation_sigma_rad: float  # largest standard deviation about any axis
+    bias_sigma_radps: float
+    residual_radps: float  # RMS of the differences of the rates
+    signal_radps: float  # RMS of the tracked rates without their mean
+    scale: float  # factor that brings the rates closest to the tracked ones
+    correlation: float  # of the rates with the tracked ones, 1 for a perfect gyro of any scale
+    is_mirrored: bool  # a rotation and a reflection of the axes would fit much better
+
+
+class GyroCalibration:
+    """Compares the gyro with the tracked rotations of the last 20 s.
+
+    The least-squares rotation between both is that of Kabsch (1976), and the bias the mean
+    difference; the offset is where the squared residuals are least.
+    """
+
+    def __init__(self) -> None:
+        self._windows_ns: list[tuple[int, int]] = []
+        self._vectors_rad: list[FloatArray] = []
+
+    def __len__(self) -> int:
+        return len(self._windows_ns)
+
+    def add(self, first_ns: int, second_ns: int, R_first_second: FloatArray) -> None:
+        """Add the tracked rotation (3, 3) of the camera between two images."""
+        if self._windows_ns and second_ns < self._windows_ns[-1][1]:
+            self._windows_ns, self._vectors_rad = [], []  # the stamps have started again
+        if 0 < second_ns - first_ns <= _MAX_STEP_NS:
+            self._windows_ns.append((first_ns, second_ns))
+            self._vectors_rad.append(rotation_vector(R_first_second))
+
+    def fit(
+        self, gyro: SampleBuffer, R_camera_imu: FloatArray | None, near_s: float | None = None
+    ) -> GyroFit | None:
+        """Return what the tracked rotations say about the gyro; None if there are too few.
+
+        Args:
+            gyro: The samples.
+            R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
+            near_s: The offset, if it is known to 10 ms; None: all offsets are tried.
+        """
+        steps = self._steps(gyro)
+        if steps is None:
+            return None
+        for _ in range(_ROUNDS):
+            offset_s, curvature = _best_offset(steps, R_camera_imu, near_s)
+            near_s = offset_s
+            residuals_rad = _residuals(_aligned(steps, offset_s, R_camera_imu))
+            steps = steps.weighted(residuals_rad)
+        return _fit(steps, offset_s, curvature, R_camera_imu)
+
+    def _steps(self, gyro: SampleBuffer) -> _Steps | None:
+        """Return the tracked rotations with samples of the gyro for all offsets."""
+        if not self._windows_ns:
+            return None
+        oldest_ns = self._windows_ns[-1][1] - _WINDOW_NS
+        num_old = sum(1 for first_ns, _ in self._windows_ns if first_ns < oldest_ns)
+        del self._windows_ns[:num_old], self._vectors_rad[:num_old]
+        windows_ns = np.array(self._windows_ns, np.int64).reshape(-1, 2)
+        if len(windows_ns) < _MIN_STEPS:
+            return None
+        margin_ns = round((MAX_OFFSET_S + _COARSE_S) * NS_PER_S)
+        integral = RateIntegral(gyro, windows_ns[0, 0] - margin_ns, windows_ns[-1, 1] + margin_ns)
+        first_ns, second_ns = windows_ns.T
+        is_covered = integral.covers(first_ns, second_ns, MAX_OFFSET_S + _COARSE_S)
+        if np.count_nonzero(is_covered) < _MIN_STEPS:
+            return None
+        return _Steps(
+            integral,
+            first_ns[is_covered],
+            second_ns[is_covered],
+            np.array(self._vectors_rad)[is_covered],
+            np.ones(np.count_nonzero(is_covered)),
+        )
+
+
+class _Steps(NamedTuple):
+    """M tracked rotations between successive images, and the integral of the gyro."""
+
+    integral: RateIntegral
+    first_ns: IntArray  # (M,)
+    second_ns: IntArray  # (M,)
+    tracked_rad: FloatArray  # (M, 3) rotation vectors in the camera frame
+    weight: FloatArray  # (M,) from 0 to 1; small for tracked rotations that do not fit
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Return the duration of each step (M,)."""
+        return np.asarray(S_PER_NS * (self.second_ns - self.first_ns), np.float64)
+
+    def weighted(self, residuals_rad: FloatArray) -> _Steps:
+        """Return the steps with the weights of a Cauchy kernel for residuals (M,)."""
+        limit_rad = max(_CAUCHY * float(np.median(residuals_rad)), _LEAST_RAD)
+        return self._replace(weight=1.0 / (1.0 + np.square(residuals_rad / limit_rad)))
+
+
+class _Alignment(NamedTuple):
+    """Both rotations at one offset, without their mean rates, and the rotation between them."""
+
+    R_camera_imu: FloatArray  # (3, 3)
+    tracked_rad: FloatArray  # (M, 3) in the camera frame
+    measured_rad: FloatArray  # (M, 3) in the IMU frame
+    mean_measured_radps: FloatArray  # (3,)
+    mean_tracked_radps: FloatArray  # (3,)
+
+
+def _aligned(steps: _Steps, offset_s: float, R_camera_imu: FloatArray | None) -> _Alignment:
+    time_s, weight = steps.time_s[:, None], steps.weight[:, None]
+    measured = steps.integral.over(steps.first_ns, steps.second_ns, offset_s)
+    tracked, total_s = steps.tracked_rad, (weight * time_s).sum()
+    mean_measured = (weight * measured).sum(axis=0) / total_s
+    mean_tracked = (weight * tracked).sum(axis=0) / total_s
+    tracked, measured = tracked - time_s * mean_tracked, measured - time_s * mean_measured
+    if R_camera_imu is None:
+        T = np.eye(4)
+        T[:3, :3] = (weight * tracked).T @ measured
+        R_camera_imu = se3.orthonormalized(T)[:3, :3]
+    return _Alignment(R_camera_imu, tracked, measured, mean_measured, mean_tracked)
+
+
+def _residuals(aligned: _Alignment) -> FloatArray:
+    """Return the length [rad] of the difference of each step (M,)."""
+    difference = aligned.tracked_rad - aligned.measured_rad @ aligned.R_camera_imu.T
+    return np.asarray(np.linalg.norm(difference, axis=1))
+
+
+def _best_offset(
+    steps: _Steps, R_camera_imu: FloatArray | None, near_s: float | None
+) -> tuple[float, float]:
+    """Return the offset [s] with the least squared residuals, and their curvature [rad^2/s^2]."""
+    if near_s is None:
+        tried_s = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + _COARSE_S / 2, _COARSE_S)
+        near_s = _least(steps, tried_s, R_camera_imu, _COARSE_S)[0]
+    tried_s = np.clip(near_s, -MAX_OFFSET_S, MAX_OFFSET_S) + _FINE_S * np.arange(-3, 4)
+    return _least(steps, tried_s, R_camera_imu, _FINE_S)
+
+
+def _least(
+    steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None, step_s: float
+) -> tuple[float, float]:
+    """Return the minimum of the parabola through the lowest of the sums of squared residuals."""
+    aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
+    cost = np.array([steps.weight @ np.square(_residuals(item)) for item in aligned])
+    best = int(np.clip(np.argmin(cost), 1, len(cost) - 2))
+    left, middle, right = cost[best - 1 : best + 2].tolist()
+    curvature = max((left - 2 * middle + right) / step_s**2, 1e-12)
+    shift_s = float(np.clip((left - right) / (2 * step_s) / curvature, -step_s, step_s))
+    return float(tried_s[best]) + shift_s, curvature
+
+
+def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray | None) -> GyroFit:
+    """Return the fit at an offset, with standard deviations from the weighted residuals.
+
+    The bias is combined with what is known of any gyro, `UNKNOWN_BIAS_RADPS`.
+    """
+    aligned, weight = _aligned(steps, offset_s, R_known), steps.weight
+    residuals_rad = _residuals(aligned)
+    w, R = aligned.measured_rad, aligned.R_camera_imu
+    H = (weight[:, None] * aligned.tracked_rad).T @ w
+    power = float(weight @ np.square(w).sum(axis=1))
+    tracked_power = float(weight @ np.square(aligned.tracked_rad).sum(axis=1))
+    common = float(np.trace(R.T @ H))
+    information = power * np.eye(3) - (weight[:, None] * w).T @ w
+    variance = float(weight @ np.square(residuals_rad)) / (3 * weight.sum())
+    mean_s = float(steps.time_s.mean())
+    mean_radps, bias_sigma = _mean_difference(steps, aligned)
+    bias_weight = 1 / (1 + (bias_sigma / UNKNOWN_BIAS_RADPS) ** 2)
+    bias = aligned.mean_measured_radps - R.T @ (aligned.mean_tracked_radps + mean_radps)
+    singular = np.linalg.svd(H, compute_uv=False)
+    turn_rad2 = max(float(np.linalg.eigvalsh(information)[0]), _LEAST_RAD**2)
+    return GyroFit(
+        offset_s,
+        R,
+        bias_weight * bias,
+        max(float(np.sqrt(2 * variance / curvature)), _MIN_OFFSET_S),
+        max(float(np.sqrt(variance / turn_rad2)), _MIN_ROTATION_RAD),
+        max(float(bias_sigma * np.sqrt(bias_weight)), _MIN_BIAS_RADPS),
+        float(np.sqrt(3 * variance)) / mean_s,
+        float(np.sqrt(np.square(aligned.tracked_rad).sum(axis=1).mean())) / mean_s,
+        common / max(power, _LEAST_RAD**2),
+        common / np.sqrt(max(power, _LEAST_RAD**2) * max(tracked_power, _LEAST_RAD**2)),
+        bool(np.linalg.det(H) < 0 and singular[2] > _MIRROR_SHARE * singular[0]),
+    )
+
+
+def _mean_difference(steps: _Steps, aligned: _Alignment) -> tuple[FloatArray, float]:
+    """Return the mean (3,) of the remaining differences of the rates, and its standard deviation.
+
+    Steps weigh all or nothing here, so that noise of the poses cancels: each pose ends one
+    rotation and begins the next. The standard deviation follows from the spread of the means of
+    half a second, in which drift of the tracked rotation does not cancel.
+    """
+    difference_rad = aligned.tracked_rad - aligned.measured_rad @ aligned.R_camera_imu.T
+    is_used = steps.weight > _LEAST_WEIGHT
+    starts = np.arange(0, len(is_used), _BLOCK_STEPS)
+    sums_rad = np.add.reduceat(is_used[:, None] * difference_rad, starts)
+    times_s = np.add.reduceat(is_used * steps.time_s, starts)
+    mean_radps = sums_rad.sum(axis=0) / times_s.sum()
+    deviation_rad = sums_rad - times_s[:, None] * mean_radps
+    return mean_radps, float(np.sqrt(np.square(deviation_rad).sum() / 3)) / float(times_s.sum())

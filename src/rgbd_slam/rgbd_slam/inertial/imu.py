@@ -1,0 +1,221 @@
+"""An IMU beside the camera: what it measures, once the tracked motion has shown how it is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
+from rgbd_slam.config.imu_config import ImuConfig
+from rgbd_slam.inertial.faults import (
+    GyroFault,
+    fault_of_fit,
+    fault_of_samples,
+    is_saturated,
+)
+from rgbd_slam.inertial.gravity import GravityEstimator
+from rgbd_slam.inertial.gyro_calibration import GyroCalibration, GyroFit
+from rgbd_slam.inertial.gyro_integral import rotation_between, rotation_vector
+from rgbd_slam.inertial.mounting import Mounting, snapped
+from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
+
+# Chosen: time between two comparisons with the tracked motion, at first and once the time offset
+# is known; a comparison takes 5 to 15 ms.
+_FIRST_PERIOD_NS, _PERIOD_NS = NS_PER_S // 2, 2 * NS_PER_S
+_KNOWN_OFFSET_S = 0.005  # chosen: standard deviation; a hand turns by 0.5 degrees in 5 ms
+# Chosen: a rotation that is known no better (standard deviation) predicts nothing; the rotations
+# between parallel axes differ by 90 degrees.
+_MAX_ROTATION_SIGMA_RAD = np.deg2rad(25.0)
+_PARALLEL_SIGMA_RAD = np.deg2rad(1.0)  # chosen: tolerance of a mounting that is given or parallel
+_CONTRADICTED_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0  # chosen: see `snapped`
+_CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of tracking last for seconds
+# Chosen: standard deviation of the integral of a gyro's white noise after 1 s, times ten: in
+# addition, real gyros have errors of their scale.
+_NOISE_RAD = 0.002
+_SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
+_SATURATED = 'it turns faster than its range; such turns are left out'
+
+
+class MeasuredRotation(NamedTuple):
+    """How the camera has turned by the gyro."""
+
+    R_first_second: FloatArray  # (3, 3)
+    sigma_rad: float  # standard deviation about each axis
+
+
+class Up(NamedTuple):
+    """The direction opposite to gravity at an image."""
+
+    stamp_ns: int
+    up_camera: FloatArray  # (3,) unit vector
+    sigma_rad: float
+
+
+class Imu:
+    """Measures how the camera turns, and which direction is up.
+
+    The time offset, the rotation to the camera and the biases are estimated from the tracked
+    motion (`observe`). A gyro that contradicts it is left out until it agrees again.
+
+    Args:
+        config: Parameters.
+        mounting: How the IMU is mounted, if somebody has measured it.
+    """
+
+    def __init__(self, config: ImuConfig, mounting: Mounting | None = None) -> None:
+        self._config, self._mounting = config, mounting
+        self._gyro, self._accelerometer = SampleBuffer(), SampleBuffer()
+        self._calibration, self._gravity = GyroCalibration(), GravityEstimator()
+        self._offset_s = 0.0 if mounting is None else mounting.offset_s
+        self._compared_ns: int | None = None  # stamp of the image of the last comparison
+        self._is_mounting_known = False
+        self._news: list[str] = []
+        self._said: set[str] = set()
+        self.fit: GyroFit | None = None  # by the last comparison
+        self.fault: GyroFault | None = None  # why the gyro is left out
+        self.up: Up | None = None  # by the last comparison
+        self.num_refused = 0  # comparisons in which the gyro had a fault
+
+    def add_rates(self, rates_radps: Samples) -> None:
+        """Add samples of the gyro."""
+        self._gyro.add(rates_radps)
+
+    def add_accelerations(self, accelerations_mps2: Samples) -> None:
+        """Add samples of the accelerometer; at rest they point upwards (REP 145)."""
+        self._accelerometer.add(accelerations_mps2)
+
+    def observe(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
+        """Learn from the tracked motion (4, 4) of the camera between two images."""
+        has_gyro = bool(self._config.gyro and len(self._gyro))
+        has_accelerometer = bool(self._config.level and len(self._accelerometer))
+        if has_gyro:
+            self._calibration.add(first_ns, second_ns, T_first_second[:3, :3])
+        if has_accelerometer:
+            self._gravity.add(first_ns, second_ns, T_first_second)
+        if not self._is_due(second_ns):
+            return
+        self._compared_ns = second_ns
+        if has_gyro:
+            self._compare(second_ns)
+        if has_accelerometer:
+            self._measure_up(second_ns)
+
+    def rotation(self, first_ns: int, second_ns: int) -> MeasuredRotation | None:
+        """Return how the camera has turned between the stamps of two images.
+
+        None is returned if samples are missing or saturated, and until the tracked motion has
+        shown how the gyro is mounted and that it is right.
+        """
+        fit = self.fit
+        if fit is None or self.fault is not None or not self._is_mounting_known:
+            return None
+        offset_ns = round(fit.offset_s * NS_PER_S)
+        ends_ns = first_ns + offset_ns, second_ns + offset_ns
+        R_imu = rotation_between(self._gyro, *ends_ns, fit.bias_radps)
+        if R_imu is None:
+            return None
+        if is_saturated(self._gyro.between(*ends_ns)):
+            self._say(_SATURATED)
+            return None
+        R = fit.R_camera_imu @ R_imu @ fit.R_camera_imu.T
+        elapsed_s = S_PER_NS * (second_ns - first_ns)
+        turn_rad = float(np.linalg.norm(rotation_vector(R)))
+        of_turn = np.hypot(fit.rotation_sigma_rad, _SCALE_ERROR) * turn_rad
+        of_offset = fit.offset_sigma_s * turn_rad / max(elapsed_s, 2 * fit.offset_sigma_s)
+        of_bias = fit.bias_sigma_radps * elapsed_s
+        noise = _NOISE_RAD * np.sqrt(elapsed_s)
+        return MeasuredRotation(R, float(np.linalg.norm([of_turn, of_offset, of_bias, noise])))
+
+    def take_news(self) -> list[str]:
+        """Return what has to be said about the IMU since the last call, each thing once."""
+        news, self._news = self._news, []
+        return news
+
+    def _is_due(self, stamp_ns: int) -> bool:
+        """Return whether the next comparison with the tracked motion is due."""
+        before_ns, fit = self._compared_ns, self.fit
+        if before_ns is None or stamp_ns < before_ns:
+            self._compared_ns = stamp_ns
+            return False
+        is_known = fit is not None and fit.offset_sigma_s < _KNOWN_OFFSET_S
+        return stamp_ns - before_ns >= (_PERIOD_NS if is_known else _FIRST_PERIOD_NS)
+
+    def _compare(self, image_ns: int) -> None:
+        """Compare the gyro with the tracked rotation."""
+        offset_ns = round(self._offset_s * NS_PER_S)
+        self.fault = fault_of_samples(self._gyro, image_ns, offset_ns)
+        if self.fault is None:
+            self._fit()
+        if self.fault is not None:
+            self.num_refused += 1
+            self._say(f'the gyro is left out: {self.fault.value}')
+
+    def _fit(self) -> None:
+        """Update the calibration and its fault."""
+        before = self.fit
+        is_known = before is not None and before.offset_sigma_s < _KNOWN_OFFSET_S
+        free = self._calibration.fit(self._gyro, None, self._offset_s if is_known else None)
+        if free is None:
+            return
+        self.fault = fault_of_fit(free)
+        if self.fault is not None:
+            return
+        sigma_rad = _CORRELATED * free.rotation_sigma_rad
+        R = self._chosen_rotation(free.R_camera_imu, sigma_rad)
+        self._is_mounting_known = self._mounting is not None or sigma_rad < _MAX_ROTATION_SIGMA_RAD
+        fit = free
+        if R is not free.R_camera_imu:
+            fit = self._calibration.fit(self._gyro, R, free.offset_s) or free
+            sigma_rad = min(sigma_rad, _PARALLEL_SIGMA_RAD)
+        self.fit = fit._replace(
+            rotation_sigma_rad=sigma_rad, offset_sigma_s=_CORRELATED * fit.offset_sigma_s
+        )
+        self._offset_s = fit.offset_s
+        if self._is_mounting_known and fit.offset_sigma_s < _KNOWN_OFFSET_S:
+            self._say(_found(self.fit), 'found')
+
+    def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
+        """Return the given rotation unless the images contradict it, else the one that was found.
+
+        Args:
+            R_found: (3, 3) rotation R_camera_imu by the images.
+            sigma_rad: Its standard deviation.
+        """
+        if self._mounting is None:
+            return snapped(R_found, sigma_rad)
+        given = self._mounting.R_camera_imu
+        angle_rad = float(np.linalg.norm(rotation_vector(given.T @ R_found)))
+        if angle_rad < _CONTRADICTED_RAD + _NUM_SIGMAS * sigma_rad:
+            return given
+        self._say(
+            f'the IMU is turned by {np.rad2deg(angle_rad):.0f} degrees from what its frame or its '
+            'calibration says; the rotation that the images show is used',
+            'mounting',
+        )
+        return snapped(R_found, sigma_rad)
+
+    def _measure_up(self, image_ns: int) -> None:
+        """Update the direction of gravity."""
+        self._gravity.measure(self._accelerometer, round(self._offset_s * NS_PER_S))
+        R = None if self._mounting is None else self._mounting.R_camera_imu
+        if self.fit is not None and self.fault is None and self._is_mounting_known:
+            R = self.fit.R_camera_imu
+        found = self._gravity.fit(R)
+        self.up = None if found is None else Up(image_ns, found.up_camera, found.up_sigma_rad)
+
+    def _say(self, text: str, kind: str = '') -> None:
+        """Keep a text to say, if nothing of its kind has been said."""
+        if (kind or text) not in self._said:
+            self._said.add(kind or text)
+            self._news.append(f'imu: {text}')
+
+
+def _found(fit: GyroFit) -> str:
+    turn_deg = np.rad2deg(rotation_vector(fit.R_camera_imu))
+    bias = ', '.join(f'{value:.4f}' for value in fit.bias_radps)
+    return (
+        f'its stamps are {1e3 * fit.offset_s:.0f} ms later than those of the images, its rotation '
+        f'to the camera is ({", ".join(f"{value:.1f}" for value in turn_deg)}) degrees, its bias '
+        f'({bias}) rad/s'
+    )

@@ -1,0 +1,88 @@
+"""How an IMU is mounted: its rotation to the camera, found, given or read from Kalibr's file."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.errors import InputError
+from hoid_common.io.yaml_file import read_yaml
+from hoid_common.values import FloatArray
+from rgbd_slam.inertial.gyro_integral import rotation_vector
+
+# Chosen: a rotation that was found is taken for the nearest one between parallel axes if it
+# differs by less than this, plus three standard deviations. IMUs are soldered parallel to the
+# camera; the 24 rotations differ by 90 degrees.
+_AXES_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0
+_MAX_ROTATION_ERROR = 1e-3  # not tuned: largest deviation from a rotation in a file of 8 digits
+_CAMERA = 'cam0'
+
+
+class Mounting(NamedTuple):
+    """How an IMU is mounted, as somebody has measured it."""
+
+    R_camera_imu: FloatArray  # (3, 3)
+    offset_s: float = 0.0  # by which the stamps of the IMU are later than those of the images
+
+
+def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
+    """Return a rotation (3, 3), or the nearest one between parallel axes if that is consistent.
+
+    Args:
+        R_camera_imu: (3, 3) rotation that was found.
+        sigma_rad: Its standard deviation.
+    """
+    nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
+    angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
+    return nearest if angle_rad < _AXES_RAD + _NUM_SIGMAS * sigma_rad else R_camera_imu
+
+
+def read_kalibr(path: Path) -> Mounting:
+    """Return the mounting from the file `camchain-imucam.yaml` that Kalibr writes.
+
+    `T_cam_imu` and `timeshift_cam_imu` of `cam0` are read; the latter is the time to add to a
+    stamp of an image to get that of the IMU.
+
+    Raises:
+        InputError: The file cannot be read, or an entry is missing or no rigid transform.
+    """
+    content = read_yaml(path)
+    entry = content.get(_CAMERA) if isinstance(content, dict) else None
+    if not isinstance(entry, dict):
+        raise InputError(f'{path}: expected the entry {_CAMERA}, as Kalibr writes it')
+    T = _matrix(entry.get('T_cam_imu'))
+    if T is None:
+        raise InputError(f'{path}: {_CAMERA}.T_cam_imu is missing or not 4 x 4 numbers')
+    R = se3.orthonormalized(T)[:3, :3]
+    if not np.allclose(R, T[:3, :3], atol=_MAX_ROTATION_ERROR):
+        raise InputError(f'{path}: {_CAMERA}.T_cam_imu is no rotation')
+    offset_s = entry.get('timeshift_cam_imu', 0.0)
+    if not isinstance(offset_s, int | float) or not np.isfinite(offset_s):
+        raise InputError(f'{path}: {_CAMERA}.timeshift_cam_imu is not a time in seconds')
+    return Mounting(R, float(offset_s))
+
+
+def _matrix(rows: Any) -> FloatArray | None:
+    """Return a (4, 4) matrix of finite numbers from lists; None if it is none."""
+    try:
+        T = np.array(rows, np.float64)
+    except (TypeError, ValueError):
+        return None
+    return T if T.shape == (4, 4) and np.isfinite(T).all() else None
+
+
+def _parallel_axes() -> FloatArray:
+    """Return the 24 rotations (24, 3, 3) between frames with parallel axes."""
+    matrices = (
+        np.eye(3)[list(order)] * np.array(signs)[:, None]
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    )
+    return np.stack([matrix for matrix in matrices if np.linalg.det(matrix) > 0])
+
+
+_PARALLEL = _parallel_axes()

@@ -1,0 +1,106 @@
+"""The motion source of a gyro: measured rotation, and translation by the last velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import S_PER_NS, FloatArray
+from rgbd_slam.inertial.imu import Imu, MeasuredRotation
+from rgbd_slam.tracking.motion_sources import BridgedMotion
+
+_DECAY_S = 0.4  # measured: a hand-held camera keeps its velocity for about this long
+# Chosen: a velocity is the mean of the tracked motions over about this time, three images.
+_SMOOTHING_S = 0.1
+_SPREAD_S = 5.0  # chosen: time over which the spread of the velocity is averaged
+_INITIAL_SPREAD_MPS = 0.2  # chosen: along each axis, of a hand-held camera
+_MAX_BRIDGE_S = 1.5  # chosen: later the position is known to no better than about 0.2 m
+_SOURCE = 'the gyro'
+
+
+class InertialMotion:
+    """Predicts the motion of the camera by a gyro, and bridges up to 1.5 s without images.
+
+    The velocity decays to zero with a time constant of 0.4 s, as an Ornstein-Uhlenbeck process.
+    Its spread is learned, and gives the covariance of the position.
+
+    Args:
+        imu: The IMU, which learns from the tracked motion.
+    """
+
+    def __init__(self, imu: Imu) -> None:
+        self._imu = imu
+        self._start_ns = self._stamp_ns = self._step_ns = 0
+        self._velocity_mps: FloatArray = np.zeros(3)  # in the frame of the last tracked image
+        self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
+
+    def start(self, stamp_ns: int) -> None:
+        """Predict motions relative to the frame with this stamp."""
+        self._start_ns = self._stamp_ns = stamp_ns
+
+    def advance(self, stamp_ns: int) -> None:
+        """Predict the motion up to the image with this stamp."""
+        self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
+
+    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
+        """Learn the velocity; the IMU learns how it is mounted."""
+        elapsed_s = self._elapsed_s
+        if elapsed_s <= 0:
+            return
+        velocity_mps = T_last_camera[:3, 3] / elapsed_s
+        share = elapsed_s / (elapsed_s + _SMOOTHING_S / 2)
+        mean_mps = self._velocity_mps + share * (velocity_mps - self._velocity_mps)
+        self._velocity_mps = T_last_camera[:3, :3].T @ mean_mps
+        weight = min(elapsed_s / _SPREAD_S, 1.0)
+        self._variance_m2ps2 += weight * (float(mean_mps @ mean_mps) / 3 - self._variance_m2ps2)
+        self._imu.observe(self._start_ns, self._stamp_ns, T_last_camera)
+
+    def reset(self) -> None:
+        """Keep the velocity: it decays by itself, and the gyro goes on measuring."""
+
+    def predict(self) -> FloatArray | None:
+        """Return the predicted motion T_camera_last (4, 4), or None without a usable gyro."""
+        rotation = self._rotation()
+        return None if rotation is None else se3.inverse(self._motion(rotation))
+
+    def bridge(self) -> BridgedMotion | None:
+        """Return the same motion with its covariance, or None without a usable gyro.
+
+        None is also returned once the camera has not been tracked for 1.5 s.
+        """
+        rotation = self._rotation() if self._elapsed_s <= _MAX_BRIDGE_S else None
+        if rotation is None:
+            return None
+        angle, position = rotation.sigma_rad**2, self._position_variance_m2(self._elapsed_s)
+        share = min(S_PER_NS * self._step_ns / self._elapsed_s, 1.0)
+        step = self._position_variance_m2(min(S_PER_NS * self._step_ns, self._elapsed_s))
+        return BridgedMotion(
+            self._motion(rotation),
+            np.diag([angle] * 3 + [position] * 3),
+            np.diag([share * angle] * 3 + [step / 2] * 3),
+            self._elapsed_s,
+            _SOURCE,
+            is_short=True,
+        )
+
+    def _rotation(self) -> MeasuredRotation | None:
+        if self._stamp_ns <= self._start_ns:
+            return None
+        return self._imu.rotation(self._start_ns, self._stamp_ns)
+
+    def _motion(self, rotation: MeasuredRotation) -> FloatArray:
+        """Return T_last_camera (4, 4): the measured rotation, and the decaying velocity."""
+        T = np.eye(4)
+        T[:3, :3] = rotation.R_first_second
+        T[:3, 3] = _DECAY_S * -np.expm1(-self._elapsed_s / _DECAY_S) * self._velocity_mps
+        return T
+
+    def _position_variance_m2(self, elapsed_s: float) -> float:
+        """Return the variance of the position along each axis (Ornstein-Uhlenbeck process)."""
+        kept = np.exp(-elapsed_s / _DECAY_S)
+        spread_s2 = 2 * _DECAY_S * elapsed_s - _DECAY_S**2 * (3 - 4 * kept + kept**2)
+        return float(self._variance_m2ps2 * max(spread_s2, 0.0))
+
+    @property
+    def _elapsed_s(self) -> float:
+        return S_PER_NS * (self._stamp_ns - self._start_ns)

@@ -1,0 +1,122 @@
+"""A gyro predicts turns and bridges a moment without images."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.errors import InputError
+from hoid_common.values import NS_PER_S, FloatArray
+from rgbd_slam.inertial.mounting import read_kalibr, snapped
+from rgbd_slam.tracking.inertial_motion import InertialMotion
+
+from .shaken_imu import IMAGE_NS, START_NS, ShakenImu, pose
+
+
+def followed(duration_s: float, seed: int = 0) -> tuple[InertialMotion, ShakenImu, int]:
+    """Return a motion source that has followed tracked images, its IMU, and their number."""
+    shaken = ShakenImu(seed=seed, gyro_bias=np.array([0.01, 0.0, -0.02]))
+    source = InertialMotion(shaken.imu)
+    num = round(duration_s * 30)
+    for k in range(num):
+        shaken.sample((k + 1) * IMAGE_NS + NS_PER_S // 10)
+        source.start(START_NS + k * IMAGE_NS)
+        source.advance(START_NS + (k + 1) * IMAGE_NS)
+        T = se3.inverse(image_pose(k)) @ image_pose(k + 1)
+        source.observe(T, se3.log(se3.inverse(T)) * 30)
+    shaken.sample(num * IMAGE_NS + 4 * NS_PER_S)
+    source.start(START_NS + num * IMAGE_NS)
+    return source, shaken, num
+
+
+def image_pose(k: float) -> FloatArray:
+    """Return T_world_camera (4, 4) of an image."""
+    return pose(k * 1e-9 * IMAGE_NS)
+
+
+def test_nothing_is_predicted_before_the_gyro_has_been_compared() -> None:
+    source, *_ = followed(0.3)
+    source.advance(START_NS + 10 * IMAGE_NS)
+    assert source.predict() is None
+    assert source.bridge() is None
+
+
+def test_the_next_image_is_predicted() -> None:
+    source, _, num = followed(4.0)
+    source.advance(START_NS + (num + 1) * IMAGE_NS)
+    T_camera_last = source.predict()
+    assert T_camera_last is not None
+    error = se3.log(T_camera_last @ se3.inverse(image_pose(num)) @ image_pose(num + 1))
+    assert np.rad2deg(np.linalg.norm(error[:3])) < 0.1
+    assert np.linalg.norm(error[3:]) < 5e-3
+
+
+def test_a_second_without_images_is_bridged_with_an_honest_covariance() -> None:
+    ratios, angles_deg, distances_m = [], [], []
+    for seed in range(8):
+        source, _, num = followed(4.0 + 0.31 * seed, seed)
+        source.advance(START_NS + (num + 30) * IMAGE_NS)
+        bridge = source.bridge()
+        assert bridge is not None
+        assert bridge.is_short
+        true = se3.inverse(image_pose(num)) @ image_pose(num + 30)
+        error = se3.log(se3.inverse(true) @ bridge.T_last_camera)
+        angles_deg.append(np.rad2deg(np.linalg.norm(error[:3])))
+        distances_m.append(np.linalg.norm(bridge.T_last_camera[:3, 3] - true[:3, 3]))
+        sigma_m = np.sqrt(np.trace(bridge.covariance[3:, 3:]))
+        ratios.append(distances_m[-1] / sigma_m)
+    assert np.median(angles_deg) < 1.0
+    assert np.median(distances_m) < 0.3  # the camera swings by 0.3 m in this time
+    assert 0.3 < np.median(ratios) < 1.7
+
+
+def test_longer_losses_are_not_bridged() -> None:
+    source, _, num = followed(4.0)
+    source.advance(START_NS + (num + 50) * IMAGE_NS)
+    assert source.bridge() is None
+    assert source.predict() is not None  # but the turn is still known
+
+
+def test_a_mounting_between_parallel_axes_is_recognized() -> None:
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    off = se3.exp(np.deg2rad([2.0, -1.0, 1.0, 0, 0, 0]))[:3, :3]
+    np.testing.assert_array_equal(snapped(off @ quarter, 0.0), quarter)
+    odd = se3.exp(np.deg2rad([20.0, 0, 0, 0, 0, 0]))[:3, :3]
+    np.testing.assert_array_equal(snapped(odd, 0.01), odd)
+
+
+KALIBR = """cam0:
+  T_cam_imu:
+  - [0.0, -1.0, 0.0, 0.01]
+  - [0.0, 0.0, -1.0, 0.02]
+  - [1.0, 0.0, 0.0, 0.03]
+  - [0.0, 0.0, 0.0, 1.0]
+  timeshift_cam_imu: -0.0071
+"""
+
+
+def test_a_calibration_of_kalibr_is_read(tmp_path: Path) -> None:
+    path = tmp_path / 'camchain-imucam.yaml'
+    path.write_text(KALIBR, encoding='utf-8')
+    mounting = read_kalibr(path)
+    np.testing.assert_allclose(mounting.R_camera_imu, [[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    assert mounting.offset_s == -0.0071
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'message'),
+    [
+        ('cam0', 'cam1', 'expected the entry cam0'),
+        ('T_cam_imu', 'T_imu_cam', 'T_cam_imu is missing'),
+        ('[1.0, 0.0, 0.0, 0.03]', '[1.0, 0.5, 0.0, 0.03]', 'is no rotation'),
+        ('-0.0071', 'soon', 'is not a time in seconds'),
+    ],
+)
+def test_a_damaged_calibration_is_refused_by_its_name(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    path = tmp_path / 'chain.yaml'
+    path.write_text(KALIBR.replace(old, new), encoding='utf-8')
+    with pytest.raises(InputError, match=rf'chain\.yaml: .*{message}'):
+        read_kalibr(path)
