@@ -40,7 +40,7 @@ LAYERS = {
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping
         < loops < dense < scene < map_io < mapper map_joining < processes < slam_map statistics
-        < robot_frames slam late_verdicts < robot_map < session < ros < node
+        < robot_frames slam late_verdicts < leveling robot_map < session < ros < node
     """,
     'hoid_bags': """
         images progress < mcap < tum < bag < imu_recording sequence convert < options < live

@@ -2,7 +2,7 @@
 
 The core's map frame is the optical frame of the first camera pose. A robot's map frame has its
 z axis up and is level with the base at the start. Without a base frame, the camera is assumed to
-be level when it starts.
+be level when it starts, until an accelerometer has measured gravity (`RobotFrames.level`).
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _UNKNOWN_TWIST = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 # Chosen: standard deviations of 1 mrad and 1 mm. The first pose defines the map, so that its
 # covariance is zero; in a message, zeros mean that it is unknown (nav_msgs/Odometry).
 _LEAST_COVARIANCE = 1e-6 * np.eye(6)
+_UP: FloatArray = np.array([0.0, 0.0, 1.0])
+_LEAST_SINE = 1e-9  # chosen: of an angle that is as good as zero
 # Chosen, as in `LossTimer`: the mean motion over a longer gap says little about the velocity.
 _MAX_TWIST_GAP_S = 0.5
 
@@ -77,6 +79,8 @@ class RobotFrames:
 
     def __init__(self, T_base_camera: FloatArray | None = None, *, planar: bool = False) -> None:
         self.T_map_core = T_BODY_OPTICAL if T_base_camera is None else T_base_camera
+        self._T_odom_core = self.T_map_core  # the mounting of the camera; never changes
+        self.is_fixed = False  # True: the map frame is that of a saved map, or level for good
         self._T_camera_base = np.eye(4) if T_base_camera is None else se3.inverse(T_base_camera)
         self._planar = planar and T_base_camera is not None
         self._last: _BasePose | None = None
@@ -103,8 +107,8 @@ class RobotFrames:
             image_covariance: (6, 6) part of this covariance whose errors differ from image to
                 image; it determines the covariance of the velocity. None: the whole covariance.
         """
-        T_map_base = self._base(T_map_camera)
-        T_odom_base = self._base(T_odom_camera)
+        T_map_base = self._base(self.T_map_core @ T_map_camera)
+        T_odom_base = self._base(self._T_odom_core @ T_odom_camera)
         A = se3.adjoint(se3.inverse(self._T_camera_base))
         covariance = _known(covariance)
         own = covariance if image_covariance is None else _known(image_covariance)
@@ -123,7 +127,7 @@ class RobotFrames:
 
         If no base frame is configured, the given pose is that of the camera's body axes.
         """
-        return se3.inverse(self.T_map_core) @ T_map_base @ self.T_map_core
+        return se3.inverse(self.T_map_core) @ T_map_base @ self._T_odom_core
 
     def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
         """Return the motion (4, 4) of the camera that results from a motion (4, 4) of the base."""
@@ -147,8 +151,25 @@ class RobotFrames:
         """Return (N, 3) points in the map for points in the core's map."""
         return se3.transform(self.T_map_core, points_core_m)
 
-    def _base(self, T_core_camera: FloatArray) -> FloatArray:
-        T = self.T_map_core @ T_core_camera @ self._T_camera_base
+    def level(self, up_core: FloatArray) -> float:
+        """Turn the map frame so that its z axis points up; return the angle [rad] of the turn.
+
+        The frame turns about its origin by the least angle from where the mounting of the camera
+        has put it, so that headings stay. The odometry frame does not turn: odom -> base never
+        jumps, map -> odom does. Nothing happens if `is_fixed`, or if the base does not tilt.
+
+        Args:
+            up_core: (3,) unit vector opposite to gravity, in the core's map frame.
+        """
+        if self.is_fixed or self._planar:
+            return 0.0
+        T = np.eye(4)
+        T[:3, :3] = _least_rotation(self._T_odom_core[:3, :3] @ up_core)
+        T_before, self.T_map_core = self.T_map_core, T @ self._T_odom_core
+        return float(np.linalg.norm(se3.log(se3.inverse(T_before) @ self.T_map_core)[:3]))
+
+    def _base(self, T_world_camera: FloatArray) -> FloatArray:
+        T = T_world_camera @ self._T_camera_base
         return flattened(T) if self._planar else T
 
     def _twist(self, now: _BasePose) -> tuple[FloatArray, FloatArray]:
@@ -161,6 +182,16 @@ class RobotFrames:
         A = se3.adjoint(se3.inverse(T_last_now))
         covariance = now.covariance + A @ last.covariance @ A.T
         return se3.log(T_last_now) / elapsed_s, covariance / elapsed_s**2
+
+
+def _least_rotation(up: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) by the least angle from a unit vector (3,) to the z axis."""
+    axis = np.cross(up, _UP)
+    sine, cosine = float(np.linalg.norm(axis)), float(up @ _UP)
+    if sine < _LEAST_SINE:  # upright, or upside down: then about x
+        return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
+    twist = np.append(np.arctan2(sine, cosine) / sine * axis, np.zeros(3))
+    return np.asarray(se3.exp(twist)[:3, :3])
 
 
 def _known(covariance: FloatArray) -> FloatArray:

@@ -251,7 +251,11 @@ class RobotMap:
         return LoadedMap(uids, self.keyframes())
 
     def _in_core(self, content: MapFile, *, extend: bool) -> MapState:
-        """Return a saved map as this camera would have made it, in the core's map frame."""
+        """Return a saved map as this camera would have made it, in the core's map frame.
+
+        From now on, the map frame is that of the saved map.
+        """
+        self._frames.is_fixed = True
         octaves = self._config.scale_factor, self._config.num_octaves
         state = content.seen_by(self._camera, *octaves, extend=extend).map
         return state.moved(se3.inverse(self._frames.T_map_core))

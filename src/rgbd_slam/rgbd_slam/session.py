@@ -16,6 +16,7 @@ from hoid_common.values import CameraModel, Features, FeatureVerdicts, FloatArra
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.late_verdicts import LateVerdicts
+from rgbd_slam.leveling import Leveling
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.robot_map import RobotMap
@@ -80,7 +81,7 @@ class SlamSession:
         self.robot_map = RobotMap(self.slam, frames, camera, config.camera)
         self.is_paused = False  # True: images are ignored
         self.stamp_ns = 0  # of the latest image that was tracked
-        self._frames = frames
+        self._frames, self._leveling = frames, Leveling(frames, imu)
         self._scene_scheduler = scene_scheduler or SceneScheduler(None, None)
         self._dropped = DroppedFrameCounter()
         self._late = LateVerdicts()
@@ -120,7 +121,9 @@ class SlamSession:
             return Processed(self._status(SlamState.PAUSED), None)
         result = self.slam.learn(tracked.result)
         self._num_processed += 1
-        self.robot_map.has_changed |= result.is_keyframe
+        is_in_main_map = self.slam.odometry.is_in_main_map
+        is_turned = self._leveling.update(result, is_in_main_map=is_in_main_map)
+        self.robot_map.has_changed |= result.is_keyframe or is_turned
         if result.is_keyframe:
             self._late.note_keyframe()
         status = self._status(result.state, result)
