@@ -10,7 +10,7 @@ from hoid_common.ros import conversions, qos
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.static_frames import StaticFrames
 from hoid_system_tests.sample_bench import SampleBench
-from rgbd_slam.ros.wheels import WheelOdometry
+from rgbd_slam.ros.motion.wheels import WheelOdometry
 
 IMAGE = np.zeros((4, 6, 3), np.uint8)
 MS = 1_000_000

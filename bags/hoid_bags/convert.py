@@ -27,8 +27,6 @@ from hoid_common import topics
 from hoid_common.config import Config, param
 from hoid_common.values import CameraModel
 
-ACCELEROMETER = f'{topics.IMU}/accelerometer'
-
 
 @dataclass(frozen=True)
 class ConvertConfig(Config):
@@ -125,7 +123,9 @@ def _add_topics(
     if source.ground_truth is not None:
         writer.add_topic(topics.GROUND_TRUTH, POSE_STAMPED)
     if source.accelerometer is not None:
-        writer.add_topic(ACCELEROMETER, IMU)
+        writer.add_topic(topics.ACCELEROMETER, IMU)
+    if source.gyro is not None:
+        writer.add_topic(topics.IMU, IMU)
 
 
 def _num_messages(source: TumFolder) -> int:
@@ -135,6 +135,7 @@ def _num_messages(source: TumFolder) -> int:
         num_images
         + (0 if truth is None else len(truth))
         + (0 if accelerometer is None else len(accelerometer.stamps_ns))
+        + (0 if source.gyro is None else len(source.gyro.stamps_ns))
     )
 
 
@@ -148,6 +149,7 @@ def _in_order_of_time(
         _image_stream(source.depth, depth),
         _truth_stream(source),
         _accelerometer_stream(source),
+        _gyro_stream(source),
     )
     return heapq.merge(*streams, key=attrgetter('stamp_ns'))
 
@@ -177,4 +179,12 @@ def _accelerometer_stream(source: TumFolder) -> Iterator[_Stamped]:
     table = source.accelerometer
     if table is not None:
         for stamp_ns, values in zip(table.stamps_ns.tolist(), table.values, strict=True):
-            yield _Stamped(stamp_ns, ACCELEROMETER, bag_messages.imu(stamp_ns, values))
+            yield _Stamped(stamp_ns, topics.ACCELEROMETER, bag_messages.imu(stamp_ns, values))
+
+
+def _gyro_stream(source: TumFolder) -> Iterator[_Stamped]:
+    table = source.gyro
+    if table is not None:
+        for stamp_ns, rates in zip(table.stamps_ns.tolist(), table.values, strict=True):
+            message = bag_messages.imu(stamp_ns, rate_radps=rates)
+            yield _Stamped(stamp_ns, topics.IMU, message)

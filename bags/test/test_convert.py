@@ -98,6 +98,20 @@ def test_two_libraries_read_the_same_back(
         assert stamp_ns(imu) == 1_305_031_102_176_000_001
 
 
+def test_a_gyro_is_carried_on_the_topic_of_the_imu(
+    make_folder: FolderMaker, camera: CameraModel, tmp_path: Path
+) -> None:
+    folder, bag = make_folder(2), tmp_path / 'bag'
+    (folder / 'gyro.txt').write_text('1305031102.18 0.1 -0.2 0.3\n1305031102.185 0.4 0.5 0.6\n')
+    convert(folder, bag, None, camera)
+    first, second = on(read_with_rosbags(bag), '/imu')
+    assert stamp_ns(first) == 1_305_031_102_180_000_000
+    rate = second.angular_velocity
+    assert (rate.x, rate.y, rate.z) == (0.4, 0.5, 0.6)
+    assert first.angular_velocity_covariance[0] == 0.0
+    assert first.orientation_covariance[0] == first.linear_acceleration_covariance[0] == -1.0
+
+
 def test_metadata_is_that_of_jazzy(
     make_folder: FolderMaker, camera: CameraModel, tmp_path: Path
 ) -> None:

@@ -32,6 +32,7 @@ COLOR_LIST = 'rgb.txt'
 DEPTH_LIST = 'depth.txt'
 GROUND_TRUTH = 'groundtruth.txt'
 ACCELEROMETER = 'accelerometer.txt'
+GYRO = 'gyro.txt'
 
 
 class ListedImage(NamedTuple):
@@ -82,6 +83,12 @@ class TumFolder:
     def accelerometer(self) -> NumberTable | None:
         """Return accelerations (N, 3) in m/s^2; None if there is no `accelerometer.txt`."""
         path = self.path / ACCELEROMETER
+        return read_numbers(path, columns=3) if path.exists() else None
+
+    @cached_property
+    def gyro(self) -> NumberTable | None:
+        """Return angular velocities (N, 3) in rad/s; None if there is no `gyro.txt`."""
+        path = self.path / GYRO
         return read_numbers(path, columns=3) if path.exists() else None
 
     @cached_property

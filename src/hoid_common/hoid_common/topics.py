@@ -9,6 +9,7 @@ RGB_IMAGE = 'rgb/image'
 CAMERA_INFO = 'rgb/camera_info'
 DEPTH_IMAGE = 'depth/image'
 IMU = 'imu'
+ACCELEROMETER = 'imu/accelerometer'  # of a driver that publishes the two sensors apart
 INITIAL_POSE = 'initialpose'  # RViz's "2D Pose Estimate"
 
 DETECTIONS = 'detections'

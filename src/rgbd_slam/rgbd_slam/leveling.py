@@ -35,7 +35,11 @@ class Leveling:
             result: The pose of the image.
             is_in_main_map: Whether it is a pose in the main map.
         """
-        up = None if self._imu is None else self._imu.up
+        if self._imu is None:
+            return False
+        if self._frames.is_fixed:
+            self._imu.stop_measuring_up()
+        up = self._imu.up
         if up is None or up is self._last or self._frames.is_fixed:
             return False
         is_tracked = result.state is SlamState.TRACKING and result.T_map_camera is not None

@@ -19,6 +19,7 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.initial_pose import InitialPose
 from rgbd_slam.ros.map_outputs import MapOutputs
 from rgbd_slam.ros.map_services import MapServices
+from rgbd_slam.ros.motion.imu_input import ImuInput
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
@@ -42,6 +43,7 @@ class RgbdSlamNode(ManagedNode):
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
         self._tracking_log = TrackingLog(self)
         self._scene = SceneClient(self, config, self.diagnostics)
+        self._imu = ImuInput(self, config.imu, static.frames, self.diagnostics)
         self._lifecycle = SessionLifecycle(
             self,
             config,
@@ -50,6 +52,7 @@ class RgbdSlamNode(ManagedNode):
             self.diagnostics,
             self._outputs.publish_status,
             self._outputs.wheel_motion,
+            self._imu.start,
         )
         require_session = self._lifecycle.require_session
         handlers = ServiceHandlers(self, self.diagnostics)
@@ -72,6 +75,7 @@ class RgbdSlamNode(ManagedNode):
             reliability=RELIABLE,
             is_occasional=True,
         )
+        self._imu.subscribe(inputs)
         InitialPose(inputs, require_session, self._outputs.find_in_map)
         self.begin(autostart=config.autostart)
 
@@ -99,6 +103,7 @@ class RgbdSlamNode(ManagedNode):
             return
         header = msg.header
         with exiting_without_mapper():
+            self._imu.deliver(header.frame_id)
             tracked = session.track(conversions.features_from_msg(msg))
             self._outputs.publish_pose(tracked.pose, header)
             done = session.learn(tracked)
@@ -106,6 +111,7 @@ class RgbdSlamNode(ManagedNode):
         self._scene.enqueue(done.scene_request)
         self._outputs.publish_status(done.status, header)
         self._diagnose(session, done.status)
+        self._imu.report()
         self._tracking_log.update(done.status)
 
     def _on_verdicts(self, msg: FeatureVerdicts) -> None:

@@ -31,10 +31,18 @@ def spinning(rates: FloatArray, period_ns: int = 5_000_000) -> SampleBuffer:
     return gyro
 
 
+def turned(
+    gyro: SampleBuffer, first_ns: int, second_ns: int, bias_radps: FloatArray
+) -> FloatArray | None:
+    """Return the rotation between two times by the samples of a buffer."""
+    samples = gyro.between(first_ns, second_ns)
+    return rotation_between(samples, first_ns, second_ns, bias_radps)
+
+
 def test_a_constant_rate_gives_the_exact_rotation_between_any_stamps() -> None:
     w = np.array([0.5, -1.0, 2.0])
     gyro = spinning(np.tile(w, (201, 1)))
-    R = rotation_between(gyro, 123_456_789, 876_543_210, np.zeros(3))
+    R = turned(gyro, 123_456_789, 876_543_210, np.zeros(3))
     expected = se3.exp(np.append(w * 0.753086421, np.zeros(3)))[:3, :3]
     assert R is not None
     np.testing.assert_allclose(R, expected, atol=1e-9)
@@ -42,7 +50,7 @@ def test_a_constant_rate_gives_the_exact_rotation_between_any_stamps() -> None:
 
 def test_the_bias_is_taken_from_the_rates() -> None:
     gyro = spinning(np.tile([0.1, 0.2, 0.3], (201, 1)))
-    R = rotation_between(gyro, 0, NS_PER_S // 2, np.array([0.1, 0.2, 0.3]))
+    R = turned(gyro, 0, NS_PER_S // 2, np.array([0.1, 0.2, 0.3]))
     assert R is not None
     np.testing.assert_allclose(R, np.eye(3), atol=1e-12)
 
@@ -51,11 +59,11 @@ def test_no_rotation_is_given_across_a_gap_or_beyond_the_samples() -> None:
     gyro = spinning(np.ones((21, 3)))  # up to 0.1 s
     gyro.add(Samples(np.array([200_000_000, 205_000_000]), np.ones((2, 3))))
     no_bias = np.zeros(3)
-    assert rotation_between(gyro, 50_000_000, 90_000_000, no_bias) is not None
-    assert rotation_between(gyro, 50_000_000, 203_000_000, no_bias) is None
-    assert rotation_between(gyro, 200_000_000, 225_000_000, no_bias) is not None  # held
-    assert rotation_between(gyro, 200_000_000, 235_000_000, no_bias) is None
-    assert rotation_between(gyro, -5_000_000, 50_000_000, no_bias) is None
+    assert turned(gyro, 50_000_000, 90_000_000, no_bias) is not None
+    assert turned(gyro, 50_000_000, 203_000_000, no_bias) is None
+    assert turned(gyro, 200_000_000, 225_000_000, no_bias) is not None  # held
+    assert turned(gyro, 200_000_000, 235_000_000, no_bias) is None
+    assert turned(gyro, -5_000_000, 50_000_000, no_bias) is None
     assert gyro.num_gaps == 1
 
 
@@ -95,7 +103,8 @@ def test_offset_rotation_and_bias_are_found(offset_ms: int, R_camera_imu: FloatA
     np.testing.assert_allclose(fit.bias_radps, BIAS, atol=2e-3)
     assert shaken.imu.fault is None
     (news,) = shaken.imu.take_news()
-    assert news.startswith('imu: its stamps are ')
+    assert news.text.startswith('imu: its stamps are ')
+    assert not news.is_problem
     assert shaken.imu.take_news() == []
 
 
@@ -111,7 +120,7 @@ def test_a_rotation_that_is_given_as_identity_is_corrected_and_reported() -> Non
     shaken.run(5.0)
     assert shaken.imu.fit is not None
     assert angle_deg(shaken.imu.fit.R_camera_imu.T @ AXES) < 1.0
-    assert any('turned by 120 degrees' in text for text in shaken.imu.take_news())
+    assert any('turned by 120 degrees' in news.text for news in shaken.imu.take_news())
 
 
 def test_a_right_mounting_is_kept_as_given() -> None:
@@ -160,7 +169,7 @@ def test_a_fault_is_noticed_said_once_and_left_out(
     assert shaken.imu.fault is fault
     first_ns = START_NS + round(shaken.time_s * 30) * IMAGE_NS - NS_PER_S
     assert shaken.imu.rotation(first_ns, first_ns + IMAGE_NS) is None
-    assert shaken.imu.take_news() == [f'imu: the gyro is left out: {fault.value}']
+    assert shaken.imu.take_news() == [(f'imu: the gyro is left out: {fault.value}', True)]
     shaken.run(8.0)
     assert shaken.imu.take_news() == []
     assert shaken.imu.num_refused > 1
@@ -184,7 +193,7 @@ def test_a_saturated_turn_is_left_out() -> None:
     steps = [START_NS + k * IMAGE_NS for k in range(30, 240)]
     unknown = [ns for ns in steps if shaken.imu.rotation(ns, ns + IMAGE_NS) is None]
     assert 0 < len(unknown) < len(steps) / 2
-    assert any('faster than its range' in text for text in shaken.imu.take_news())
+    assert any('faster than the range' in news.text for news in shaken.imu.take_news())
 
 
 @pytest.mark.parametrize('gyro', [False, True], ids=['accelerometer', 'both'])

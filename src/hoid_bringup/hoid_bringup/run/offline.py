@@ -130,7 +130,7 @@ class OfflinePipeline:
             self._scene.fuse(done.scene_request, frame.depth_m, frame.image_bgr, filtered.objects)
         if self._imu is not None:
             for news in self._imu.imu.take_news():
-                _LOG.info('%s', news)
+                _LOG.log(logging.WARNING if news.is_problem else logging.INFO, '%s', news.text)
         self._count(filtered)
         self._time(filtered, done.status.stage_ms, track_ms)
         if detections is not None:

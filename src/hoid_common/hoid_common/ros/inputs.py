@@ -142,6 +142,7 @@ class Inputs:
         reliability: str | None = None,
         is_occasional: bool = False,
         is_latched: bool = False,
+        queue_length: int | None = None,
     ) -> None:
         """Subscribe to a topic.
 
@@ -153,6 +154,7 @@ class Inputs:
             reliability: Reliability to request; by default that of the parameter `reliability`.
             is_occasional: Whether it is normal that no message arrives for long.
             is_latched: Whether one message is enough, which may have been published earlier.
+            queue_length: Number of messages that wait; by default that of the parameter.
         """
         config, full_name = self._config, self._node.resolve_topic_name(topic)
         requested = reliability or config.reliability
@@ -160,7 +162,8 @@ class Inputs:
             full_name, what, requested, is_occasional=is_occasional, is_latched=is_latched
         )
         on_bytes = checked_callback(callback, type_, full_name, what, self._diagnostics)
-        _Input(self._node, watch, on_bytes, type_, topic, config.queue_length)
+        depth = queue_length or config.queue_length
+        _Input(self._node, watch, on_bytes, type_, topic, depth)
 
 
 class _Input:

@@ -13,10 +13,12 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer
 
 MAX_OFFSET_S = 0.1  # chosen: more than drivers of cameras with an IMU are off
 _COARSE_S, _FINE_S = 0.01, 0.0025  # chosen: steps of the search for the offset
+_NUM_FINE = 2  # chosen: fine steps to each side, as the next round goes on from there
 _WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations that are compared with the gyro
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: a longer step between tracked images is not compared
 _MIN_STEPS = 20  # chosen: fewer tracked rotations say nothing
-_ROUNDS = 3  # chosen: of the search, each with weights from the residuals of the one before
+# Chosen: rounds of the search, each with weights from the residuals of the one before.
+_ROUNDS, _NEAR_ROUNDS = 3, 2
 _CAUCHY = 1.5  # chosen: residuals of this multiple of the median have the weight 0.5
 _LEAST_RAD = 1e-4  # chosen: far below the errors of tracked rotations, so that no weight is 0 / 0
 _LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median say nothing about the bias
@@ -85,7 +87,7 @@ class GyroCalibration:
         steps = self._steps(gyro)
         if steps is None:
             return None
-        for _ in range(_ROUNDS):
+        for _ in range(_ROUNDS if near_s is None else _NEAR_ROUNDS):
             offset_s, curvature = _best_offset(steps, R_camera_imu, near_s)
             near_s = offset_s
             residuals_rad = _residuals(_aligned(steps, offset_s, R_camera_imu))
@@ -174,7 +176,9 @@ def _best_offset(
     if near_s is None:
         tried_s = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + _COARSE_S / 2, _COARSE_S)
         near_s = _least(steps, tried_s, R_camera_imu, _COARSE_S)[0]
-    tried_s = np.clip(near_s, -MAX_OFFSET_S, MAX_OFFSET_S) + _FINE_S * np.arange(-3, 4)
+    tried_s = np.clip(near_s, -MAX_OFFSET_S, MAX_OFFSET_S) + _FINE_S * np.arange(
+        -_NUM_FINE, _NUM_FINE + 1
+    )
     return _least(steps, tried_s, R_camera_imu, _FINE_S)
 
 

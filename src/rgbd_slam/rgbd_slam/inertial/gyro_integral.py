@@ -6,44 +6,57 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray, IntArray
-from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer
+from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer, Samples
 
 # Chosen: for this long after the newest sample its rate is held. A sample may arrive after the
 # image that it belongs to.
 _HELD_NS = NS_PER_S // 40
+_SUMMED_S = 0.04  # chosen: one step between images at 30 Hz
+_LEAST_RAD = 1e-12  # chosen: a smaller angle is zero, and keeps the quotients finite
 
 
 def rotation_between(
-    gyro: SampleBuffer, first_ns: int, second_ns: int, bias_radps: FloatArray
+    gyro: Samples, first_ns: int, second_ns: int, bias_radps: FloatArray
 ) -> FloatArray | None:
     """Return the rotation R_first_second (3, 3) of the IMU between two times by its clock.
 
-    The rate is linear between samples. None is returned if samples are missing: before the first
-    time, for more than 25 ms up to the second, or between.
+    The rate is linear between samples. Over 0.04 s the rates are summed: the error of that is
+    below 1e-4 rad up to 3 rad/s. None is returned if samples are missing: before the first time,
+    for more than 25 ms up to the second, or between.
 
     Args:
-        gyro: The samples.
+        gyro: The samples around this time; see `SampleBuffer.between`.
         first_ns: Time at which the rotation begins.
         second_ns: Time at which it ends, not earlier.
         bias_radps: (3,) bias of the gyro, along the axes of the IMU.
     """
-    stamps_ns, rates_radps = gyro.between(first_ns, second_ns)
+    stamps_ns, rates_radps = gyro
     if second_ns <= first_ns:
         return np.eye(3) if second_ns == first_ns else None
     if not len(stamps_ns) or stamps_ns[0] > first_ns or second_ns > stamps_ns[-1] + _HELD_NS:
         return None
     if len(stamps_ns) > 1 and np.diff(stamps_ns).max() > GAP_NS:
         return None
-    is_inside = (stamps_ns > first_ns) & (stamps_ns < second_ns)
-    knots_s = _seconds(np.r_[first_ns, stamps_ns[is_inside], second_ns] - first_ns)
-    at_knots = interpolated(knots_s, _seconds(stamps_ns - first_ns), rates_radps) - bias_radps
-    steps = 0.5 * (at_knots[1:] + at_knots[:-1]) * np.diff(knots_s)[:, None]
-    return product(rotations(steps))
+    known_s = _seconds(stamps_ns - first_ns)
+    knots_s = np.concatenate(
+        [
+            [0.0],
+            known_s[(known_s > 0.0) & (stamps_ns < second_ns)],
+            [S_PER_NS * (second_ns - first_ns)],
+        ]
+    )
+    at_knots = interpolated(knots_s, known_s, rates_radps) - bias_radps
+    steps = 0.5 * (at_knots[1:] + at_knots[:-1]) * (knots_s[1:] - knots_s[:-1])[:, None]
+    _, starts = np.unique(knots_s[:-1] // _SUMMED_S, return_index=True)
+    return product(rotations(np.add.reduceat(steps, starts)))
 
 
 def rotations(vectors_rad: FloatArray) -> FloatArray:
-    """Return the rotations (N, 3, 3) of rotation vectors (N, 3)."""
-    return np.asarray(se3.exp(np.hstack([vectors_rad, np.zeros_like(vectors_rad)]))[:, :3, :3])
+    """Return the rotations (N, 3, 3) of rotation vectors (N, 3), by Rodrigues' formula."""
+    angle = np.maximum(np.sqrt(np.vecdot(vectors_rad, vectors_rad)), _LEAST_RAD)[:, None, None]
+    W = se3.hat(vectors_rad)
+    half = np.sin(0.5 * angle) / angle
+    return np.asarray(np.eye(3) + np.sin(angle) / angle * W + 2.0 * half**2 * (W @ W))
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +35,8 @@ _CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of trackin
 # addition, real gyros have errors of their scale.
 _NOISE_RAD = 0.002
 _SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
-_SATURATED = 'it turns faster than its range; such turns are left out'
+_LEFT_OUT = 'imu: the gyro is left out: {}'
+_SATURATED = 'imu: it turns faster than the range of the gyro; such turns are left out'
 
 
 class MeasuredRotation(NamedTuple):
@@ -42,6 +44,13 @@ class MeasuredRotation(NamedTuple):
 
     R_first_second: FloatArray  # (3, 3)
     sigma_rad: float  # standard deviation about each axis
+
+
+class News(NamedTuple):
+    """Something to say about the IMU once."""
+
+    text: str
+    is_problem: bool
 
 
 class Up(NamedTuple):
@@ -70,7 +79,8 @@ class Imu:
         self._offset_s = 0.0 if mounting is None else mounting.offset_s
         self._compared_ns: int | None = None  # stamp of the image of the last comparison
         self._is_mounting_known = False
-        self._news: list[str] = []
+        self._needs_up = config.level
+        self._news: list[News] = []
         self._said: set[str] = set()
         self.fit: GyroFit | None = None  # by the last comparison
         self.fault: GyroFault | None = None  # why the gyro is left out
@@ -88,7 +98,7 @@ class Imu:
     def observe(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
         """Learn from the tracked motion (4, 4) of the camera between two images."""
         has_gyro = bool(self._config.gyro and len(self._gyro))
-        has_accelerometer = bool(self._config.level and len(self._accelerometer))
+        has_accelerometer = bool(self._needs_up and len(self._accelerometer))
         if has_gyro:
             self._calibration.add(first_ns, second_ns, T_first_second[:3, :3])
         if has_accelerometer:
@@ -112,22 +122,37 @@ class Imu:
             return None
         offset_ns = round(fit.offset_s * NS_PER_S)
         ends_ns = first_ns + offset_ns, second_ns + offset_ns
-        R_imu = rotation_between(self._gyro, *ends_ns, fit.bias_radps)
+        samples = self._gyro.between(*ends_ns)
+        R_imu = rotation_between(samples, *ends_ns, fit.bias_radps)
         if R_imu is None:
             return None
-        if is_saturated(self._gyro.between(*ends_ns)):
+        if is_saturated(samples):
             self._say(_SATURATED)
             return None
         R = fit.R_camera_imu @ R_imu @ fit.R_camera_imu.T
         elapsed_s = S_PER_NS * (second_ns - first_ns)
-        turn_rad = float(np.linalg.norm(rotation_vector(R)))
-        of_turn = np.hypot(fit.rotation_sigma_rad, _SCALE_ERROR) * turn_rad
+        turn_rad = math.acos(min(max((float(np.trace(R)) - 1.0) / 2, -1.0), 1.0))
+        of_turn = math.hypot(fit.rotation_sigma_rad, _SCALE_ERROR) * turn_rad
         of_offset = fit.offset_sigma_s * turn_rad / max(elapsed_s, 2 * fit.offset_sigma_s)
         of_bias = fit.bias_sigma_radps * elapsed_s
-        noise = _NOISE_RAD * np.sqrt(elapsed_s)
-        return MeasuredRotation(R, float(np.linalg.norm([of_turn, of_offset, of_bias, noise])))
+        noise = _NOISE_RAD * math.sqrt(elapsed_s)
+        return MeasuredRotation(R, math.hypot(of_turn, of_offset, of_bias, noise))
 
-    def take_news(self) -> list[str]:
+    def mount(self, mounting: Mounting) -> None:
+        """Use a mounting that has become known; one that was given before is kept."""
+        if self._mounting is None:
+            self._mounting = mounting
+
+    def stop_measuring_up(self) -> None:
+        """Ignore the accelerometer from now on, because the map is level for good."""
+        self._needs_up = False
+
+    @property
+    def problem(self) -> str:
+        """Return why the gyro is left out, or ''."""
+        return '' if self.fault is None else _LEFT_OUT.format(self.fault.value)
+
+    def take_news(self) -> list[News]:
         """Return what has to be said about the IMU since the last call, each thing once."""
         news, self._news = self._news, []
         return news
@@ -149,7 +174,7 @@ class Imu:
             self._fit()
         if self.fault is not None:
             self.num_refused += 1
-            self._say(f'the gyro is left out: {self.fault.value}')
+            self._say(self.problem)
 
     def _fit(self) -> None:
         """Update the calibration and its fault."""
@@ -173,7 +198,7 @@ class Imu:
         )
         self._offset_s = fit.offset_s
         if self._is_mounting_known and fit.offset_sigma_s < _KNOWN_OFFSET_S:
-            self._say(_found(self.fit), 'found')
+            self._say(_found(self.fit), 'found', is_problem=False)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
         """Return the given rotation unless the images contradict it, else the one that was found.
@@ -189,7 +214,7 @@ class Imu:
         if angle_rad < _CONTRADICTED_RAD + _NUM_SIGMAS * sigma_rad:
             return given
         self._say(
-            f'the IMU is turned by {np.rad2deg(angle_rad):.0f} degrees from what its frame or its '
+            f'imu: it is turned by {np.rad2deg(angle_rad):.0f} degrees from what its frame or its '
             'calibration says; the rotation that the images show is used',
             'mounting',
         )
@@ -204,18 +229,17 @@ class Imu:
         found = self._gravity.fit(R)
         self.up = None if found is None else Up(image_ns, found.up_camera, found.up_sigma_rad)
 
-    def _say(self, text: str, kind: str = '') -> None:
+    def _say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:
         """Keep a text to say, if nothing of its kind has been said."""
         if (kind or text) not in self._said:
             self._said.add(kind or text)
-            self._news.append(f'imu: {text}')
+            self._news.append(News(text, is_problem))
 
 
 def _found(fit: GyroFit) -> str:
-    turn_deg = np.rad2deg(rotation_vector(fit.R_camera_imu))
+    turn = ', '.join(f'{v:.1f}' for v in np.rad2deg(rotation_vector(fit.R_camera_imu)))
     bias = ', '.join(f'{value:.4f}' for value in fit.bias_radps)
     return (
-        f'its stamps are {1e3 * fit.offset_s:.0f} ms later than those of the images, its rotation '
-        f'to the camera is ({", ".join(f"{value:.1f}" for value in turn_deg)}) degrees, its bias '
-        f'({bias}) rad/s'
+        f'imu: its stamps are {1e3 * fit.offset_s:.0f} ms later than those of the images, its '
+        f'rotation to the camera is ({turn}) degrees, its bias ({bias}) rad/s'
     )

@@ -17,7 +17,7 @@ from hoid_common.static_frames import StaticFrames
 from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.robot_frames import RobotPose
-from rgbd_slam.ros.wheels import WheelOdometry
+from rgbd_slam.ros.motion.wheels import WheelOdometry
 
 _WHEELS = 'wheels'
 

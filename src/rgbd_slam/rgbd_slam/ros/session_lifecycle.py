@@ -17,6 +17,7 @@ from hoid_common.slam_status import SlamMode, SlamStatus
 from hoid_common.static_frames import StaticFrames
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_directory import MAP, path_in
 from rgbd_slam.map_io.map_file import MapFile
@@ -40,6 +41,7 @@ class SessionLifecycle:
         publish_status: Publishes the status of a session that has started, before its first image.
         wheel_motion: Returns the motion (4, 4) of a frame between two stamps [ns] by external
             odometry, or None if that is unknown.
+        start_imu: Returns the IMU of a new session.
     """
 
     def __init__(
@@ -51,11 +53,12 @@ class SessionLifecycle:
         diagnostics: Diagnostics,
         publish_status: Callable[[SlamStatus, Header], None],
         wheel_motion: Callable[[int, int, str], FloatArray | None],
+        start_imu: Callable[[], Imu],
     ) -> None:
         self._config, self._frames, self._scene = config, frames, scene
         self._logger = node.get_logger()
         self._diagnostics, self._publish_status = diagnostics, publish_status
-        self._wheel_motion = wheel_motion
+        self._wheel_motion, self._start_imu = wheel_motion, start_imu
         reset = node.resolve_service_name(topics.RESET)
         self._camera_remedy = f'call {reset} to begin a new map with the camera as it is now'
         self._tf_static = node.resolve_topic_name(topics.TF_STATIC)
@@ -214,6 +217,7 @@ class SessionLifecycle:
                 background=True,
                 scene_scheduler=scheduler,
                 wheels=camera_motion,
+                imu=self._start_imu(),
             )
         self._scene.start_map(camera)
         self.session = session  # the loader checks that it is still the present one

@@ -1,0 +1,1 @@
+"""Sensors of motion beside the camera: wheel odometry and an IMU."""

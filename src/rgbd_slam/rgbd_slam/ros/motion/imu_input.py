@@ -1,0 +1,126 @@
+"""The topics of an IMU, which is used if there is one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import Imu as ImuMsg
+
+from hoid_common import topics
+from hoid_common.inputs.input_config import BEST_EFFORT
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.inputs import Inputs
+from hoid_common.static_frames import StaticFrames
+from rgbd_slam.config.imu_config import ImuConfig
+from rgbd_slam.inertial.imu import Imu
+from rgbd_slam.inertial.mounting import Mounting, read_kalibr
+from rgbd_slam.inertial.sample_buffer import Samples
+from rgbd_slam.ros.motion.imu_message import imu_from_msg
+
+# Chosen: messages that wait while an image is processed, 0.5 s at 400 Hz.
+_QUEUE_LENGTH = 200
+_MAX_ROWS = 4000  # chosen, to bound the memory while no images arrive: 10 s at 400 Hz
+_IMU = 'imu'  # name of the problem in the diagnostics
+
+_Row = tuple[int, tuple[float, float, float]]
+
+
+class ImuInput:
+    """Collects the samples of an IMU between two images, and gives them to the session's `Imu`.
+
+    A driver may publish both sensors on `imu`, in turn or together, or the accelerometer on
+    `imu/accelerometer`. Without messages nothing changes.
+
+    Args:
+        node: The SLAM node.
+        config: Parameters.
+        static: The static transforms, which say how the IMU is mounted.
+        diagnostics: Diagnostics of the node.
+
+    Raises:
+        InputError: The calibration file cannot be used.
+    """
+
+    def __init__(
+        self, node: Node, config: ImuConfig, static: StaticFrames, diagnostics: Diagnostics
+    ) -> None:
+        self._node, self._config, self._static = node, config, static
+        self._diagnostics = diagnostics
+        self._calibrated = read_kalibr(Path(config.calibration)) if config.calibration else None
+        self._rates: list[_Row] = []
+        self._accelerations: list[_Row] = []
+        self._frame = ''  # of the newest message
+        self._num_samples = 0
+        self._imu: Imu | None = None
+
+    def subscribe(self, inputs: Inputs) -> None:
+        """Subscribe to the topics, if the parameters use them."""
+        if self._config.gyro or self._config.level:
+            for topic in (topics.IMU, topics.ACCELEROMETER):
+                inputs.messages(
+                    ImuMsg,
+                    topic,
+                    self._on_message,
+                    'IMU messages',
+                    reliability=BEST_EFFORT,
+                    is_occasional=True,
+                    queue_length=_QUEUE_LENGTH,
+                )
+
+    def start(self) -> Imu:
+        """Return the IMU of a new session, which gets all further samples."""
+        self._imu = Imu(self._config, self._calibrated)
+        return self._imu
+
+    def deliver(self, camera_frame: str) -> None:
+        """Give the collected samples to the session's IMU, before an image is tracked.
+
+        Args:
+            camera_frame: Frame of the image.
+        """
+        imu = self._imu
+        if imu is None or not (self._rates or self._accelerations):
+            return
+        if self._frame:
+            T_camera_imu = self._static.find(camera_frame, self._frame)
+            if T_camera_imu is not None:
+                imu.mount(Mounting(T_camera_imu[:3, :3]))
+        imu.add_rates(_samples(self._rates))
+        imu.add_accelerations(_samples(self._accelerations))
+        self._rates, self._accelerations = [], []
+
+    def report(self) -> None:
+        """Report faults in the diagnostics, and log what was found out, after an image."""
+        imu = self._imu
+        if imu is None or not self._num_samples:
+            return
+        self._diagnostics.set_count('IMU samples', self._num_samples)
+        self._diagnostics.report_problem(_IMU, imu.problem)
+        if imu.fit is not None:
+            self._diagnostics.set_value('IMU time offset', f'{1e3 * imu.fit.offset_s:.0f} ms')
+        for news in imu.take_news():
+            if news.text == imu.problem:  # logged as a problem already
+                continue
+            if news.is_problem:
+                self._node.get_logger().warning(news.text)
+            else:
+                self._node.get_logger().info(news.text)
+
+    def _on_message(self, msg: ImuMsg) -> None:
+        sample = imu_from_msg(msg)
+        self._frame = msg.header.frame_id
+        self._num_samples += 1
+        if self._imu is None:  # no session yet
+            return
+        if sample.rate_radps is not None:
+            self._rates.append((sample.stamp_ns, sample.rate_radps))
+        if sample.acceleration_mps2 is not None:
+            self._accelerations.append((sample.stamp_ns, sample.acceleration_mps2))
+        del self._rates[:-_MAX_ROWS], self._accelerations[:-_MAX_ROWS]
+
+
+def _samples(rows: list[_Row]) -> Samples:
+    stamps_ns = np.array([stamp_ns for stamp_ns, _ in rows], np.int64)
+    return Samples(stamps_ns, np.array([values for _, values in rows], np.float64).reshape(-1, 3))
