@@ -321,8 +321,10 @@ class RgbdSlam:
             frame, self.odometry.last, self._loss_timer.lost_s, limit_s
         ):
             pose = bridge.T_map_camera if bridge else self.odometry.pose()
-            started = self._start_map(frame, pose)
+            before, started = self.odometry.last, self._start_map(frame, pose)
             if started.is_keyframe:
+                if bridge is not None and bridge.is_short:
+                    self.trajectory.link(before, self.odometry.last, bridge.T_last_camera)
                 return started
         if bridge is None:
             return TrackingResult(frame.stamp_ns, SlamState.LOST)

@@ -119,6 +119,30 @@ def test_a_frame_that_becomes_a_keyframe_is_where_this_is_mapped() -> None:
     np.testing.assert_array_equal(recorder.online().T_world_camera, last.T_map_camera[None])
 
 
+def test_final_poses_cover_maps_that_a_measured_motion_connects() -> None:
+    atlas = Atlas(1.2, 8)
+    recorder = TrajectoryRecorder(atlas.keyframes)
+    T_step, T_moved = se3.exp(np.array([[0, 0.1, 0, 0.2, 0, 0], [0.3, 0, 0.1, 1.0, 2.0, 0]]))
+    frames = []
+    for n, map_id in enumerate([0, 1, 1, 2]):  # the main map is 1; a lost camera starts the next
+        T = np.linalg.matrix_power(T_step, n)
+        row = atlas.add_keyframe(tracked(n, T).frame, T, map_id)
+        uid = int(atlas.keyframes.uid[row])
+        frames.append(replace(tracked(n, T, uid), T_reference_camera=np.eye(4)))
+        recorder.add(frames[-1])
+    assert recorder.final().stamps_ns.tolist() == [1, 2]
+    recorder.link(frames[0], frames[1], T_step)
+    recorder.link(frames[2], None, T_step)  # nothing follows
+    assert recorder.final().stamps_ns.tolist() == [0, 1, 2]
+    recorder.link(frames[2], frames[3], T_step)
+    expected = np.stack([frame.T_map_camera for frame in frames])
+    np.testing.assert_allclose(recorder.final().T_world_camera, expected, atol=1e-12)
+    rows = np.flatnonzero(atlas.keyframes.map_id == 1)
+    atlas.set_poses(rows, T_moved @ atlas.keyframes.T_map_camera[rows])  # a corrected main map
+    np.testing.assert_allclose(recorder.final().T_world_camera, T_moved @ expected, atol=1e-12)
+    np.testing.assert_array_equal(recorder.online().T_world_camera, expected)
+
+
 def test_a_frame_whose_map_is_gone_is_nowhere() -> None:
     assert recorded(3, KeyframeTable()).pose(1) is None
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,16 @@ _FRAME = np.dtype(
 _REMOVED = np.dtype(
     [('uid', np.int64), ('parent_uid', np.int64), ('T_parent_camera', np.float64, (4, 4))]
 )
+_NO_MAP = -1  # map id of the sentinel
 _UNKNOWN = 0  # row of the sentinel, for poses whose reference keyframe was removed
+
+
+class _MapLink(NamedTuple):
+    """The measured motion from a keyframe of a map that was lost to the first one of the next."""
+
+    before_uid: int
+    after_uid: int
+    T_before_after: FloatArray  # (4, 4)
 
 
 class TrajectoryRecorder:
@@ -45,6 +55,7 @@ class TrajectoryRecorder:
         self._keyframes = keyframes
         self._frames = RecordStore(_FRAME, 'old poses of the trajectory')
         self._removed = RecordStore(_REMOVED, 'old keyframes of the trajectory')
+        self._links: list[_MapLink] = []
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -90,6 +101,20 @@ class TrajectoryRecorder:
         frame['reference_uid'], frame['T_reference_camera'] = uid, np.eye(4)[:3]
         self._frames[len(self) - 1] = frame
 
+    def link(
+        self, before: TrackedFrame | None, after: TrackedFrame | None, T_before_after: FloatArray
+    ) -> None:
+        """Store how a new map lies to the one before, so that final poses cover both.
+
+        Args:
+            before: The last frame in the map before; nothing is stored if there is none.
+            after: The first frame of the new map.
+            T_before_after: (4, 4) measured motion between them.
+        """
+        if before is not None and after is not None:
+            T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
+            self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
+
     def redirect(self, redirects: Iterable[Redirect]) -> None:
         """Store the parents of removed keyframes; poses of frames become relative to these."""
         for redirect in redirects:
@@ -102,7 +127,8 @@ class TrajectoryRecorder:
     def final(self) -> Trajectory:
         """Return the poses that follow from the current keyframe poses of the main map.
 
-        Frames of other maps are left out, because the poses of these maps are unknown.
+        Frames of other maps are left out unless links connect these maps with the main one,
+        because otherwise the poses of these maps are unknown.
         """
         return Trajectory.joined(self.parts('final'))
 
@@ -133,10 +159,11 @@ class TrajectoryRecorder:
 
     def _final(self) -> Iterator[Trajectory]:
         snapshot, num_removed = _PoseSnapshot(self._keyframes), len(self._removed)
-        parts = self._frames.blocks(len(self))
+        parts, links = self._frames.blocks(len(self)), tuple(self._links)
 
         def final_parts() -> Iterator[Trajectory]:
             removed = _by_uid(self._removed.blocks(num_removed))
+            snapshot.connect(links, removed)
             for part in parts:
                 uids, which = np.unique(part['reference_uid'], return_inverse=True)
                 rows, T_map_reference = snapshot.of(uids, removed)
@@ -161,7 +188,28 @@ class _PoseSnapshot:
         rows = rows[np.argsort(keyframes.uid[rows])]
         self._uids = np.append(DEAD, keyframes.uid[rows])
         self._T_map_camera = np.concatenate([np.eye(4)[None], keyframes.T_map_camera[rows]])
-        self.is_main = np.append(False, keyframes.map_id[rows] == main_map(keyframes))
+        self._map_id, self._main = np.append(_NO_MAP, keyframes.map_id[rows]), main_map(keyframes)
+        self.is_main = self._map_id == self._main
+
+    def connect(self, links: Sequence[_MapLink], removed: NDArray[np.void]) -> None:
+        """Move the keyframes of all maps that links connect with the main one into its frame."""
+        uids = np.array([link[:2] for link in links], np.int64).reshape(-1, 2)
+        rows, poses = self.of(uids.ravel(), removed)
+        ends = self._map_id[rows].reshape(-1, 2).tolist()
+        T_main = {self._main: np.eye(4)}  # T_main_map of each map that is connected
+        for _ in links:  # in each round at least one more map, or all are found
+            for (before, after), (T_before, T_after), link in zip(
+                ends, poses.reshape(-1, 2, 4, 4), links, strict=True
+            ):
+                T = T_before @ link.T_before_after @ se3.inverse(T_after)  # T_before_after of maps
+                if before in T_main and after not in T_main:
+                    T_main[after] = T_main[before] @ T
+                elif after in T_main and before not in T_main:
+                    T_main[before] = T_main[after] @ se3.inverse(T)
+        for map_id in T_main.keys() - {self._main, _NO_MAP}:
+            is_in_map = self._map_id == map_id
+            self._T_map_camera[is_in_map] = T_main[map_id] @ self._T_map_camera[is_in_map]
+            self.is_main |= is_in_map
 
     def of(self, uids: IntArray, removed: NDArray[np.void]) -> tuple[IntArray, FloatArray]:
         """Return the rows (K,) of keyframes or their nearest existing ancestors, and their poses.
