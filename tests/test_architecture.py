@@ -47,7 +47,7 @@ LAYERS = {
         < commands
     """,
     'hoid_synth': """
-        mesh noise < floor < config < texture < people < room < acting < render
+        mesh noise < floor < config < texture < people < room < acting < render imu
         < truth static_model < scene < bag room_truth < commands
     """,
     'hoid_bringup': """

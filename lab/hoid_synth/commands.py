@@ -59,6 +59,9 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
         '--no-people', dest='num_people', action='store_const', const=0, help='render no people'
     )
     parser.add_argument(
+        '--imu', action='store_true', help='also write the samples of an IMU at 200 Hz'
+    )
+    parser.add_argument(
         '--workers',
         type=int,
         default=min(_MOST_WORKERS, os.cpu_count() or 1),
@@ -69,7 +72,7 @@ def add_synth_arguments(parser: argparse.ArgumentParser) -> None:
 
 def synth_command(args: argparse.Namespace) -> None:
     """Render a scene into a bag."""
-    write_bag(scene_config(args), args.bag, args.workers, show_progress=True)
+    write_bag(scene_config(args), args.bag, args.workers, imu=args.imu, show_progress=True)
 
 
 def scene_config(args: argparse.Namespace) -> SceneConfig:
