@@ -135,6 +135,14 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
         help='publish each image only after the odometry of the one before, so that a slow '
         'computer loses no image',
     )
+    parser.add_argument(
+        '--imu',
+        action='append',
+        default=[],
+        metavar='TOPIC',
+        help='topic of an IMU in the bag; give it twice for a gyro and an accelerometer on topics '
+        'of their own (default: no IMU)',
+    )
 
 
 def replay_command(args: argparse.Namespace) -> None:
@@ -144,7 +152,9 @@ def replay_command(args: argparse.Namespace) -> None:
     """
     from hoid_bringup.live.replay import replay  # imports ROS, which other commands do not need
 
-    config = ReplayConfig(rate=args.rate, lockstep=args.lockstep, run=_config(args))
+    config = ReplayConfig(
+        rate=args.rate, lockstep=args.lockstep, run=_config(args), imu=tuple(args.imu)
+    )
     with playable_bag(args) as bag:
         summary = replay(bag, config, args.out, recording=args.input)
     print(run_report(summary, args.out))

@@ -91,6 +91,8 @@ class RgbdSlam:
         self._noise = NoiseEstimator(self._camera)
         self._shutter = RollingShutter(*camera.size_px)
         self._tracker = Tracker(self._camera, atlas, config.tracking, config.seed)
+        if imu is not None:
+            self._tracker.min_inliers = self.odometry.min_inliers
         self._relocalizer = Relocalizer(atlas, self._camera, self._tracker, config)
         close_px = self._camera.baseline_px_m / config.camera.close_limit_m
         self._policy = KeyframePolicy(atlas, config.keyframes, close_px)

@@ -8,8 +8,13 @@ import pytest
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import NS_PER_S, FloatArray
+from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.inertial.mounting import read_kalibr, snapped
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame
+from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.tracking.inertial_motion import InertialMotion
+from rgbd_slam.tracking.odometry import Odometry
 
 from .shaken_imu import IMAGE_NS, START_NS, ShakenImu, pose
 
@@ -28,6 +33,16 @@ def followed(duration_s: float, seed: int = 0) -> tuple[InertialMotion, ShakenIm
     shaken.sample(num * IMAGE_NS + 4 * NS_PER_S)
     source.start(START_NS + num * IMAGE_NS)
     return source, shaken, num
+
+
+def tracked(T_map_camera: FloatArray) -> TrackedFrame:
+    """Return a frame without features at a pose (4, 4)."""
+    none = np.empty(0, np.int64)
+    frame = Frame(
+        START_NS, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
+        np.empty(0, np.float32), np.empty((0, 32), np.uint8), np.empty(0, np.bool_),
+    )  # fmt: skip
+    return TrackedFrame(frame, T_map_camera, none, none, 0, T_map_camera)
 
 
 def image_pose(k: float) -> FloatArray:
@@ -76,6 +91,24 @@ def test_longer_losses_are_not_bridged() -> None:
     source.advance(START_NS + (num + 50) * IMAGE_NS)
     assert source.bridge() is None
     assert source.predict() is not None  # but the turn is still known
+
+
+def test_a_pose_with_few_inliers_is_accepted_where_the_gyro_agrees() -> None:
+    source, _, num = followed(4.0)
+    odometry = Odometry(Atlas(1.2, 8), gyro=source)
+    T_before, T_now = image_pose(num), image_pose(num + 1)
+    enough = TrackingConfig.min_inliers
+    assert odometry.min_inliers(se3.inverse(T_now)) == enough  # nothing has been tracked
+    odometry.last = tracked(T_before)
+    source.start(START_NS + num * IMAGE_NS)
+    odometry.follow(START_NS + (num + 1) * IMAGE_NS)
+    turned = se3.exp(np.array([0.0, np.deg2rad(2.0), 0, 0, 0, 0])) @ se3.inverse(T_now)
+    moved = se3.exp(np.array([0, 0, 0, 0.1, 0, 0])) @ se3.inverse(T_now)
+    assert odometry.min_inliers(se3.inverse(T_now)) == 12
+    assert odometry.min_inliers(turned) == odometry.min_inliers(moved) == enough
+    without = Odometry(Atlas(1.2, 8))
+    without.last = tracked(T_before)
+    assert without.min_inliers(se3.inverse(T_now)) == enough
 
 
 def test_a_mounting_between_parallel_axes_is_recognized() -> None:

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Vector3
 from hoid_msgs.msg import DynamicObject, DynamicObjectArray, FeatureVerdicts
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
@@ -24,7 +25,7 @@ _IMAGES = (_COLOR, _DEPTH)
 _PACKED = (topics.compressed(_COLOR), topics.compressed_depth(_DEPTH))
 _OTHERS = (
     topics.CAMERA_INFO, topics.DETECTIONS, topics.FEATURES, topics.FEATURE_VERDICTS,
-    topics.DYNAMIC_OBJECTS, topics.INITIAL_POSE, topics.TF_STATIC,
+    topics.DYNAMIC_OBJECTS, topics.INITIAL_POSE, topics.TF_STATIC, topics.IMU,
 )  # fmt: skip
 _CLOCK_BYTES = 12  # of a serialized Clock
 _NUM_WRONG = 8  # wrong messages between two good ones; fewer than the queue of an input holds
@@ -79,6 +80,8 @@ def _sample(sender: Sender, topic: str, header: Header) -> Any:
     if topic == topics.DYNAMIC_OBJECTS:
         cup = DynamicObject(class_name='cup', score=0.9, x_max=40.0, y_max=40.0, dynamic=True)
         return DynamicObjectArray(header=header, objects=[cup])
+    if topic == topics.IMU:
+        return Imu(header=header, angular_velocity=Vector3(x=0.1, y=0.2, z=0.3))
     if topic == topics.INITIAL_POSE:
         return PoseWithCovarianceStamped(header=Header(frame_id='map', stamp=header.stamp))
     return TFMessage(transforms=[TransformStamped(header=header, child_frame_id='mast')])

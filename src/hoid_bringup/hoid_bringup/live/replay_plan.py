@@ -43,6 +43,8 @@ class ReplayConfig(Config):
         'true so that a slow computer loses no image.',
     )
     run: RunConfig = field(default_factory=RunConfig)
+    # Topics of an IMU in the bag: of both sensors, or of the gyro and of the accelerometer.
+    imu: tuple[str, ...] = ()
 
     @property
     def uses_truth(self) -> bool:
@@ -122,6 +124,10 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
                 '"hoid synth", or a detector'
             )
         remappings.append((topics.DETECTIONS, names.true_detections))
+    own_names = (topics.IMU, topics.ACCELEROMETER)
+    remappings += [
+        (own, name.lstrip('/')) for own, name in zip(own_names, config.imu, strict=False)
+    ]
     changed = by_node(config.run.changed())
     inputs: dict[str, Any] = {}
     if bag.depth_offset_ns:
@@ -166,7 +172,7 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
             *('--rate', str(config.rate), '--wait', str(_SUBSCRIBER_TIMEOUT_S)),
             # No node needs /clock, which would wake each of them 50 times a second (decision 018).
             *('--no-clock', '--require', f'{color}={num_subscribers}', *lockstep),
-            *('--topics', *(topic.name for topic in played if topic is not None)),
+            *('--topics', *(topic.name for topic in played if topic is not None), *config.imu),
         ),
     )
 

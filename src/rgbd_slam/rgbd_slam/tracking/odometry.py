@@ -9,6 +9,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
+from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
@@ -24,6 +25,9 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 # Chosen: standard deviations [rad, m] of a pose in a map that is not connected with the main one:
 # nothing is known of the motion of the camera while it was lost.
 _UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
+# Chosen: a pose of which the gyro measures the rotation needs this many inliers. Its rotation
+# differs by less than this, and its position by less than this beyond three standard deviations.
+_FEW_INLIERS, _AGREED_RAD, _AGREED_M, _AGREED_SIGMAS = 12, np.deg2rad(1.5), 0.02, 3.0
 _NOTE = 'too few map points are seen; the pose follows {}, for {:.1f} s and {:.2f} m'
 
 
@@ -66,6 +70,7 @@ class Odometry:
         # one image to the next.
         self.covariance = self.image_covariance = np.zeros((6, 6))
         self._atlas = atlas
+        self._gyro = gyro
         self._sources = [make(wheels) for make in MOTION_SOURCES.values()]
         if gyro is not None:
             self._sources.insert(0, gyro)
@@ -89,6 +94,20 @@ class Odometry:
             sources = sorted(sources, key=lambda source: source.bridge() is None)
         predictions = (source.predict() for source in sources)
         return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
+
+    def min_inliers(self, T_camera_map: FloatArray) -> int:
+        """Return the inliers that a pose (4, 4) of the current image needs.
+
+        If the gyro agrees with it, chance matches are unlikely, and a few are enough.
+        """
+        motion = None if self._gyro is None else self._gyro.bridge()
+        if motion is None or self.last is None:
+            return TrackingConfig.min_inliers
+        error = se3.log(T_camera_map @ self.pose() @ motion.T_last_camera)
+        sigma_m = float(np.sqrt(np.trace(motion.covariance[3:, 3:])))
+        is_same_turn = float(np.linalg.norm(error[:3])) < _AGREED_RAD
+        is_near = float(np.linalg.norm(error[3:])) < _AGREED_M + _AGREED_SIGMAS * sigma_m
+        return _FEW_INLIERS if is_same_turn and is_near else TrackingConfig.min_inliers
 
     def advance(self, tracking: TrackerOutput) -> None:
         """Add the motion from the last frame to a newly tracked one, by the current map.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -109,6 +109,8 @@ class Tracker:
         self._config = config
         self._seed = seed
         self._inv_sigma2 = atlas.octave_scale**-2.0
+        # The inliers that a pose T_camera_map (4, 4) needs.
+        self.min_inliers: Callable[[FloatArray], int] = lambda _: config.min_inliers
 
     def use_camera(self, camera: StereoCamera) -> None:
         """Replace the camera by the same one with its measured noise."""
@@ -281,7 +283,7 @@ class Tracker:
         """Return the frame with its pose refined on the local map; None if too few points fit."""
         searched = self._match_local_map(frame, initial, reference_uid)
         refined = self._optimize(frame, searched.correspondences, initial.T_camera_map)
-        if len(refined.inliers.k) < self._config.min_inliers:
+        if len(refined.inliers.k) < self.min_inliers(refined.T_camera_map):
             return None
         return self._output(frame, searched, refined)
 
