@@ -35,7 +35,7 @@ def imu_track(config: SceneConfig) -> ImuTrack:
     count = round(config.time_s(config.frames) * RATE_HZ)
     times_s = np.arange(count) / RATE_HZ
     before, now, after = (
-        camera_poses(config, config.start_s + times_s + shift_s)
+        camera_poses(config, config.pace * (config.start_s + times_s + shift_s))
         for shift_s in (-_STEP_S, 0.0, _STEP_S)
     )
     rates = se3.log(se3.inverse(before) @ after)[:, :3] / (2 * _STEP_S)

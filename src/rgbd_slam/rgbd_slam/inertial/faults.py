@@ -13,8 +13,8 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 _LOOK_NS = NS_PER_S  # chosen: the time over which samples must not all be equal
 _LATE_NS = NS_PER_S // 4  # chosen: more than any driver's delay and the offsets that are found
 _MIN_SAMPLES = 20  # chosen: fewer equal samples may be a coincidence of coarse sensors
-_SATURATED_RADPS = 1.0  # chosen: a rate that stays equal above it is the end of the range
-_SATURATED_SAMPLES = 3  # chosen: noise makes three equal samples in a row rare below the end
+_SATURATED_RADPS = 0.9  # chosen: a rate that stays equal above it is the end of the range
+_SATURATED_SAMPLES = 4  # chosen: noise makes as many equal samples rare below the end
 _UNIT_TOLERANCE = 1.5  # chosen: factor around 180 / pi within which the unit is deg/s
 _MIN_CORRELATION = 0.7  # chosen: below it, the rates are not those of the camera in another unit
 _MIN_SIGNAL_RADPS = 0.1  # chosen: below it, the tracked rates are mostly noise
@@ -64,9 +64,10 @@ def fault_of_fit(fit: GyroFit) -> GyroFault | None:
 
 
 def is_saturated(samples: Samples) -> bool:
-    """Return whether a rate stays at the end of the gyro's range in three samples or more."""
+    """Return whether a rate stays at the end of the gyro's range in four samples or more."""
     values = samples.values
     if len(values) < _SATURATED_SAMPLES:
         return False
     repeats = (values[1:] == values[:-1]) & (np.abs(values[1:]) > _SATURATED_RADPS)
-    return bool((repeats[1:] & repeats[:-1]).any())
+    runs = np.lib.stride_tricks.sliding_window_view(repeats, _SATURATED_SAMPLES - 1, axis=0)
+    return bool(runs.all(axis=-1).any())

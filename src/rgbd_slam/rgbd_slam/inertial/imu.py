@@ -30,6 +30,10 @@ _KNOWN_OFFSET_S = 0.005  # chosen: standard deviation; a hand turns by 0.5 degre
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(25.0)
 _PARALLEL_SIGMA_RAD = np.deg2rad(1.0)  # chosen: tolerance of a mounting that is given or parallel
 _CONTRADICTED_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0  # chosen: see `snapped`
+# Chosen: correlation of the rates with the tracked ones from which they are believed, if the axes
+# are the given or the optical ones, and if the images alone say how they lie. Where a moving scene
+# captures the tracking of `d435_office`, a mirrored gyro reaches 0.73 with some rotation.
+_EXPECTED_CORRELATION, _FOUND_CORRELATION = 0.6, 0.85
 _CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of tracking last for seconds
 # Chosen: standard deviation of the integral of a gyro's white noise after 1 s, times ten: in
 # addition, real gyros have errors of their scale.
@@ -188,11 +192,14 @@ class Imu:
             return
         sigma_rad = _CORRELATED * free.rotation_sigma_rad
         R = self._chosen_rotation(free.R_camera_imu, sigma_rad)
-        self._is_mounting_known = self._mounting is not None or sigma_rad < _MAX_ROTATION_SIGMA_RAD
-        fit = free
+        fit, is_certain = free, sigma_rad < _MAX_ROTATION_SIGMA_RAD
         if R is not free.R_camera_imu:
             fit = self._calibration.fit(self._gyro, R, free.offset_s) or free
             sigma_rad = min(sigma_rad, _PARALLEL_SIGMA_RAD)
+        is_given = self._mounting is not None and R is self._mounting.R_camera_imu
+        is_expected = is_given or np.array_equal(R, np.eye(3))
+        needed = _EXPECTED_CORRELATION if is_expected else _FOUND_CORRELATION
+        self._is_mounting_known |= (is_certain or is_given) and fit.correlation > needed
         self.fit = fit._replace(
             rotation_sigma_rad=sigma_rad, offset_sigma_s=_CORRELATED * fit.offset_sigma_s
         )
