@@ -37,7 +37,7 @@ pytestmark = pytest.mark.thorough
 ALL = [shown for page in PAGES for shown in shown_commands(page)]
 OFFLINE = ('run', 'convert', 'info', 'evaluate')  # these are fast on ten images
 # Files that are not in the repository, and an example package that is not installed.
-NEEDS_MORE = ('my_model.onnx', 'FILE', '--set NAME=VALUE', 'exhaustive')
+NEEDS_MORE = ('my_model.onnx', 'FILE', '--set NAME=VALUE', '--imu', 'exhaustive')
 ROS2_TOOLS = ('ros2 bag', 'ros2 param', 'ros2 topic')  # other tests check their arguments
 FOREIGN = ('rtabmap_launch',)
 FRAMES, PERIOD_NS = 10, 125_000_000  # 1.25 s, longer than the 1 s of the relative pose error

@@ -41,6 +41,7 @@ def test_camera_topics_and_frame_tree_are_remapped() -> None:
     assert ('rgb/image/compressed', f'{color}/compressed') in chosen.remappings
     assert chosen.namespace == 'robot'
     assert options('--namespace', 'robot', '--global-tf').remappings == ()
+    assert ('imu', '/d435/imu') in options('--imu', '/d435/imu').remappings
     own = options('--topics', 'realsense', '--camera-namespace', '/robot/d435')
     assert ('rgb/image', '/robot/d435/color/image_raw') in own.remappings
 

@@ -22,7 +22,7 @@ from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
 from hoid_common.process.limits import require_descriptors
 from hoid_common.process.shared_memory import clean_shared_memory
-from hoid_common.topics import NAMESPACED_TF
+from hoid_common.topics import IMU, NAMESPACED_TF
 
 _TICK_S = 0.05  # chosen: longest delay until the end of a node is noticed
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
@@ -67,6 +67,9 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--base', metavar='FRAME', help='base frame of the robot; /tf_static places the camera'
+    )
+    parser.add_argument(
+        '--imu', metavar='TOPIC', help='topic of an IMU (default: imu, which need not exist)'
     )
     selection = parser.add_mutually_exclusive_group()
     selection.add_argument(
@@ -160,6 +163,7 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
         params_file=args.params,
         remappings=(
             *(pair for pair in names if pair not in own_names),
+            *([(IMU, args.imu)] if args.imu else ()),
             *(() if args.global_tf else NAMESPACED_TF),
         ),
         parameters=parameters,
