@@ -76,6 +76,11 @@ class Peer(SlamPeer):
         static.publish(TFMessage(transforms=[edge]))
         self.probe.spin_for(0.3)
 
+    def wait_for_odometry(self) -> int:
+        """Wait until each image has a pose, and return their number."""
+        self.probe.spin_until(lambda: len(self.odom) == self.image, 'odometry is missing')
+        return self.image
+
     def step(self, *, is_covered: bool = False) -> SlamStatus:
         """Publish the samples up to the next image and the image; return its status."""
         stamp_ns = START_NS + self.image * PERIOD_NS
@@ -104,12 +109,12 @@ def test_a_covered_lens_is_bridged_and_the_map_is_level(start: Start, probe: Pro
         T_map_camera[:3, :3] @ pose(START_NS + 149 * PERIOD_NS)[:3, :3].T @ T_WORLD_START[2, :3]
     )
     assert np.rad2deg(np.arccos(up_map[2])) < 1.0  # without the IMU it is 25 degrees
-    num_poses = len(peer.odom)
+    num_poses = peer.wait_for_odometry()
     for _ in range(15):
         status = peer.step(is_covered=True)
     assert status.state == SlamStatus.LOST
     assert 'the pose follows the gyro, for 0.5 s' in status.message
-    assert len(peer.odom) == num_poses + 15
+    assert peer.wait_for_odometry() == num_poses + 15
     first, last = (
         conversions.pose_from_msg(peer.odom[k].pose.pose) for k in (num_poses - 1, num_poses + 14)
     )

@@ -35,11 +35,11 @@ def followed(duration_s: float, seed: int = 0) -> tuple[InertialMotion, ShakenIm
     return source, shaken, num
 
 
-def tracked(T_map_camera: FloatArray) -> TrackedFrame:
+def tracked(T_map_camera: FloatArray, stamp_ns: int = START_NS) -> TrackedFrame:
     """Return a frame without features at a pose (4, 4)."""
     none = np.empty(0, np.int64)
     frame = Frame(
-        START_NS, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
+        stamp_ns, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
         np.empty(0, np.float32), np.empty((0, 32), np.uint8), np.empty(0, np.bool_),
     )  # fmt: skip
     return TrackedFrame(frame, T_map_camera, none, none, 0, T_map_camera)
@@ -109,6 +109,19 @@ def test_a_pose_with_few_inliers_is_accepted_where_the_gyro_agrees() -> None:
     without = Odometry(Atlas(1.2, 8))
     without.last = tracked(T_before)
     assert without.min_inliers(se3.inverse(T_now)) == enough
+
+
+def test_wheels_bridge_before_the_gyro() -> None:
+    source, _, num = followed(4.0)
+    step = se3.exp(np.array([0, 0, 0, 0.0, 0.0, 0.1]))
+    for wheels, note in ((lambda *_: step, 'the wheel odometry'), (None, 'the gyro')):
+        odometry = Odometry(Atlas(1.2, 8), wheels, source)
+        odometry.restart_from(tracked(np.eye(4), START_NS + num * IMAGE_NS))
+        odometry.follow(START_NS + (num + 1) * IMAGE_NS)
+        bridge = odometry.bridge()
+        assert bridge is not None
+        assert note in bridge.note
+        assert bridge.is_short == (wheels is None)
 
 
 def test_a_mounting_between_parallel_axes_is_recognized() -> None:

@@ -235,9 +235,13 @@ class Odometry:
             source.observe(T_last_camera, self.twist)
 
     def _bridged_motion(self) -> BridgedMotion | None:
-        """Return the motion of the first source that has measured it; None if no source has."""
+        """Return the motion of the first source that has measured it; None if no source has.
+
+        One that measures the position comes before a gyro, which measures the rotation only.
+        """
         motions = (source.bridge() for source in self._sources)
-        return next((motion for motion in motions if motion is not None), None)
+        known = [motion for motion in motions if motion is not None]
+        return min(known, key=lambda motion: motion.is_short, default=None)
 
     def _update_covariances(self, tracking: TrackerOutput, T_last_camera: FloatArray) -> None:
         """Update the covariances from the residuals and, once known, from the pose noise.
