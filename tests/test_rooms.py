@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
+from hoid_benchmarks.rooms.object_truth import TrueObject, true_objects
 from hoid_benchmarks.rooms.room_ghost import Ghost, cylinder_depth_m
 from hoid_benchmarks.rooms.room_run import MappedRoom, Tracks
 from hoid_benchmarks.rooms.room_scores import score
@@ -90,7 +92,7 @@ def room(truth: RoomTruth, points_world_m: FloatArray, found: Tracks) -> MappedR
     cells[30:33] = 100 - cells[30:33]
     grid = Grid(cells, 0.05, T_map_floor, (0, 0))
     cloud = ColoredCloud(points, np.zeros((len(points), 3), np.uint8))
-    return MappedRoom(cloud, grid, found, Trajectory.joined([]), SlamStats(0, 0))
+    return MappedRoom(cloud, grid, found, (), Trajectory.joined([]), SlamStats(0, 0))
 
 
 def test_map_points_and_grid_cells_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:
@@ -145,3 +147,31 @@ def test_an_undetected_person_is_mapped_and_removed_2_s_after_leaving() -> None:
         ghost.fuse(pose, RgbdFrame(scene.stamp_ns(i), image, wall_m), ())
     assert ghost.num_standing > 100
     assert ghost.num_left == 0
+
+
+def test_true_objects_have_whole_boxes_and_seen_parts(truth: RoomTruth) -> None:
+    found = true_objects(truth)
+    assert sum(item.is_expected for item in found) > 5
+    for item in found:
+        assert item.class_name != 'person'
+        assert (item.low_m - 0.01 < item.seen_low_m).all()
+        assert (item.seen_high_m < item.high_m + 0.01).all()
+
+
+def test_found_objects_are_scored() -> None:
+    def true(x_m: float) -> TrueObject:
+        low, high = np.array([x_m, 0.0, 0.0]), np.array([x_m + 0.4, 0.4, 0.4])
+        return TrueObject('cup', low, high, low, high, is_expected=True, was_carried=False)
+
+    found = [
+        FoundObject('cup', np.array([0.23, 0.2, 0.2]), np.array([0.4, 0.4, 0.46])),
+        FoundObject('book', np.array([0.3, 0.2, 0.2]), np.array([0.4, 0.4, 0.4])),
+        FoundObject('cup', np.array([9.0, 0.2, 0.2]), np.array([0.4, 0.4, 0.4])),
+    ]
+    scores = score_objects(found, [true(0.0), true(2.0)])
+    assert scores.num_expected == 2
+    assert scores.num_recalled == scores.num_right == scores.num_class_right == 1
+    assert scores.num_double == scores.num_false == 1
+    assert scores.center_m == pytest.approx([0.03])
+    assert scores.small_center_m == pytest.approx([0.03])
+    assert scores.size_m == pytest.approx([0.02])

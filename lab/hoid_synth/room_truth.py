@@ -43,6 +43,8 @@ class RoomTruth:
     def on_paths(self, points_map_m: FloatArray) -> BoolArray:
         """Return whether (N,) points (N, 3) are where people walked and no static surface is."""
         points = se3.transform(self.T_world_map, points_map_m)
+        if not self.stage.bodies:
+            return np.zeros(len(points), np.bool_)
         step = max(_PATH_FRAMES // self.stage.config.every, 1)
         paths = cKDTree(np.concatenate([body.xy_m[::step] for body in self.stage.bodies]))
         gap, _ = paths.query(points[:, :2], distance_upper_bound=_PATH_RADIUS_M)

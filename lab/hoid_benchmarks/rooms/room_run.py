@@ -17,6 +17,7 @@ from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
+from rgbd_slam.scene.objects.mapped_object import MapObject
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
 from rgbd_slam.session import SlamSession
@@ -37,11 +38,12 @@ class FusionObserver(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class MappedRoom:
-    """Dense map, grid, tracks, trajectory and counts of a run."""
+    """Dense map, grid, tracks, object map, trajectory and counts of a run."""
 
     cloud: ColoredCloud
     grid: Grid | None
     tracks: Tracks
+    objects: tuple[MapObject, ...]  # of the object map, at the end
     trajectory: Trajectory  # final poses
     stats: SlamStats
 
@@ -49,16 +51,20 @@ class MappedRoom:
 def map_room(
     sequence: BagSequence, config: RunConfig, observers: Sequence[FusionObserver] = ()
 ) -> MappedRoom:
-    """Process every frame as the nodes do, and return dense map, grid and tracks."""
+    """Process every frame as the nodes do, and return all maps and tracks."""
     detect = detection_source(sequence, config)
     feature_filter = FeatureFilter(config.filter, sequence.camera)
     session = SlamSession(
         sequence.camera,
         config.slam,
         RobotFrames(),
-        scene_scheduler=SceneScheduler(config.slam.dense.rate_hz, config.slam.objects.rate_hz),
+        scene_scheduler=SceneScheduler(
+            config.slam.dense.rate_hz, config.slam.objects.rate_hz, config.slam.object_map.rate_hz
+        ),
     )
-    scene = SceneMapper(sequence.camera, config.slam.dense, config.slam.objects)
+    scene = SceneMapper(
+        sequence.camera, config.slam.dense, config.slam.objects, config.slam.object_map
+    )
     publish = Rate(1 / config.slam.dense.publish_period_s)
     tracks: Tracks = {}
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
@@ -68,7 +74,9 @@ def map_room(
             continue
         if request.track_objects:
             tracks[frame.stamp_ns] = scene.track_objects(request, frame.depth_m, filtered.objects)
-        if request.keyframes is not None:
+        if request.is_for_object_map:
+            scene.map_objects(request, frame.depth_m, filtered.objects)
+        if request.is_for_dense_map:
             scene.fuse(request, frame.depth_m, frame.image_bgr, filtered.objects)
             for observer in observers:
                 observer.fuse(request, frame, filtered.objects)
@@ -76,7 +84,9 @@ def map_room(
             scene.grid(scene.cloud())  # estimates the floor, which the tracks of people need
     session.slam.map.finish()
     session.close()
-    scene.ledger.correct(session.robot_map.keyframes(), force=True)
+    scene.correct(session.robot_map.keyframes(), force=True)
     cloud = scene.cloud()
     trajectory = session.robot_map.trajectory('final')
-    return MappedRoom(cloud, scene.grid(cloud), tracks, trajectory, session.slam.stats)
+    return MappedRoom(
+        cloud, scene.grid(cloud), tracks, scene.mapped_objects(), trajectory, session.slam.stats
+    )

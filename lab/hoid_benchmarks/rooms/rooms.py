@@ -1,7 +1,7 @@
 """`hoid bench rooms`: dense map, grid and tracks of rendered rooms, compared with ground truth.
 
 Each room is mapped with several filter strategies and without a filter. Boxes are ground truth
-unless a detector is named.
+unless a detector is named. A second table compares the objects at rest with the true ones.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import numpy as np
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.jobs.code import Code
-from hoid_benchmarks.plan.sequences import Store
+from hoid_benchmarks.plan.sequences import Store, scene_of
+from hoid_benchmarks.rooms.object_table import HEADER as OBJECT_HEADER
+from hoid_benchmarks.rooms.object_table import ObjectTable
 from hoid_benchmarks.rooms.room_ghost import Ghost
 from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.room_scores import Carried, RoomScores, score
@@ -48,25 +50,34 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
     Raises:
         InputError: A name is not that of a rendered recording.
     """
-    rows: list[tuple[str, ...]] = [_HEADER, ('---',) * len(_HEADER), _WANTED]
+    rows: list[tuple[str, ...]] = [_WANTED]
+    objects = ObjectTable()
     for name in names or ROOMS:
-        rows += _rows(name, store, detector or TRUTH)
-    table = ''.join(f'| {" | ".join(row)} |\n' for row in rows)
+        rows += _rows(name, store, detector or TRUTH, objects)
+    tables = f'{_table(_HEADER, rows)}\n{_table(OBJECT_HEADER, objects.rows())}'
     made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
-    return f'{table}\n{made}, with {detector or "ground-truth boxes"}.\n'
+    return f'{tables}\n{made}, with {detector or "ground-truth boxes"}.\n'
 
 
-def _rows(name: str, store: Store, model: str) -> Iterable[tuple[str, ...]]:
-    kind, _, seed = name.partition('-')
-    if kind != 'synth' or not seed.isdecimal():
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [header, ('---',) * len(header), *rows]
+    return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
+
+
+def _rows(name: str, store: Store, model: str, objects: ObjectTable) -> Iterable[tuple[str, ...]]:
+    """Yield the rows of one room; the objects found with the first strategy are scored."""
+    scene = scene_of(name)
+    if scene is None:
         raise InputError(f'{name}: ground truth is known for rendered rooms only, such as synth-1')
-    ghost = _ghost(name, int(seed), store)
+    ghost = _ghost(name, scene.seed, store) if scene.num_people else '-'
     sequence = BagSequence(store.find(name))
-    truth = RoomTruth(SceneConfig(seed=int(seed)), T_BODY_OPTICAL)
-    for strategy in _STRATEGIES:
+    truth = RoomTruth(scene, T_BODY_OPTICAL)
+    for strategy in _STRATEGIES if scene.num_people else _STRATEGIES[:1]:
         config = RunConfig().updated({'filter.strategy': strategy, 'detector.model': model})
-        scores = score(map_room(sequence, config), truth, sequence)
-        yield f'`{name}`', f'`{strategy}`', *_cells(scores), ghost
+        room = map_room(sequence, config)
+        if strategy == _STRATEGIES[0]:
+            objects.add(name, room, truth)
+        yield f'`{name}`', f'`{strategy}`', *_cells(score(room, truth, sequence)), ghost
 
 
 def _ghost(name: str, seed: int, store: Store) -> str:

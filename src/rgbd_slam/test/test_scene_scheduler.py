@@ -35,5 +35,14 @@ def test_the_dense_map_and_the_object_tracks_have_their_own_rates() -> None:
     assert sum(request.track_objects for request in requests) == 30
 
 
+def test_the_object_map_has_a_rate_of_its_own_and_needs_keyframes() -> None:
+    scheduler = SceneScheduler(None, None, 2.0)
+    offered = [scheduler.pick(i * PERIOD_NS, POSE, 5, lambda: NO_KEYFRAMES) for i in range(90)]
+    requests = [request for request in offered if request is not None]
+    assert len(requests) == 6
+    assert all(request.is_for_object_map for request in requests)
+    assert not any(request.is_for_dense_map or request.track_objects for request in requests)
+
+
 def test_nothing_is_selected_while_all_maps_are_off() -> None:
     assert SceneScheduler(None, None).pick(0, POSE, 5, lambda: NO_KEYFRAMES) is None

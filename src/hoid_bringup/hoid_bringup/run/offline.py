@@ -107,7 +107,7 @@ class OfflinePipeline:
             HoidError: The file cannot be written.
         """
         content = self._session.robot_map.export()
-        self._scene.ledger.correct(self._session.robot_map.keyframes())
+        self._scene.correct(self._session.robot_map.keyframes())
         content = content._replace(dense=self._scene.export())
         path.parent.mkdir(parents=True, exist_ok=True)
         map_file.save(path, content)

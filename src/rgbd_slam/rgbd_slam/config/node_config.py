@@ -9,6 +9,7 @@ from hoid_common.inputs.input_config import NodeConfig
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.config.object_map_config import ObjectMapConfig
 from rgbd_slam.config.slam_config import SlamConfig
 
 
@@ -116,3 +117,4 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     frames: FrameConfig = section(FrameConfig)
     dense: DenseConfig = section(DenseConfig)
     objects: ObjectTrackerConfig = section(ObjectTrackerConfig)
+    object_map: ObjectMapConfig = section(ObjectMapConfig)

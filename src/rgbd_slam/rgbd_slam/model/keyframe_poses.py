@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
 
 
@@ -33,6 +34,31 @@ class KeyframePoses(NamedTuple):
         All must be in the snapshot: a missing uid is not noticed, and its row is wrong.
         """
         return np.searchsorted(self.uids, uids)
+
+    def row_of(self, uid: int) -> int | None:
+        """Return the row of one keyframe, or None if it is not in the snapshot."""
+        row = int(np.searchsorted(self.uids, uid))
+        return row if row < len(self.uids) and self.uids[row] == uid else None
+
+    def substitute(self, removed_uid: int, after: KeyframePoses) -> tuple[int, FloatArray] | None:
+        """Return the remaining keyframe that precedes a removed one in its map, or the first one.
+
+        Args:
+            removed_uid: Uid of the removed keyframe, which is in this snapshot.
+            after: The snapshot without it.
+
+        Returns:
+            Its uid, and the pose (4, 4) of the removed keyframe relative to it; None if no
+            keyframe of this map remains.
+        """
+        removed = int(self.rows_of(np.array([removed_uid]))[0])
+        same = self.map_ids == self.map_ids[removed]
+        rows = np.flatnonzero(same & np.isin(self.uids, after.uids))
+        if len(rows) == 0:
+            return None
+        near = int(rows[max(int(np.searchsorted(rows, removed)) - 1, 0)])
+        T_near_old = se3.inverse(self.T_map_camera[near]) @ self.T_map_camera[removed]
+        return int(self.uids[near]), T_near_old
 
 
 NO_KEYFRAMES = KeyframePoses(

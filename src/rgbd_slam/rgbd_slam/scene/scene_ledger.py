@@ -247,7 +247,7 @@ class SceneLedger:
         removed = set(before.uids.tolist()) - remaining
         if not removed:
             return
-        substitutes = {uid: _substitute(before, uid, self._keyframes) for uid in removed}
+        substitutes = {uid: before.substitute(uid, self._keyframes) for uid in removed}
         for slot, view in list(self._views.items()):
             if view.keyframe_uid in removed:
                 near = substitutes[view.keyframe_uid]
@@ -275,25 +275,6 @@ def _moved_uids(before: KeyframePoses, after: KeyframePoses) -> set[int]:
     change = np.abs(before.T_map_camera[old] - after.T_map_camera[new]).max(axis=(1, 2), initial=0)
     has_moved = (change > 0) | (before.map_ids[old] != after.map_ids[new])
     return set(uids[has_moved].tolist())
-
-
-def _substitute(
-    before: KeyframePoses, removed_uid: int, after: KeyframePoses
-) -> tuple[int, FloatArray] | None:
-    """Return the remaining keyframe that precedes a removed one in its map, or the first one.
-
-    Returns:
-        Its uid, and the pose (4, 4) of the removed keyframe relative to it; None if no keyframe
-        of this map remains.
-    """
-    removed = int(before.rows_of(np.array([removed_uid]))[0])
-    same = before.map_ids == before.map_ids[removed]
-    rows = np.flatnonzero(same & np.isin(before.uids, after.uids))
-    if len(rows) == 0:
-        return None
-    near = int(rows[max(int(np.searchsorted(rows, removed)) - 1, 0)])
-    T_near_old = se3.inverse(before.T_map_camera[near]) @ before.T_map_camera[removed]
-    return int(before.uids[near]), T_near_old
 
 
 def _most_redundant(T: FloatArray) -> int:

@@ -17,6 +17,7 @@ from hoid_common.values import (
 )
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.config.object_map_config import ObjectMapConfig
 from rgbd_slam.dense.depth_view import in_boxes
 from rgbd_slam.dense.submap import Submap, transform
 from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
@@ -29,6 +30,8 @@ from rgbd_slam.scene.grid import Grid, SubmapCells, cells_of, compose_grid
 from rgbd_slam.scene.local_floors import LocalFloors
 from rgbd_slam.scene.object_sighting import DepthImage
 from rgbd_slam.scene.object_tracker import ObjectTracker, TrackedObject
+from rgbd_slam.scene.objects.mapped_object import MapObject
+from rgbd_slam.scene.objects.object_map import ObjectMap
 from rgbd_slam.scene.scene_ledger import SceneLedger
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
@@ -52,6 +55,7 @@ class SceneMapper:
         camera: The camera of depth and color.
         dense: Parameters of the dense map.
         objects: Parameters of the object tracks.
+        object_map: Parameters of the object map; None: there is none.
         is_map_level: Whether the map frame is level to within a degree or two, which it is if the
             base frame is known. If so, the grid has the x and y of the map; otherwise it has a
             level frame of its own.
@@ -63,6 +67,7 @@ class SceneMapper:
         camera: CameraModel,
         dense: DenseConfig,
         objects: ObjectTrackerConfig,
+        object_map: ObjectMapConfig | None = None,
         *,
         is_map_level: bool = False,
         folder: Path | None = None,
@@ -72,6 +77,9 @@ class SceneMapper:
         self._voxels = VoxelMap(camera, dense)
         self.ledger = SceneLedger(self._voxels, dense, folder)
         self._tracker = ObjectTracker(objects)
+        self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
+        is_mapped = object_map is not None and object_map.enabled
+        self._object_map = ObjectMap(camera) if is_mapped else None
         self._is_map_level = is_map_level
         self._floors: LocalFloors | None = None
         self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}  # with their key
@@ -126,8 +134,42 @@ class SceneMapper:
             objects: The detections in the image.
         """
         image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
-        floor = None if self._floors is None else self._floors.floor
-        return self._tracker.update(objects, image, request.stamp_ns, floor)
+        self._tracks = self._tracker.update(objects, image, request.stamp_ns, self._floor)
+        return self._tracks
+
+    def map_objects(
+        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+    ) -> tuple[MapObject, ...]:
+        """Update the object map with an image, after `track_objects`; return its objects.
+
+        Args:
+            request: Time, pose and keyframe of the image.
+            depth_m: (H, W) depth; 0: no reading.
+            objects: The detections in the image.
+        """
+        if self._object_map is None:
+            return ()
+        self._object_map.update(request, depth_m, objects, self._tracks)
+        return self._object_map.objects(self._floor)
+
+    def mapped_objects(self) -> tuple[MapObject, ...]:
+        """Return the confirmed objects of the object map, by id; none if there is no such map."""
+        return () if self._object_map is None else self._object_map.objects(self._floor)
+
+    def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> None:
+        """Apply corrected keyframe poses to the dense map and the object map.
+
+        Args:
+            keyframes: The poses of all keyframes.
+            force: Fuse all bent submaps again now (see `SceneLedger.correct`).
+        """
+        self.ledger.correct(keyframes, force=force)
+        if self._object_map is not None:
+            self._object_map.correct(keyframes)
+
+    @property
+    def _floor(self) -> Floor | None:
+        return None if self._floors is None else self._floors.floor
 
     def export(self) -> SubmapState | None:
         """Return the dense map for a file with the present keyframes, or None if there is none."""
@@ -156,7 +198,7 @@ class SceneMapper:
         """
         if parameter := misfit(dense, self._camera, self._config):
             raise MapFileError(f'the dense map was made with another dense.{parameter}')
-        self.ledger.correct(keyframes)
+        self.correct(keyframes)
         if isinstance(dense, SubmapState):
             self._voxels.load(dense, keyframes, keyframe_uids)
         else:

@@ -22,9 +22,22 @@ class SceneRequest(NamedTuple):
     stamp_ns: int
     T_map_camera: FloatArray  # (4, 4), in the map frame of that version
     reference_uid: int  # uid of the keyframe relative to which the pose is stored
-    # Keyframe poses of that version; None: the image is not for the dense map.
+    # Keyframe poses of that version; None: the image is neither for the dense map nor for the
+    # object map.
     keyframes: KeyframePoses | None
     track_objects: bool = True  # whether to update the tracks of people and objects
+    map_objects: bool = False  # whether to update the object map; needs keyframes
+    fuse: bool = True  # whether to fuse the image into the dense map; needs keyframes
+
+    @property
+    def is_for_dense_map(self) -> bool:
+        """Return whether the image is for the dense map."""
+        return self.fuse and self.keyframes is not None
+
+    @property
+    def is_for_object_map(self) -> bool:
+        """Return whether the image is for the object map."""
+        return self.map_objects and self.keyframes is not None
 
 
 class Rate:
@@ -49,16 +62,22 @@ class Rate:
 
 
 class SceneScheduler:
-    """Selects the images for the dense map and those for the object tracks, each at a rate.
+    """Selects the images for the dense map, the object tracks and the object map.
 
     Args:
         dense_rate_hz: Rate of images for the dense map; None: the dense map is off.
-        objects_rate_hz: Rate of images for the object tracks; None: they are off.
+        tracks_rate_hz: Rate of images for the object tracks; None: they are off.
+        object_map_rate_hz: Rate of images for the object map; None: it is off.
     """
 
-    def __init__(self, dense_rate_hz: float | None, objects_rate_hz: float | None) -> None:
-        self._dense = None if dense_rate_hz is None else Rate(dense_rate_hz)
-        self._objects = None if objects_rate_hz is None else Rate(objects_rate_hz)
+    def __init__(
+        self,
+        dense_rate_hz: float | None,
+        tracks_rate_hz: float | None,
+        object_map_rate_hz: float | None = None,
+    ) -> None:
+        rates = (dense_rate_hz, tracks_rate_hz, object_map_rate_hz)
+        self._rates = tuple(None if rate_hz is None else Rate(rate_hz) for rate_hz in rates)
 
     def pick(
         self,
@@ -75,9 +94,12 @@ class SceneScheduler:
             reference_uid: Uid of the keyframe relative to which the pose is stored.
             keyframes: Returns the present poses of all keyframes; called only if they are needed.
         """
-        fuse = self._dense is not None and self._dense.take_due(stamp_ns)
-        track_objects = self._objects is not None and self._objects.take_due(stamp_ns)
-        if not fuse and not track_objects:
+        fuse, track_objects, map_objects = (
+            rate is not None and rate.take_due(stamp_ns) for rate in self._rates
+        )
+        if not (fuse or track_objects or map_objects):
             return None
-        known = keyframes() if fuse else None
-        return SceneRequest(stamp_ns, T_map_camera, reference_uid, known, track_objects)
+        known = keyframes() if fuse or map_objects else None
+        return SceneRequest(
+            stamp_ns, T_map_camera, reference_uid, known, track_objects, map_objects, fuse
+        )

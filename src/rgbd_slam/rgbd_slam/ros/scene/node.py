@@ -127,7 +127,7 @@ class SceneNode(Node):
             case SceneCommand():
                 self._report(self._execute(message))
             case KeyframePoses() if self._scene is not None:
-                self._scene.ledger.correct(message)
+                self._scene.correct(message)
                 self._on_map_change(self._scene)
             case SavedSubmaps() if self._scene is not None:
                 submaps = SubmapState.read(message.path)

@@ -1,0 +1,99 @@
+"""Comparison of the objects of a map with the true objects of a rendered room."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_benchmarks.rooms.object_truth import TrueObject
+from hoid_common.values import FloatArray
+
+# A found object is compared with the true one that it overlaps most, or whose center is near.
+_MIN_IOU, _NEAR_M = 0.1, 0.25
+_SMALL_M = 0.6  # largest side of a small object
+
+
+class FoundObject(NamedTuple):
+    """An object of a map, along the axes of the map frame."""
+
+    class_name: str
+    center_m: FloatArray  # (3,)
+    size_m: FloatArray  # (3,)
+
+
+class ObjectScores(NamedTuple):
+    """Counts and errors of the objects of one or more rooms."""
+
+    num_expected: int
+    num_recalled: int  # of the expected ones
+    num_found: int  # objects of the map
+    num_right: int  # found objects that are the first one of a true object
+    num_double: int  # found objects beyond the first one of a true object
+    num_false: int  # found objects without a true object
+    num_class_right: int  # of `num_right`
+    center_m: FloatArray  # (M,) errors of the center of the whole object
+    small_center_m: FloatArray  # (S,) the same of small objects
+    seen_center_m: FloatArray  # (M,) errors of the center of the seen part
+    size_m: FloatArray  # (M,) mean error per axis of the size of the seen part
+
+
+def all_scores(scores: Iterable[ObjectScores]) -> ObjectScores:
+    """Return the scores of several rooms together."""
+    columns = list(zip(*scores, strict=True))
+    counts = [sum(column) for column in columns[:7]]
+    errors = [np.concatenate(column) for column in columns[7:]]
+    return ObjectScores(*counts, *errors)
+
+
+def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> ObjectScores:
+    """Return the scores of the objects of a map; each is compared with one true object."""
+    best: dict[int, tuple[float, int]] = {}
+    num_double = num_false = 0
+    for f, item in enumerate(found):
+        ratings = [_rating(item, other) for other in true]
+        t = int(np.argmax(ratings)) if ratings else -1
+        if t < 0 or ratings[t] <= 0:
+            num_false += 1
+        elif t in best:
+            num_double += 1
+            best[t] = max(best[t], (ratings[t], f))
+        else:
+            best[t] = ratings[t], f
+    pairs = [(found[f], true[t]) for t, (_, f) in best.items()]
+    small = [max(t.high_m - t.low_m) <= _SMALL_M for _, t in pairs]
+    whole = _norms([f.center_m - (t.low_m + t.high_m) / 2 for f, t in pairs])
+    seen = _norms([f.center_m - (t.seen_low_m + t.seen_high_m) / 2 for f, t in pairs])
+    sizes = [np.abs(f.size_m - (t.seen_high_m - t.seen_low_m)).mean() for f, t in pairs]
+    return ObjectScores(
+        sum(t.is_expected for t in true),
+        sum(true[t].is_expected for t in best),
+        len(found),
+        len(best),
+        num_double,
+        num_false,
+        sum(f.class_name == t.class_name for f, t in pairs),
+        whole,
+        whole[np.array(small, bool)],
+        seen,
+        np.array(sizes),
+    )
+
+
+def _rating(found: FoundObject, true: TrueObject) -> float:
+    """Return how well an object fits a true one; 0: it does not."""
+    low, high = found.center_m - found.size_m / 2, found.center_m + found.size_m / 2
+    best = 0.0
+    for true_low, true_high in ((true.low_m, true.high_m), (true.seen_low_m, true.seen_high_m)):
+        shared = np.maximum(np.minimum(high, true_high) - np.maximum(low, true_low), 0).prod()
+        total = (high - low).prod() + (true_high - true_low).prod() - shared
+        iou = float(shared / max(total, 1e-9))
+        gap_m = float(np.linalg.norm(found.center_m - (true_low + true_high) / 2))
+        near = (1 - gap_m / _NEAR_M) * _MIN_IOU
+        best = max(best, iou if iou >= _MIN_IOU else max(near, 0.0))
+    return best
+
+
+def _norms(offsets: Sequence[FloatArray]) -> FloatArray:
+    return np.asarray(np.linalg.norm(np.array(offsets).reshape(-1, 3), axis=1))

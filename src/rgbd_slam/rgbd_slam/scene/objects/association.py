@@ -1,0 +1,176 @@
+"""Associates the segments of one image with the objects of the map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import BoolArray, DynamicObject, FloatArray, IntArray
+from rgbd_slam.scene.objects.mapped_object import MappedObject
+from rgbd_slam.scene.objects.object_view import ObjectView, readings_in
+from rgbd_slam.scene.objects.segmentation import KnownBox, Prior, Segment
+
+# Least scores of a pair of the same class, of classes that detectors confuse, and of others. From
+# a trial on six rendered rooms, before this code.
+_SAME, _CONFUSABLE, _OTHER = 0.35, 0.5, 0.6
+_MARGIN_M = 0.04  # around the box of an object; not tuned
+_OWN_OVERLAP = 0.3  # of the visible voxels with a box, for these to be one object; not tuned
+# Share of a box, beside one strided pixel, by which its sides are uncertain; not tuned.
+_MISS_MARGIN = 0.05
+_CONFUSABLE_CLASSES = (
+    frozenset({'chair', 'couch', 'bench', 'bed'}),
+    frozenset({'dining table', 'bed', 'bench', 'couch'}),
+    frozenset({'cup', 'bottle', 'vase', 'bowl', 'wine glass', 'potted plant'}),
+    frozenset({'tv', 'laptop', 'microwave', 'oven'}),
+    frozenset({'book', 'cell phone', 'remote', 'laptop', 'keyboard'}),
+    frozenset({'suitcase', 'backpack', 'handbag'}),
+    frozenset({'teddy bear', 'sports ball'}),
+)
+
+
+class Visibility(NamedTuple):
+    """What one image shows of the voxels of one object."""
+
+    uv_px: FloatArray  # (N, 2) in strided pixels; NaN: out of view
+    is_visible: BoolArray  # (N,) the surface is measured there
+    is_through: BoolArray  # (N,) a surface behind is measured there
+    is_solid: BoolArray  # (N,)
+
+    @property
+    def visible_share(self) -> float:
+        """Return the share of the solid voxels that are visible."""
+        return float(np.count_nonzero(self.is_visible & self.is_solid)) / self._num
+
+    @property
+    def through_share(self) -> float:
+        """Return the share of the solid voxels that are seen through."""
+        return float(np.count_nonzero(self.is_through & self.is_solid)) / self._num
+
+    @property
+    def _num(self) -> int:
+        return max(int(np.count_nonzero(self.is_solid)), 1)
+
+
+def look_at(objects: Sequence[MappedObject], view: ObjectView) -> list[Visibility]:
+    """Return what an image shows of each object."""
+    if not objects:
+        return []
+    points = [item.points_map_m() for item in objects]
+    seen = view.project(np.concatenate(points))
+    is_visible = np.abs(seen.gap_m) <= seen.margin_m  # false for NaN
+    is_through = seen.gap_m > seen.margin_m
+    ends = np.cumsum([len(part) for part in points])[:-1]
+    parts = zip(
+        np.split(seen.uv_px, ends),
+        np.split(is_visible, ends),
+        np.split(is_through, ends),
+        objects,
+        strict=True,
+    )
+    return [
+        Visibility(uv, visible, through, item.is_solid()) for uv, visible, through, item in parts
+    ]
+
+
+def prior_of(
+    detections: Sequence[DynamicObject],
+    objects: Sequence[MappedObject],
+    seen: Sequence[Visibility],
+    view: ObjectView,
+) -> Prior:
+    """Return which detections show which known objects, and the pixels of these.
+
+    An object is shown by the detection of its class whose box its visible voxels fit best. Its
+    surface is then never that of an object behind it, and what hides it is not its surface.
+    """
+    owner = np.full(view.depth_m.size, -1, np.int64)
+    known: dict[int, tuple[float, KnownBox]] = {}
+    boxes = np.array([view.pixels_of(item.box_xyxy_px) for item in detections]).reshape(-1, 4)
+    for item, visibility in zip(objects, seen, strict=True):  # some tens
+        alike = [d for d, other in enumerate(detections) if other.class_name == item.class_name]
+        uv = visibility.uv_px[visibility.is_visible & visibility.is_solid]
+        if not alike or not item.is_confirmed or len(uv) == 0:
+            continue
+        overlap = _overlap(np.array([*uv.min(axis=0), *(uv.max(axis=0) + 1)]), boxes[alike])
+        best = int(np.argmax(overlap))
+        if overlap[best] >= _OWN_OVERLAP:
+            d = alike[best]
+            low, high = np.floor(uv.min(axis=0)), np.ceil(uv.max(axis=0)) + 1
+            left, top, right, bottom = (int(n) for n in (*low, *high))
+            pixels = readings_in(view, left, top, right, bottom)
+            owner[pixels[item.has_surface(view.points_map_m[pixels])]] = d
+            if d not in known or overlap[best] > known[d][0]:
+                known[d] = float(overlap[best]), item.known_box()
+    return Prior(owner, {d: box for d, (_, box) in known.items()})
+
+
+def _overlap(box_px: FloatArray, boxes_px: IntArray) -> FloatArray:
+    """Return the intersection over union (N,) of a box (4,) with boxes (N, 4)."""
+    low = np.maximum(box_px[:2], boxes_px[:, :2])
+    shared = np.maximum(np.minimum(box_px[2:], boxes_px[:, 2:]) - low, 0).prod(axis=1)
+    areas = (boxes_px[:, 2:] - boxes_px[:, :2]).prod(axis=1)
+    return np.asarray(shared / np.maximum((box_px[2:] - box_px[:2]).prod() + areas - shared, 1))
+
+
+def associate(
+    segments: Sequence[Segment], objects: Sequence[MappedObject], seen: Sequence[Visibility]
+) -> dict[int, int]:
+    """Return the object of each segment that has one, by their indices.
+
+    The score of a pair is the geometric mean of two shares: of the points of the segment in the
+    box of the object, and of the visible voxels of the object in the box of the detection. Pairs
+    are chosen from the largest score down.
+    """
+    score = np.zeros((len(segments), len(objects)))
+    for o, (item, visibility) in enumerate(zip(objects, seen, strict=True)):  # some tens
+        if not visibility.is_visible.any():
+            continue
+        uv = visibility.uv_px[visibility.is_visible]
+        for s, segment in enumerate(segments):
+            inside = in_box(uv, segment.box_px)
+            if inside.any():
+                share = item.contains(segment.points_map_m, _MARGIN_M)
+                score[s, o] = np.sqrt(share * inside.mean())
+                score[s, o] *= score[s, o] >= _least(segment.detection.class_name, item)
+    out: dict[int, int] = {}
+    while score.size and score.max() > 0:
+        s, o = (int(i) for i in np.unravel_index(int(np.argmax(score)), score.shape))
+        out[s] = o
+        score[s], score[:, o] = 0, 0
+    return out
+
+
+def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
+    """Return the (N,) mask of strided pixels (N, 2) that are in a box."""
+    left, top, right, bottom = box_px
+    u, v = uv_px.T
+    return np.asarray((u >= left - 0.5) & (u < right) & (v >= top - 0.5) & (v < bottom))
+
+
+def is_confusable(first: str, second: str) -> bool:
+    """Return whether detectors confuse two classes, or they are the same."""
+    return first == second or any({first, second} <= group for group in _CONFUSABLE_CLASSES)
+
+
+def missed_rows(segment: Segment, visibility: Visibility, view: ObjectView) -> IntArray:
+    """Return the visible voxels of an object that a segment shows not to belong to it.
+
+    They are outside the box of the detection, or at a pixel of it that shows a removed plane.
+    """
+    rows = np.flatnonzero(visibility.is_visible)
+    uv = visibility.uv_px[rows]
+    left, top, right, bottom = segment.box_px
+    du, dv = _MISS_MARGIN * (right - left) + 1, _MISS_MARGIN * (bottom - top) + 1
+    is_outside = ((uv < (left - du, top - dv)) | (uv > (right + du, bottom + dv))).any(axis=1)
+    col, row = np.rint(uv).astype(np.int64).T
+    is_other = np.isin(row * view.shape[1] + col, segment.others)
+    return np.asarray(rows[is_outside | is_other])
+
+
+def _least(class_name: str, item: MappedObject) -> float:
+    known = item.class_name
+    if class_name == known:
+        return _SAME
+    return _CONFUSABLE if is_confusable(class_name, known) else _OTHER

@@ -1,0 +1,296 @@
+"""One object of the object map: its voxels, its classes and its history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray
+from rgbd_slam.scene.floor import Floor
+from rgbd_slam.scene.objects.object_view import NOISE_PER_M2
+from rgbd_slam.scene.objects.place import Place
+from rgbd_slam.scene.objects.segmentation import KnownBox, Segment
+from rgbd_slam.scene.objects.voxel_set import VoxelSet, keys_of
+
+# None of these numbers was tuned where no other source is named.
+_MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5  # of a published object
+_MIN_SEEN_SHARE = 0.5  # of the looks that showed its surface, in which it was detected
+_PERCENTILES = (2, 98)  # of the voxels, against outliers
+# An object is not thicker than this, or than it is wide, where its back was never seen (as in
+# `object_sighting`).
+_HIDDEN_M = 0.15
+_ONE_SIDED = 0.9  # length of the mean viewing direction from which on one side only was seen
+_STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
+_MAX_LIFT_M = 1.0  # a standing object whose lowest voxel is higher is not on the floor
+_CELL_SIGMAS = 2.0  # side of the cells in which hits are counted, in standard deviations of depth
+_GROWTH_M, _GROWTH_SHARE = 0.05, 0.15  # by which a known object may grow on each side in a look
+_MIN_DISTANCE_M = 1e-6  # avoids a division by zero
+# Weights of a sighting, a missed detection and a look through the place on the probability.
+_SEEN_GAIN, _MISSED_LOSS, _THROUGH_LOSS = 0.3, 0.03, 0.35
+
+
+class PlaceState(Enum):
+    """Where an object is; the values are those of hoid_msgs/MapObject."""
+
+    AT_REST = 0  # where it was first seen
+    MOVED = 1  # at rest in another place than before
+    HANDLED = 2  # a person moves it; the place is its last place of rest
+    GONE = 3  # its place was seen empty; the place is its last one
+
+
+@dataclass(frozen=True, eq=False)
+class MapObject:
+    """The published value of an object of the map."""
+
+    object_id: int
+    class_name: str
+    class_scores: tuple[tuple[str, float], ...]  # sums of the scores of each class, largest first
+    state: PlaceState
+    T_map_object: FloatArray  # (4, 4) pose of the center of the box; the box is upright
+    size_m: FloatArray  # (3,) extent along the axes of the box
+    num_sightings: int
+    first_ns: int
+    last_ns: int  # stamp of the last sighting
+    probability: float  # that it is still there, in [0, 1]
+    holder_id: int = -1  # track of the person who handles or moved it; -1: unknown
+    moved_from_map_m: FloatArray | None = None  # (3,) the place before; None: it was not moved
+    moved_ns: int = 0  # when it was moved away from there
+
+    @property
+    def center_map_m(self) -> FloatArray:
+        """Return the center (3,) of the box."""
+        return self.T_map_object[:3, 3]
+
+
+class MappedObject:
+    """One object: evidence of all looks at it, in a frame that moves with a keyframe.
+
+    Args:
+        object_id: Number of the object.
+        place: Its frame.
+        stamp_ns: Time of the first detection.
+    """
+
+    def __init__(self, object_id: int, place: Place, stamp_ns: int) -> None:
+        self.object_id = object_id
+        self.state = PlaceState.AT_REST
+        self.scores: dict[str, float] = {}
+        self.num_sightings = self.num_visible = 0
+        self.first_ns = self.last_ns = stamp_ns
+        self.num_through = 0  # looks in a row that showed its place empty
+        self.probability = 0.5
+        self.place = place
+        self.voxels = VoxelSet()
+        self.direction_m: FloatArray = np.zeros(3)  # sum of the viewing directions, object frame
+        self.distance_m = 0.0  # sum of the distances from which it was seen
+        self.track_id = -1  # of the tracker
+        self.holder_id = -1
+        self.moved_from_m: FloatArray | None = None  # (3,) in the map frame
+        self.moved_ns = 0
+        self._box: tuple[FloatArray, FloatArray] | None = None  # cached
+        self._solid: BoolArray | None = None  # cached
+
+    @property
+    def T_map_object(self) -> FloatArray:  # noqa: N802 - a transform's name
+        """Return the pose (4, 4) of the object's frame."""
+        return self.place.T_map_object
+
+    @property
+    def class_name(self) -> str:
+        """Return the class with the largest sum of scores."""
+        return max(self.scores, key=lambda name: self.scores[name])
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Return whether it was seen often enough to be published."""
+        is_old = self.last_ns - self.first_ns >= _MIN_AGE_NS
+        is_often = self.num_sightings >= _MIN_SIGHTINGS
+        share = self.num_sightings / max(self.num_visible, 1)
+        return is_old and is_often and share >= _MIN_SEEN_SHARE
+
+    @property
+    def is_present(self) -> bool:
+        """Return whether it is at rest at its place."""
+        return self.state in (PlaceState.AT_REST, PlaceState.MOVED)
+
+    def box_m(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and the highest corner (3,) of its measured voxels, object frame."""
+        if self._box is None:
+            points = self.voxels.means_m[self.is_solid()]
+            if len(points) == 0:
+                points = self.voxels.means_m
+            ordered = np.sort(points, axis=0)
+            first, last = (round(p / 100 * (len(points) - 1)) for p in _PERCENTILES)
+            self._box = ordered[first], ordered[last]
+        return self._box
+
+    def is_solid(self) -> BoolArray:
+        """Return the (N,) mask of the voxels that belong to the object."""
+        if self._solid is None:
+            mean_m = self.distance_m / max(self.num_sightings, 1)
+            cell_m = _CELL_SIGMAS * NOISE_PER_M2 * mean_m**2
+            self._solid = self.voxels.solid(self.num_sightings, cell_m)
+        return self._solid
+
+    def known_box(self) -> KnownBox:
+        """Return the measured box, enlarged by how much it may grow in one image."""
+        low, high = self.box_m()
+        margin = _GROWTH_M + _GROWTH_SHARE * (high - low)
+        return KnownBox(se3.inverse(self.T_map_object), low - margin, high + margin)
+
+    def points_map_m(self) -> FloatArray:
+        """Return the (N, 3) mean points of all voxels in the map frame."""
+        return se3.transform(self.T_map_object, self.voxels.means_m)
+
+    def center_map_m(self) -> FloatArray:
+        """Return the center (3,) of the measured box in the map frame."""
+        low, high = self.box_m()
+        return np.asarray(se3.transform(self.T_map_object, (low + high)[None] / 2)[0])
+
+    def radius_m(self) -> float:
+        """Return the radius of the sphere around the measured box."""
+        low, high = self.box_m()
+        return float(np.linalg.norm(high - low) / 2)
+
+    def contains(self, points_map_m: FloatArray, margin_m: float) -> float:
+        """Return the share of points (N, 3) that are in the measured box."""
+        low, high = self.box_m()
+        points = se3.transform(se3.inverse(self.T_map_object), points_map_m)
+        inside = (points > low - margin_m) & (points < high + margin_m)
+        return float(inside.all(axis=1).mean())
+
+    def has_surface(self, points_map_m: FloatArray) -> BoolArray:
+        """Return the (N,) mask of the points (N, 3) that are in cells of 5 cm with its voxels."""
+        points = se3.transform(se3.inverse(self.T_map_object), points_map_m)
+        solid = np.unique(keys_of(self.voxels.means_m[self.is_solid()] / 2))
+        keys = keys_of(points / 2)
+        rows = np.minimum(np.searchsorted(solid, keys), max(len(solid) - 1, 0))
+        return np.equal(solid[rows], keys) if len(solid) else np.zeros(len(keys), np.bool_)
+
+    def add(self, segment: Segment, stamp_ns: int, T_map_camera: FloatArray) -> None:
+        """Add a detection of the object at its place."""
+        points = se3.transform(se3.inverse(self.T_map_object), segment.points_map_m)
+        self.voxels.add_points(points)
+        self.num_sightings += 1
+        self.num_visible += 1
+        name = segment.detection.class_name
+        self.scores[name] = self.scores.get(name, 0.0) + segment.detection.score
+        center = np.median(segment.points_map_m, axis=0)
+        way = self.T_map_object[:3, :3].T @ (center - T_map_camera[:3, 3])
+        distance_m = max(float(np.linalg.norm(way)), _MIN_DISTANCE_M)
+        self.direction_m = self.direction_m + way / distance_m
+        self.distance_m += distance_m
+        self.last_ns = stamp_ns
+        self.num_through = 0
+        self.probability += _SEEN_GAIN * (1 - self.probability)
+        self._changed()
+
+    def note_seen(self, stamp_ns: int) -> None:
+        """Note that the object is at its place, without its surface: it is partly hidden."""
+        self.last_ns = stamp_ns
+        self.num_through = 0
+        self.probability += _SEEN_GAIN * (1 - self.probability)
+
+    def count_misses(self, rows: IntArray) -> None:
+        """Count a look that showed voxels not to belong to the object."""
+        self.voxels.count_misses(rows)
+        self._changed()
+
+    def _changed(self) -> None:
+        self._box = self._solid = None
+
+    def note_missed(self) -> None:
+        """Count a look that shows the surface of the object, which was not detected."""
+        self.num_visible += 1
+        self.num_through = 0
+        self.probability *= 1 - _MISSED_LOSS
+
+    def note_seen_through(self) -> None:
+        """Count a look that shows its place empty."""
+        self.num_through += 1
+        self.probability *= 1 - _THROUGH_LOSS
+
+    def absorb(self, other: MappedObject) -> None:
+        """Add the evidence of another object that is the same thing at the same place."""
+        T = se3.inverse(self.T_map_object) @ other.T_map_object
+        self.voxels.merge(other.voxels.moved(T))
+        for name, score in other.scores.items():
+            self.scores[name] = self.scores.get(name, 0.0) + score
+        self.num_sightings += other.num_sightings
+        self.num_visible += other.num_visible
+        self.first_ns = min(self.first_ns, other.first_ns)
+        self.last_ns = max(self.last_ns, other.last_ns)
+        self.probability = max(self.probability, other.probability)
+        self.direction_m = self.direction_m + T[:3, :3] @ other.direction_m
+        self.distance_m += other.distance_m
+        self._changed()
+
+    def move_to(self, other: MappedObject) -> None:
+        """Take over the place of another object, which is this one after it was carried."""
+        self.moved_from_m, self.moved_ns = self.center_map_m(), self.last_ns
+        self.place = other.place
+        self.voxels, self.direction_m = other.voxels, other.direction_m
+        for name, score in other.scores.items():
+            self.scores[name] = self.scores.get(name, 0.0) + score
+        # Distances and directions are means over the looks at the present place.
+        self.distance_m = other.distance_m * (1 + self.num_sightings / other.num_sightings)
+        self.direction_m *= 1 + self.num_sightings / other.num_sightings
+        self.num_sightings += other.num_sightings
+        self.num_visible += other.num_visible
+        self.last_ns, self.track_id = other.last_ns, other.track_id
+        self.probability, self.num_through = other.probability, 0
+        self.state = PlaceState.MOVED
+        self._changed()
+
+    def value(self, floor: Floor | None) -> MapObject:
+        """Return the published value.
+
+        Args:
+            floor: The floor, down to which furniture reaches; None: it is unknown.
+        """
+        low, high = self._full_box(floor)
+        T = self.T_map_object.copy()
+        T[:3, 3] = se3.transform(self.T_map_object, (low + high)[None] / 2)[0]
+        scores = tuple(sorted(self.scores.items(), key=lambda item: -item[1]))
+        return MapObject(
+            self.object_id,
+            self.class_name,
+            scores,
+            self.state,
+            T,
+            high - low,
+            self.num_sightings,
+            self.first_ns,
+            self.last_ns,
+            self.probability,
+            self.holder_id,
+            self.moved_from_m,
+            self.moved_ns,
+        )
+
+    def _full_box(self, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
+        """Return the box with the parts that are never seen: the back, and the legs."""
+        low, high = (corner.copy() for corner in self.box_m())
+        self._extend_back(low, high)
+        if floor is not None and self.class_name in _STANDING:
+            at = self.center_map_m()
+            floor_m = floor.height_m(float(at[0]), float(at[1])) - self.T_map_object[2, 3]
+            if low[2] - floor_m < _MAX_LIFT_M:
+                low[2] = min(low[2], floor_m)
+        return low, high
+
+    def _extend_back(self, low: FloatArray, high: FloatArray) -> None:
+        """Extend the box of an object that was seen from one side only, away from the camera."""
+        along = self.direction_m[:2] / max(self.num_sightings, 1)
+        if np.linalg.norm(along) < _ONE_SIDED:
+            return
+        axis = int(np.argmax(np.abs(along)))
+        across = 1 - axis
+        hidden_m = min(float(high[across] - low[across]), _HIDDEN_M) - (high[axis] - low[axis])
+        if hidden_m > 0 and along[axis] > 0:
+            high[axis] += hidden_m
+        elif hidden_m > 0:
+            low[axis] -= hidden_m

@@ -1,0 +1,285 @@
+"""The object map: each static or put-down object once, anchored to keyframes.
+
+Follows the object maps of Kimera and Khronos (Schmid et al., RSS 2024) in that an object is the
+surface inside its boxes, accumulated over looks; evidence of absence is a look through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import (
+    NS_PER_S,
+    PERSON,
+    UNKNOWN,
+    CameraModel,
+    DynamicObject,
+    Float32Array,
+    Reason,
+)
+from rgbd_slam.model.keyframe_poses import NO_KEYFRAMES, KeyframePoses
+from rgbd_slam.scene.floor import Floor
+from rgbd_slam.scene.object_track import TrackedObject
+from rgbd_slam.scene.objects.association import (
+    Visibility,
+    associate,
+    in_box,
+    is_confusable,
+    look_at,
+    missed_rows,
+    prior_of,
+)
+from rgbd_slam.scene.objects.carrying import Carrying
+from rgbd_slam.scene.objects.mapped_object import MapObject, MappedObject, PlaceState
+from rgbd_slam.scene.objects.object_view import ObjectCamera, ObjectView
+from rgbd_slam.scene.objects.place import Anchor, Place
+from rgbd_slam.scene.objects.segmentation import Segment, segment_all
+from rgbd_slam.scene.scene_scheduler import SceneRequest
+
+_RANGE_M = 7.0  # objects farther from the camera are not looked at; chosen
+# None of these numbers was tuned where no other source is named.
+_VISIBLE_SHARE = 0.5  # of the voxels, from which on a missing detection counts
+_THROUGH_SHARE, _MAX_THROUGH = 0.6, 5  # of the voxels; looks in a row that show a place empty
+_CLAIMED_SHARE = 0.5  # of a new segment's points in another object: it is that object's surface
+_MERGE_PERIOD_NS = NS_PER_S
+_MERGE_SHARE = 0.5  # of the smaller object's voxels in the box of the larger one
+_MERGE_OTHER_SHARE = 0.8  # the same for classes that are not confused
+_MERGE_MARGIN_M = 0.04
+_DOUBLE_SHARE = 0.7  # of the smaller of two boxes that may be one thing
+_FORGET_NS = 10 * NS_PER_S  # an object that was not confirmed by then was a false detection
+_MAX_OBJECTS = 1000  # chosen: 0.6 MB for a room of 30 objects
+
+
+class ObjectMap:
+    """Keeps the objects, and updates them with looks, tracks and corrections of the map.
+
+    Args:
+        camera: The camera of depth and color.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self._camera = ObjectCamera(camera)
+        self._keyframes: KeyframePoses = NO_KEYFRAMES
+        self._objects: list[MappedObject] = []
+        self._next_id = 1
+        self._apart: set[tuple[int, int]] = set()  # ids seen as two things in one image
+        self._merged_ns = 0
+        self._carrying = Carrying()
+
+    def __len__(self) -> int:
+        return len(self._objects)
+
+    def objects(self, floor: Floor | None = None) -> tuple[MapObject, ...]:
+        """Return the confirmed objects by id.
+
+        Args:
+            floor: The floor, down to which furniture reaches; None: it is unknown.
+        """
+        return tuple(
+            item.value(floor)
+            for item in sorted(self._objects, key=lambda item: item.object_id)
+            if item.is_confirmed and item.place.map_id == self._keyframes.main_map
+        )
+
+    def update(
+        self,
+        request: SceneRequest,
+        depth_m: Float32Array,
+        detections: Sequence[DynamicObject],
+        tracks: Sequence[TrackedObject] = (),
+    ) -> None:
+        """Add one look, in order of time, unless its keyframe has been removed since the request.
+
+        Args:
+            request: Time, pose and keyframe of the image.
+            depth_m: (H, W) depth; 0: no reading.
+            detections: The detections, with the filter's verdicts.
+            tracks: The tracks of people and objects at this time.
+        """
+        if request.keyframes is None:
+            return
+        if request.keyframes.version >= self._keyframes.version:
+            self.correct(request.keyframes)
+        anchor = self._anchor(request, request.keyframes)
+        if anchor is None:
+            return
+        stamp_ns, view = request.stamp_ns, self._camera.view(depth_m, anchor.T_map_camera)
+        measured = [item for item in detections if _is_measured(item)]
+        near = self._near(anchor)
+        seen = look_at(near, view)
+        segments = segment_all(measured, view, prior_of(measured, near, seen, view))
+        pairs = associate(segments, near, seen)
+        for s, o in pairs.items():
+            self._add_sighting(near[o], segments[s], seen[o], view, stamp_ns)
+        self._note_apart([(near[o], segments[s]) for s, o in pairs.items()])
+        people = [item for item in measured if item.class_name == PERSON]
+        for o in set(range(len(near))) - set(pairs.values()):
+            self._note_unseen(near[o], seen[o], people, view)
+        left = [segment for s, segment in enumerate(segments) if s not in pairs]
+        self._add_new(left, near, anchor, stamp_ns)
+        self._objects = self._carrying.follow(self._objects, tracks, stamp_ns)
+        if stamp_ns - self._merged_ns >= _MERGE_PERIOD_NS or stamp_ns < self._merged_ns:
+            self._merged_ns = stamp_ns
+            self._merge()
+            self._forget(stamp_ns)
+
+    def correct(self, keyframes: KeyframePoses) -> None:
+        """Apply corrected keyframe poses: each object moves with its keyframe."""
+        before, self._keyframes = self._keyframes, keyframes
+        self._objects = [item for item in self._objects if item.place.follow(before, keyframes)]
+
+    def _anchor(self, request: SceneRequest, keyframes: KeyframePoses) -> Anchor | None:
+        """Return the keyframe of a request, with the present pose of the image; None: removed."""
+        uid = request.reference_uid
+        old, new = keyframes.row_of(uid), self._keyframes.row_of(uid)
+        if old is None or new is None:
+            return None
+        T_map_keyframe = self._keyframes.T_map_camera[new]
+        T_keyframe_camera = se3.inverse(keyframes.T_map_camera[old]) @ request.T_map_camera
+        map_id = int(self._keyframes.map_ids[new])
+        return Anchor(uid, map_id, T_map_keyframe, T_map_keyframe @ T_keyframe_camera)
+
+    def _add_sighting(
+        self,
+        item: MappedObject,
+        segment: Segment,
+        seen: Visibility,
+        view: ObjectView,
+        stamp_ns: int,
+    ) -> None:
+        """Add the detection of a known object; one that a person hides in part adds no surface."""
+        if segment.detection.is_dynamic:
+            item.note_seen(stamp_ns)
+        else:
+            item.count_misses(missed_rows(segment, seen, view))
+            item.add(segment, stamp_ns, view.T_map_camera)
+        self._carrying.note_seen(item)
+
+    def _near(self, anchor: Anchor) -> list[MappedObject]:
+        """Return the objects that may be in view."""
+        same = [item for item in self._objects if item.place.map_id == anchor.map_id]
+        if not same:
+            return []
+        centers = np.array([item.T_map_object[:3, 3] for item in same])
+        local = se3.transform(se3.inverse(anchor.T_map_camera), centers)
+        reach = np.array([item.radius_m() for item in same])
+        is_near = (np.linalg.norm(local, axis=1) < _RANGE_M) & (local[:, 2] > -reach)
+        return [same[i] for i in np.flatnonzero(is_near)]
+
+    def _note_unseen(
+        self,
+        item: MappedObject,
+        seen: Visibility,
+        people: Sequence[DynamicObject],
+        view: ObjectView,
+    ) -> None:
+        """Note what an image shows of an object that was not detected in it."""
+        if seen.through_share >= _THROUGH_SHARE:
+            item.note_seen_through()
+            if item.num_through >= _MAX_THROUGH and item.state is not PlaceState.HANDLED:
+                item.state = PlaceState.GONE
+        elif seen.visible_share >= _VISIBLE_SHARE:
+            uv = seen.uv_px[seen.is_visible]
+            boxes = (view.pixels_of(person.box_xyxy_px) for person in people)
+            if not any(in_box(uv, box).mean() > _VISIBLE_SHARE for box in boxes):
+                item.note_missed()
+
+    def _add_new(
+        self,
+        segments: Sequence[Segment],
+        near: Sequence[MappedObject],
+        anchor: Anchor,
+        stamp_ns: int,
+    ) -> None:
+        """Start an object for each static segment that no known object explains."""
+        for segment in segments:
+            if segment.detection.is_dynamic or self._is_claimed(segment, near):
+                continue
+            place = Place.at(np.median(segment.points_map_m, axis=0), anchor)
+            item = MappedObject(self._next_id, place, stamp_ns)
+            self._next_id += 1
+            item.add(segment, stamp_ns, anchor.T_map_camera)
+            self._objects.append(item)
+
+    def _is_claimed(self, segment: Segment, near: Sequence[MappedObject]) -> bool:
+        """Return whether a segment shows the surface of a confirmed object."""
+        for item in near:
+            if not (item.is_confirmed and item.is_present):
+                continue
+            if item.has_surface(segment.points_map_m).mean() > _CLAIMED_SHARE:
+                return True
+        return False
+
+    def _note_apart(self, seen: Sequence[tuple[MappedObject, Segment]]) -> None:
+        """Note the pairs of objects that one image shows beside each other."""
+        for (first, one), (second, other) in combinations(seen, 2):
+            if not _overlap_much(one.box_px, other.box_px):
+                a, b = sorted((first.object_id, second.object_id))
+                self._apart.add((a, b))
+
+    def _merge(self) -> None:
+        """Merge objects that overlap, unless one image showed both."""
+        by_size = sorted(self._objects, key=lambda item: -item.num_sightings)
+        gone: set[int] = set()
+        for first, second in combinations(by_size, 2):
+            if first.object_id in gone or second.object_id in gone:
+                continue
+            if self._are_one(first, second):
+                first.absorb(second)
+                gone.add(second.object_id)
+                self._rename_apart(second.object_id, first.object_id)
+        if gone:
+            self._objects = [item for item in self._objects if item.object_id not in gone]
+
+    def _are_one(self, first: MappedObject, second: MappedObject) -> bool:
+        is_same_map = first.place.map_id == second.place.map_id
+        if not (first.is_present and second.is_present and is_same_map):
+            return False
+        ids = sorted((first.object_id, second.object_id))
+        offset_m = np.linalg.norm(first.center_map_m() - second.center_map_m())
+        if offset_m > first.radius_m() + second.radius_m() or (ids[0], ids[1]) in self._apart:
+            return False
+        share = max(
+            first.contains(second.points_map_m(), _MERGE_MARGIN_M),
+            second.contains(first.points_map_m(), _MERGE_MARGIN_M),
+        )
+        is_alike = is_confusable(first.class_name, second.class_name)
+        return share >= (_MERGE_SHARE if is_alike else _MERGE_OTHER_SHARE)
+
+    def _rename_apart(self, old: int, new: int) -> None:
+        moved = {pair for pair in self._apart if old in pair}
+        self._apart -= moved
+        for pair in moved:
+            a, b = sorted(new if i == old else i for i in pair)
+            if a != b:
+                self._apart.add((a, b))
+
+    def _forget(self, stamp_ns: int) -> None:
+        """Forget false detections, and the oldest objects beyond the limit."""
+        self._objects = [
+            item
+            for item in self._objects
+            if item.is_confirmed or stamp_ns - item.last_ns < _FORGET_NS
+        ]
+        if len(self._objects) > _MAX_OBJECTS:
+            self._objects.sort(key=lambda item: (item.is_confirmed, item.last_ns))
+            del self._objects[: len(self._objects) - _MAX_OBJECTS]
+        ids = {item.object_id for item in self._objects}
+        self._apart = {pair for pair in self._apart if pair[0] in ids and pair[1] in ids}
+
+
+def _is_measured(item: DynamicObject) -> bool:
+    """Return whether the detector has found this box, and knows its class."""
+    return item.reason is not Reason.PREDICTED and item.class_name != UNKNOWN
+
+
+def _overlap_much(first_px: tuple[int, ...], second_px: tuple[int, ...]) -> bool:
+    """Return whether two boxes share most of the smaller one, as of one thing found twice."""
+    a, b = np.array(first_px), np.array(second_px)
+    shared = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0).prod()
+    smaller = min((box[2:] - box[:2]).prod() for box in (a, b))
+    return bool(shared > _DOUBLE_SHARE * smaller)

@@ -1,0 +1,277 @@
+"""Segments the surface of an object from the depth readings inside its box.
+
+The box of an object also shows what the object stands on or leans against, and what hides part of
+it. Planes around the box are the former; a surface that fits another box better is the latter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import PERSON, BoolArray, DynamicObject, Float32Array, FloatArray, IntArray
+from rgbd_slam.scene.objects.object_view import ObjectView, readings_in
+
+# None of these numbers was tuned where no other source is named.
+_MIN_READINGS = 6  # fewer readings do not show where an object is
+_RING_SHARE, _RING_PX = 0.25, (2, 10)  # width of the ring around a box, of its side; limits
+_MAX_PLANES, _MIN_PLANE_SHARE = 3, 0.15  # planes of the ring; least share of its readings
+_TRIALS = 24  # planes that are compared
+_MAX_RING = 250  # readings of the ring that are used, to bound the time
+# Distance from a plane within which a reading belongs to it, and its growth with depth squared.
+_PLANE_M, _PLANE_GROWTH = 0.015, 0.28
+# An object keeps the readings near a plane if without them less than this share would remain: it
+# is flat itself, as a book on a table.
+_MIN_REST = 0.15
+# A layer is a range of depth as thick as 4 bins. The nearest one that has 0.6 times the readings
+# of the fullest is the object (as in `object_sighting`).
+_BIN_M, _LAYER_BINS, _NEARER_SHARE = 0.05, 4, 0.6
+_LAYER_SHARE = 0.3  # a layer of a large object is as thick as this share of its box
+_GAP_SHARE, _GAP_M = 0.3, 0.25  # an empty range of depth ends an object: of its size; most
+_EMPTY_SHARE = 0.02  # of the object's readings; a bin with fewer is empty
+_MAX_DEPTH_SHARE, _MIN_DEPTH_M = 0.9, 0.2  # largest depth of an object, of the size of its box
+# Two segments that share so much of the smaller one are the same surface.
+_SHARED, _SHARED_WITH_PERSON = 0.4, 0.1
+_AT_PLACE_SHARE = 0.5  # of the nearest part at the known place: nothing hides the object
+_FILLED = 0.6  # share of a box from which on the surface fills it
+_TINY = 1e-18  # avoids a division by zero
+_RNG_SEED = 0
+
+
+class KnownBox(NamedTuple):
+    """The box of a known object, enlarged by how much it may grow in one image."""
+
+    T_box_map: FloatArray  # (4, 4)
+    low_m: FloatArray  # (3,)
+    high_m: FloatArray
+
+    def contains(self, points_map_m: FloatArray) -> BoolArray:
+        """Return the (N,) mask of the points (N, 3) in the box."""
+        points = se3.transform(self.T_box_map, points_map_m)
+        return np.asarray(((points > self.low_m) & (points < self.high_m)).all(axis=1))
+
+
+class Prior(NamedTuple):
+    """What the map tells about the pixels of an image before its boxes are segmented."""
+
+    owner: IntArray  # (h * w,) detection whose object is known to be at a pixel; -1: none
+    known: dict[int, KnownBox]  # by detection, where its object is known to be
+
+
+class Segment(NamedTuple):
+    """The surface of one detected object."""
+
+    detection: DynamicObject
+    box_px: tuple[int, int, int, int]  # left, top, right, bottom in strided pixels
+    pixels: IntArray  # (M,) flat indices of the strided pixels that show the object
+    points_map_m: FloatArray  # (M, 3) of these
+    others: IntArray  # (N,) flat indices of the pixels in the box that show other things
+    known: KnownBox | None  # where the object was known to be
+
+
+def segment_all(
+    detections: Sequence[DynamicObject], view: ObjectView, prior: Prior
+) -> list[Segment]:
+    """Return the segments of the objects with enough readings; people are left out.
+
+    Where two boxes claim the same surface, it belongs to the box that it fills better; the other
+    object is segmented again from what is left.
+
+    Args:
+        detections: The detections.
+        view: The image.
+        prior: What is known of them.
+    """
+    found = []
+    for d, detection in enumerate(detections):
+        taken = ((prior.owner >= 0) & (prior.owner != d)).reshape(view.shape)
+        found.append(_segment(detection, view, taken, prior.known.get(d)))
+    segments = [segment for segment in found if segment is not None]
+    for loser, taken in _conflicts(segments, view):
+        again = _segment(segments[loser].detection, view, taken, segments[loser].known)
+        empty = segments[loser]._replace(
+            pixels=np.empty(0, np.int64), points_map_m=np.empty((0, 3))
+        )
+        segments[loser] = empty if again is None else again
+    return [s for s in segments if s.detection.class_name != PERSON and len(s.pixels)]
+
+
+def _conflicts(segments: list[Segment], view: ObjectView) -> list[tuple[int, BoolArray]]:
+    """Return the segments that show the surface of another object, with the pixels of these."""
+    taken: dict[int, BoolArray] = {}
+    masks = [_mask(segment.pixels, view) for segment in segments]
+    fits = [_fit(segment, view) for segment in segments]
+
+    def _claim(k: int) -> tuple[bool, float]:
+        """Return a sort key: a small box that is filled well owns its surface."""
+        left, top, right, bottom = segments[k].box_px
+        is_filled = fits[k] >= _FILLED
+        return is_filled, -(right - left) * (bottom - top) if is_filled else fits[k]
+
+    for i, first in enumerate(segments):  # a handful
+        for j in range(i):
+            shared = np.count_nonzero(masks[i] & masks[j])
+            is_person = PERSON in (first.detection.class_name, segments[j].detection.class_name)
+            least = _SHARED_WITH_PERSON if is_person else _SHARED
+            if shared <= least * min(len(first.pixels), len(segments[j].pixels)):
+                continue
+            loser, winner = (i, j) if _claim(i) < _claim(j) else (j, i)
+            if segments[loser].detection.class_name == PERSON:
+                continue
+            taken[loser] = taken.get(loser, np.zeros(view.shape, np.bool_)) | masks[winner]
+    return list(taken.items())
+
+
+def _mask(pixels: IntArray, view: ObjectView) -> BoolArray:
+    out = np.zeros(view.shape, np.bool_)
+    out.reshape(-1)[pixels] = True
+    return out
+
+
+def _fit(segment: Segment, view: ObjectView) -> float:
+    """Return the share of a box that the bounding box of its segment covers."""
+    row, col = np.divmod(segment.pixels, view.shape[1])
+    left, top, right, bottom = segment.box_px
+    covered = (np.ptp(row) + 1) * (np.ptp(col) + 1)
+    return float(covered / max((right - left) * (bottom - top), 1))
+
+
+def _segment(
+    detection: DynamicObject, view: ObjectView, taken: BoolArray, known: KnownBox | None
+) -> Segment | None:
+    """Return the segment of a detection, or None if it has too few readings.
+
+    Args:
+        detection: The detection.
+        view: The image.
+        taken: (h, w) mask of pixels that show other objects.
+        known: Where the object is known to be; None: it is new.
+    """
+    box = view.pixels_of(detection.box_xyxy_px)
+    pixels = everything = readings_in(view, *box)
+    pixels = pixels[~taken.reshape(-1)[pixels]]
+    if len(pixels) < _MIN_READINGS:
+        return None
+    if detection.class_name != PERSON:
+        pixels = _without_planes(pixels, box, view)
+    others = np.setdiff1d(everything, pixels, assume_unique=True)
+    pixels = _part(pixels, box, view, known)
+    if len(pixels) < _MIN_READINGS:
+        return None
+    return Segment(detection, box, pixels, view.points_map_m[pixels], others, known)
+
+
+def _without_planes(
+    pixels: IntArray, box: tuple[int, int, int, int], view: ObjectView
+) -> IntArray:
+    """Return the pixels (N,) that are not on a plane around the box."""
+    rest = pixels
+    ring = _ring(box, view, pixels)
+    depth = view.depth_m.reshape(-1)
+    rng = np.random.default_rng(_RNG_SEED)
+    num_ring = len(ring)
+    for _ in range(_MAX_PLANES):
+        if len(ring) < max(_MIN_READINGS, _MIN_PLANE_SHARE * num_ring):
+            break
+        normal, offset = _best_plane(view.points_map_m[ring], depth[ring], rng)
+        on_ring = _is_on(view, ring, depth, normal, offset)
+        if np.count_nonzero(on_ring) < max(_MIN_READINGS, _MIN_PLANE_SHARE * num_ring):
+            break
+        left = rest[~_is_on(view, rest, depth, normal, offset)]
+        if len(left) >= max(_MIN_READINGS, _MIN_REST * len(pixels)):
+            rest = left
+        ring = ring[~on_ring]
+    return rest
+
+
+def _is_on(
+    view: ObjectView, pixels: IntArray, depth: Float32Array, normal: FloatArray, offset: float
+) -> BoolArray:
+    distance = np.abs(view.points_map_m[pixels] @ normal - offset)
+    return np.asarray(distance < _tolerance_m(depth[pixels]))
+
+
+def _tolerance_m(depth_m: Float32Array) -> Float32Array:
+    """Return the distances (N,) within which readings belong to a plane; noise grows with z^2."""
+    return np.asarray(_PLANE_M * np.maximum(1.0, _PLANE_GROWTH * depth_m**2), np.float32)
+
+
+def _ring(box: tuple[int, int, int, int], view: ObjectView, inside: IntArray) -> IntArray:
+    """Return the pixels around a box that are as far away as those inside it."""
+    left, top, right, bottom = box
+    height, width = view.shape
+    side = max(right - left, bottom - top)
+    margin = int(np.clip(round(_RING_SHARE * side), *_RING_PX))
+    outer = max(0, left - margin), max(0, top - margin)
+    row, col = np.mgrid[
+        outer[1] : min(height, bottom + margin), outer[0] : min(width, right + margin)
+    ]
+    pixels = (row * width + col)[(row < top) | (row >= bottom) | (col < left) | (col >= right)]
+    depth = view.depth_m.reshape(-1)
+    low, high = 0.9 * depth[inside].min(), 1.1 * depth[inside].max()
+    kept = pixels[(depth[pixels] > low) & (depth[pixels] < high)]
+    return np.asarray(kept[:: 1 + len(kept) // _MAX_RING], np.int64)
+
+
+def _best_plane(
+    points: FloatArray, depth: Float32Array, rng: np.random.Generator
+) -> tuple[FloatArray, float]:
+    """Return the unit normal (3,) and offset of the plane with most points (N, 3), refitted."""
+    a, b, c = points[rng.integers(0, len(points), (3, _TRIALS))]
+    (x1, y1, z1), (x2, y2, z2) = (b - a).T, (c - a).T
+    normals = np.stack([y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2], axis=1)
+    normals /= np.sqrt((normals * normals).sum(axis=1) + _TINY)[:, None]
+    offsets = (normals * a).sum(axis=1)
+    near = np.abs(points @ normals.T - offsets) < _tolerance_m(depth)[:, None]
+    chosen = points[near[:, int(np.argmax(near.sum(axis=0)))]]
+    center = chosen.mean(axis=0)
+    normal = np.linalg.eigh((chosen - center).T @ (chosen - center))[1][:, 0]
+    return normal, float(normal @ center)
+
+
+def _part(
+    pixels: IntArray, box: tuple[int, int, int, int], view: ObjectView, known: KnownBox | None
+) -> IntArray:
+    """Return the pixels of the nearest part, or of the known place behind what hides it."""
+    nearest = _nearest_part(pixels, box, view)
+    if known is None:
+        return nearest
+    at_place = pixels[known.contains(view.points_map_m[pixels])]
+    if len(at_place) < _MIN_READINGS:
+        return nearest
+    is_nearest = np.isin(nearest, at_place, assume_unique=True).mean() >= _AT_PLACE_SHARE
+    return nearest if is_nearest else at_place
+
+
+def _nearest_part(pixels: IntArray, box: tuple[int, int, int, int], view: ObjectView) -> IntArray:
+    """Return the pixels of the nearest layer and of what continues it in depth without a gap."""
+    if len(pixels) == 0:
+        return pixels
+    depth = view.depth_m.reshape(-1)[pixels]
+    bins = (depth / _BIN_M).astype(np.int64)
+    count = np.bincount(bins, minlength=_LAYER_BINS)
+    size_m = _size_m(box, view, float(np.median(depth)))
+    thick = max(_LAYER_BINS, round(_LAYER_SHARE * size_m / _BIN_M))
+    layers = np.convolve(count, np.ones(thick, np.int64))[thick - 1 :]
+    if len(layers) == 0:
+        layers = np.array([count.sum()])
+    first = int(np.argmax(layers >= _NEARER_SHARE * layers.max()))
+    first += int(np.argmax(count[first : first + thick] > 0))
+    filled = count[first:] > max(1.0, _EMPTY_SHARE * len(pixels))
+    filled[:thick] = True
+    gap = max(2, round(min(_GAP_SHARE * size_m, _GAP_M) / _BIN_M))
+    filled = np.pad(filled, (0, gap))
+    gaps = np.convolve(filled, np.ones(gap, np.int64))[gap - 1 :] == 0
+    most = round(max(_MAX_DEPTH_SHARE * size_m, _MIN_DEPTH_M) / _BIN_M)
+    end = min(int(np.argmax(gaps)), most)
+    # One bin before the layer: its first readings are noise of the same surface.
+    return pixels[(bins >= first - 1) & (bins < first + end)]
+
+
+def _size_m(box: tuple[int, int, int, int], view: ObjectView, depth_m: float) -> float:
+    """Return the larger side of a box at a depth."""
+    left, top, right, bottom = box
+    return view.pixel_m * max(right - left, bottom - top) * depth_m

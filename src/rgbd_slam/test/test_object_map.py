@@ -1,0 +1,145 @@
+"""The object map of rendered boxes, compared with their true places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoid_common.values import FloatArray, Reason
+from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
+
+from .object_world import Box, ObjectWorld, keyframes
+
+TABLE = Box('', (1.6, -0.8, -1.2), (2.6, 0.8, -0.45))
+CUP = Box('cup', (1.9, 0.3, -0.45), (2.0, 0.4, -0.3))
+BOOK = Box('book', (1.8, -0.5, -0.45), (2.1, -0.2, -0.4))
+BEAR = Box('teddy bear', (1.9, 0.0, -0.45), (2.15, 0.25, -0.1))
+PERSON = Box('person', (1.2, -0.2, -1.2), (1.4, 0.3, 0.6), Reason.PERSON)
+
+
+def moved(box: Box, by_m: tuple[float, float, float], reason: Reason = Reason.STATIC) -> Box:
+    low, high = (np.add(corner, by_m).tolist() for corner in box[1:3])
+    return Box(box.class_name, tuple(low), tuple(high), reason)
+
+
+def at(x_m: float, y_m: float, yaw_rad: float) -> FloatArray:
+    T = np.eye(4)
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    T[:2, :2], T[:2, 3] = [[c, -s], [s, c]], (x_m, y_m)
+    return T
+
+
+def track(box: Box, state: ObjectState, track_id: int = 7) -> TrackedObject:
+    size_m = np.subtract(box.high_m, box.low_m)
+    return TrackedObject(
+        track_id, box.class_name, state, 0, 0.9, box.center_m, np.zeros(3), size_m
+    )
+
+
+def only(objects: tuple[MapObject, ...], class_name: str) -> MapObject:
+    found = [item for item in objects if item.class_name == class_name]
+    assert len(found) == 1, [item.class_name for item in objects]
+    return found[0]
+
+
+def test_objects_on_a_table_have_their_own_boxes() -> None:
+    objects = ObjectWorld().look(TABLE, CUP, BOOK, times=6)
+    assert {item.class_name for item in objects} == {'cup', 'book'}
+    for box, tolerance_m in ((CUP, 0.05), (BOOK, 0.06)):
+        item = only(objects, box.class_name)
+        assert np.linalg.norm(item.center_map_m - box.center_m) < tolerance_m
+        assert item.num_sightings == 6
+        assert item.state is PlaceState.AT_REST
+        assert item.probability > 0.8
+
+
+def test_people_are_never_in_the_map() -> None:
+    cup = moved(CUP, (0.0, 0.3, 0.0))
+    objects = ObjectWorld().look(TABLE, PERSON, cup, times=6)
+    assert [item.class_name for item in objects] == ['cup']
+
+
+def test_two_of_a_kind_beside_each_other_stay_two() -> None:
+    second = moved(CUP, (0.0, 0.14, 0.0))
+    world = ObjectWorld()
+    for i in range(8):
+        objects = world.look(TABLE, CUP, second, T_map_body=at(0.0, 0.05 * i, 0.0))
+    y_m = sorted(item.center_map_m[1] for item in objects)
+    assert y_m == pytest.approx([0.35, 0.49], abs=0.03)
+
+
+def test_parts_seen_later_complete_an_object() -> None:
+    hiding = Box('', (1.5, -0.2, -0.45), (1.6, 0.1, 0.2))  # a screen in front of half of the bear
+    world = ObjectWorld()
+    first = only(world.look(TABLE, BEAR, hiding, times=5), 'teddy bear')
+    whole = only(world.look(TABLE, BEAR, times=8), 'teddy bear')
+    assert whole.object_id == first.object_id
+    assert first.size_m[1] < 0.2
+    assert whole.size_m[1] == pytest.approx(0.25, abs=0.04)
+    assert np.linalg.norm(whole.center_map_m - BEAR.center_m) < 0.08
+
+
+def test_the_surface_of_a_person_in_front_is_not_that_of_the_object() -> None:
+    world = ObjectWorld()
+    before = only(world.look(TABLE, BEAR, times=5), 'teddy bear')
+    after = only(world.look(TABLE, PERSON, BEAR, times=5), 'teddy bear')
+    assert np.linalg.norm(after.center_map_m - before.center_map_m) < 0.02
+
+
+def test_what_was_seen_through_is_gone() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, BOOK, times=5)
+    objects = world.look(TABLE, BOOK, times=6)
+    assert only(objects, 'cup').state is PlaceState.GONE
+    assert only(objects, 'cup').probability < 0.2
+    assert only(objects, 'book').state is PlaceState.AT_REST
+    back = only(world.look(TABLE, CUP, BOOK, times=3), 'cup')
+    assert back.state is PlaceState.AT_REST
+
+
+def test_a_person_who_hides_an_object_has_not_taken_it() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, times=5)
+    wide = Box('person', (1.2, -0.2, -1.2), (1.4, 0.6, 0.6), Reason.PERSON)
+    item = only(world.look(TABLE, wide, times=10), 'cup')
+    assert item.state is PlaceState.AT_REST
+    assert item.probability > 0.8
+
+
+def test_an_object_keeps_its_id_when_a_person_carries_it() -> None:
+    world, target = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
+    rest = (track(BEAR, ObjectState.AT_REST),)
+    before = only(world.look(TABLE, BEAR, times=5, tracks=rest), 'teddy bear')
+    carried = moved(BEAR, (-0.3, -0.4, 0.5), Reason.HANDLED)
+    holder = moved(PERSON, (0.0, -0.5, 0.0), Reason.PERSON)
+    tracks = (track(carried, ObjectState.HANDLED), track(holder, ObjectState.PERSON, 9))
+    handled = only(world.look(TABLE, holder, carried, times=4, tracks=tracks), 'teddy bear')
+    assert handled.state is PlaceState.HANDLED
+    assert handled.holder_id == 9
+    rest = (track(target, ObjectState.MOVED),)
+    after = only(world.look(TABLE, target, times=5, tracks=rest), 'teddy bear')
+    assert after.object_id == before.object_id
+    assert after.state is PlaceState.MOVED
+    assert np.linalg.norm(after.center_map_m - target.center_m) < 0.08
+    assert after.moved_from_map_m == pytest.approx(before.center_map_m, abs=0.1)
+
+
+def test_a_correction_of_the_map_moves_the_objects_with_their_keyframe() -> None:
+    world = ObjectWorld()
+    before = only(world.look(TABLE, CUP, times=5), 'cup')
+    T = at(0.5, -0.2, 0.3)
+    world.map.correct(keyframes(T, version=2))
+    after = only(world.map.objects(), 'cup')
+    expected = T[:3, :3] @ before.center_map_m + T[:3, 3]
+    assert after.center_map_m == pytest.approx(expected, abs=1e-9)
+    world.keyframes = keyframes(T, version=2)
+    again = only(world.look(TABLE, CUP, T_map_body=T, times=2), 'cup')
+    assert again.object_id == before.object_id
+
+
+def test_objects_of_a_removed_map_are_forgotten() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, times=5)
+    world.map.correct(keyframes(np.eye(4), version=2, uid=5))
+    assert world.map.objects() == ()
