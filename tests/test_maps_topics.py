@@ -19,8 +19,11 @@ from nav_msgs.msg import OccupancyGrid
 from people_msgs.msg import People
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
+from vision_msgs.msg import Detection3D, Detection3DArray
 from visualization_msgs.msg import MarkerArray
 
+from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
+from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_synth.config import SceneConfig
@@ -53,6 +56,7 @@ class Peer(ScenePeer):
         self.patches = probe.collect(OccupancyGridUpdate, 'grid_map_updates', wait=False)
         self.tracked = probe.collect(TrackedObjectArray, 'tracked_objects', wait=False)
         self.people = probe.collect(People, 'people', wait=False)
+        self.object_maps = probe.collect(Detection3DArray, 'object_map', qos.LATCHED, wait=False)
         self.markers = probe.collect(MarkerArray, 'tracked_objects/markers', wait=False)
         super().__init__(probe)
 
@@ -93,6 +97,7 @@ def test_the_room_is_mapped_without_its_people(
     check_grid(peer, truth)
     check_patches(peer)
     check_objects(peer, truth)
+    check_object_map(peer, truth)
     check_files(peer, tmp_path / 'maps')
     check_run_time(peer)
 
@@ -125,6 +130,28 @@ def check_grid(peer: Peer, truth: RoomTruth) -> None:
     known = cells >= 0
     assert known.sum() > 1000
     assert np.mean((cells == 100)[known] == occupied[known]) >= 0.97
+
+
+def check_object_map(peer: Peer, truth: RoomTruth) -> None:
+    msg = peer.object_maps[-1]
+    assert msg.header.frame_id == 'map'
+    found = [found_object(detection) for detection in msg.detections]
+    scores = score_objects(found, true_objects(truth))
+    assert scores.num_expected >= 5
+    assert scores.num_recalled >= 0.8 * scores.num_expected
+    assert scores.num_right >= 0.75 * scores.num_found
+    assert scores.num_class_right == scores.num_right
+    assert np.median(scores.seen_center_m) < 0.15
+    assert len({detection.id for detection in msg.detections}) == len(found)
+    assert all(stamp_of(detection) <= stamp_of(msg) for detection in msg.detections)
+
+
+def found_object(detection: Detection3D) -> FoundObject:
+    center, size = detection.bbox.center.position, detection.bbox.size
+    name = max(detection.results, key=lambda result: result.hypothesis.score).hypothesis.class_id
+    return FoundObject(
+        name, np.array([center.x, center.y, center.z]), np.array([size.x, size.y, size.z])
+    )
 
 
 def check_patches(peer: Peer) -> None:

@@ -17,14 +17,12 @@ from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_common.values import FloatArray
 from hoid_synth.room_truth import RoomTruth
 from rgbd_slam.scene.object_track import SETTLED
-from rgbd_slam.scene.objects.mapped_object import PlaceState
 
 HEADER = (
     'room', 'objects of', 'recall', 'precision', 'class right', 'doubles per object',
     'center cm', 'small: center cm', 'seen part: center cm', 'seen part: size cm',
 )  # fmt: skip
 _TRACKS, _MAP = '`tracked_objects`', '`object_map`'
-_AT_REST = (PlaceState.AT_REST, PlaceState.MOVED)
 
 
 class ObjectTable:
@@ -45,7 +43,7 @@ class ObjectTable:
         mapped = [
             FoundObject(item.class_name, item.center_map_m, item.size_m)
             for item in room.objects
-            if item.state in _AT_REST
+            if item.is_present
         ]
         self._scores[_TRACKS][name] = score_objects(at_rest, true)
         self._scores[_MAP][name] = score_objects(mapped, true)

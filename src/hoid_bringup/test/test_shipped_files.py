@@ -16,7 +16,7 @@ SRC = Path(__file__).parents[2]
 SHOWN = {
     topics.DETECTIONS, topics.FEATURES, topics.DYNAMIC_OBJECTS, topics.ODOM, topics.PATH,
     topics.MAP_POINTS, topics.CLOUD_MAP, topics.GRID_MAP, topics.KEYFRAMES, topics.SLAM_STATUS,
-    topics.TRACKED_OBJECTS, topics.TRACKED_OBJECT_MARKERS,
+    topics.TRACKED_OBJECTS, topics.TRACKED_OBJECT_MARKERS, topics.OBJECT_MAP_MARKERS,
     topics.DEBUG_IMAGE.replace('~', 'hoid_filter'),
     topics.DEBUG_IMAGE.replace('~', 'hoid_detector'),
 }  # fmt: skip

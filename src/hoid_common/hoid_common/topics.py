@@ -38,6 +38,8 @@ SLAM_STATUS = 'slam_status'
 TRACKED_OBJECTS = 'tracked_objects'  # hoid_msgs/TrackedObjectArray
 PEOPLE = 'people'  # people_msgs/People
 TRACKED_OBJECT_MARKERS = 'tracked_objects/markers'  # visualization_msgs/MarkerArray
+OBJECT_MAP = 'object_map'  # vision_msgs/Detection3DArray, the objects at rest
+OBJECT_MAP_MARKERS = 'object_map/markers'  # visualization_msgs/MarkerArray
 
 # Ground truth in bags. It is never on /tf, where it would contradict the estimate.
 GROUND_TRUTH = 'ground_truth'

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message
@@ -12,12 +14,24 @@ from hoid_common.ros import qos
 from hoid_common.values import CameraModel
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.config.object_map_config import ObjectMapConfig
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.ros.scene import outputs
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
-from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_OUTPUTS, OutputTopic, SceneOutputs
+from rgbd_slam.ros.scene.object_map_messages import (
+    object_map_markers_to_msg,
+    object_map_to_msg,
+)
+from rgbd_slam.ros.scene.outputs import (
+    MAP_OUTPUTS,
+    OBJECT_MAP_OUTPUTS,
+    OBJECT_OUTPUTS,
+    OutputTopic,
+    SceneOutputs,
+)
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
@@ -31,7 +45,13 @@ PERSON = TrackedObject(
 
 def new_outputs(*, is_map_level: bool) -> tuple[SceneOutputs, list[Output]]:
     setup = SceneSetup(
-        'scene', 'map', is_map_level, DenseConfig(), ObjectTrackerConfig(), InputConfig()
+        'scene',
+        'map',
+        is_map_level,
+        DenseConfig(),
+        ObjectTrackerConfig(),
+        ObjectMapConfig(),
+        InputConfig(),
     )
     sent: list[Output] = []
     scene_outputs = SceneOutputs(sent.append, setup)
@@ -62,12 +82,15 @@ def test_every_message_has_the_type_of_its_topic(is_map_level: bool) -> None:
     scene_outputs.publish_map(floor_scene(), STAMP_NS)
     scene_outputs.publish_objects((PERSON,), STAMP_NS)
     scene_outputs.clear(STAMP_NS)
-    types = {output.name: output.type for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS)}
+    tables = (*MAP_OUTPUTS, *OBJECT_OUTPUTS, *OBJECT_MAP_OUTPUTS)
+    types = {output.name: output.type for output in tables}
     messages = [(o.topic, deserialize_message(o.data, types[o.topic])) for o in sent]
     names = [name for name, _ in messages]
     objects = ['tracked_objects', 'people', 'tracked_objects/markers']
     level = [] if is_map_level else ['/tf_static']
-    assert names == ['cloud_map', *level, 'grid_map', *objects, 'cloud_map', 'grid_map', *objects]
+    maps = ['object_map', 'object_map/markers']
+    before = ['cloud_map', *level, 'grid_map', *objects]
+    assert names == [*before, 'cloud_map', 'grid_map', *objects, *maps]
     clouds = [message.width for name, message in messages if name == 'cloud_map']
     grids = [message.info.width for name, message in messages if name == 'grid_map']
     assert clouds[0] > 1000
@@ -112,3 +135,37 @@ def test_messages_are_made_for_subscribers_only(
     scene_outputs.subscribed = EVERY  # late subscribers get what was not made so far
     late = {'cloud_map', '/tf_static', 'grid_map', 'grid_map_updates'} - set(published)
     assert scene_outputs.due == (late if 'grid_map' not in published else late & {'cloud_map'})
+
+
+def test_the_object_map_is_published_to_late_subscribers_once() -> None:
+    scene_outputs, sent = new_outputs(is_map_level=True)
+    scene = SceneMapper(CAMERA, DenseConfig(), ObjectTrackerConfig(), ObjectMapConfig())
+    scene_outputs.note_object_change()
+    scene_outputs.publish_object_map(scene, STAMP_NS)
+    assert not sent
+    scene_outputs.subscribed = frozenset({'object_map'})
+    scene_outputs.publish_object_map(scene, STAMP_NS)
+    scene_outputs.publish_object_map(scene, STAMP_NS)
+    assert [output.topic for output in sent] == ['object_map']
+
+
+def test_objects_at_rest_are_detections_with_their_classes() -> None:
+    T = np.eye(4)
+    T[:3, 3] = 1.0, 2.0, 3.0
+    scores = (('cup', 3.0), ('bottle', 1.0))
+    at_rest = MapObject(
+        4, 'cup', scores, PlaceState.AT_REST, T, np.array([0.1, 0.2, 0.3]), 5, 1, STAMP_NS, 0.8
+    )
+    gone = replace(at_rest, object_id=5, state=PlaceState.GONE)
+    header = Header(frame_id='map')
+    (found,) = object_map_to_msg((at_rest, gone), header).detections
+    assert found.id == '4'
+    assert found.header.frame_id == 'map'
+    assert found.header.stamp.sec == 5
+    shares = {result.hypothesis.class_id: result.hypothesis.score for result in found.results}
+    assert shares == pytest.approx({'cup': 0.6, 'bottle': 0.2})
+    center, size = found.bbox.center.position, found.bbox.size
+    assert (center.x, center.y, center.z) == (1.0, 2.0, 3.0)
+    assert (size.x, size.y, size.z) == (0.1, 0.2, 0.3)
+    labels = [m.text for m in object_map_markers_to_msg((at_rest, gone), header).markers if m.text]
+    assert labels == ['cup 4', 'cup 5: gone']

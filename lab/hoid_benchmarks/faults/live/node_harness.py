@@ -72,6 +72,7 @@ class Setup:
             SLAM: {
                 'map_directory': str(maps), 'checkpoint_period_s': 1.0,
                 'dense.enabled': self.has_scene, 'objects.enabled': self.has_scene,
+                'object_map.enabled': self.has_scene,
                 'frames.publish_odom_to_base': not self.is_foreign, **image,
             },
         }  # fmt: skip

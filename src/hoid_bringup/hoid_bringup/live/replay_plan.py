@@ -159,8 +159,9 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     played = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
         played.append(found.true_detections)
-    # SLAM subscribes to images only for the dense map or objects.
-    slam_needs_images = run.slam.dense.enabled or run.slam.objects.enabled
+    # SLAM subscribes to images only for the dense map and the objects.
+    parts = (run.slam.dense, run.slam.objects, run.slam.object_map)
+    slam_needs_images = any(part.enabled for part in parts)
     num_subscribers = len(config.nodes) - (not slam_needs_images)
     offset = ('--depth-offset', str(bag.depth_offset_ns / NS_PER_S)) if bag.depth_offset_ns else ()
     images = ('--rgb', found.color.name, '--depth', found.depth.name, *offset)

@@ -139,22 +139,25 @@ class SceneMapper:
 
     def map_objects(
         self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
-    ) -> tuple[MapObject, ...]:
-        """Update the object map with an image, after `track_objects`; return its objects.
+    ) -> None:
+        """Update the object map with an image, after `track_objects`.
 
         Args:
             request: Time, pose and keyframe of the image.
             depth_m: (H, W) depth; 0: no reading.
             objects: The detections in the image.
         """
-        if self._object_map is None:
-            return ()
-        self._object_map.update(request, depth_m, objects, self._tracks)
-        return self._object_map.objects(self._floor)
+        if self._object_map is not None:
+            self._object_map.update(request, depth_m, objects, self._tracks)
 
     def mapped_objects(self) -> tuple[MapObject, ...]:
         """Return the confirmed objects of the object map, by id; none if there is no such map."""
         return () if self._object_map is None else self._object_map.objects(self._floor)
+
+    @property
+    def num_mapped_objects(self) -> int:
+        """Return the number of objects of the object map, including unconfirmed ones."""
+        return 0 if self._object_map is None else len(self._object_map)
 
     def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> None:
         """Apply corrected keyframe poses to the dense map and the object map.

@@ -22,7 +22,7 @@ from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros.scene.messages import ClearScene, Output, SceneSetup, Subscribed
-from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_OUTPUTS
+from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_MAP_OUTPUTS, OBJECT_OUTPUTS
 from rgbd_slam.ros.scene.process import SceneProcess
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 
@@ -45,9 +45,9 @@ def _do_nothing() -> None:
 
 
 class SceneClient:
-    """Runs the scene process if the dense map or object tracks are on, and publishes its messages.
+    """Runs the scene process if one of its maps is on, and publishes its messages.
 
-    If both are off, all calls do nothing.
+    If all are off, all calls do nothing.
 
     Args:
         node: The SLAM node.
@@ -61,13 +61,13 @@ class SceneClient:
         self._process: SceneProcess | None = None
         self._camera: CameraModel | None = None
         self._publishers: dict[str, OnDemandPublisher] = {}
-        if not config.dense.enabled and not config.objects.enabled:
+        if not (config.dense.enabled or config.objects.enabled or config.object_map.enabled):
             return
         self._publishers = {
             output.name: OnDemandPublisher(
                 node, output.type, output.name, output.qos, self._report_subscribers
             )
-            for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS)
+            for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS, *OBJECT_MAP_OUTPUTS)
             if output.name != topics.TF_STATIC or not config.frames.base
         }
         diagnostics.set_count(_DEATHS, 0)
@@ -77,6 +77,7 @@ class SceneClient:
             is_map_level=bool(config.frames.base),
             dense=config.dense,
             objects=config.objects,
+            object_map=config.object_map,
             input=config.input,
             remappings=own_remappings(node.get_name(), sys.argv),
         )
@@ -87,12 +88,17 @@ class SceneClient:
         """Return the scene process if it makes a dense map, else None."""
         return self._process if self._config.dense.enabled else None
 
+    @property
+    def _anchored_process(self) -> SceneProcess | None:
+        """Return the scene process if it makes a map that moves with the keyframes, else None."""
+        is_on = self._config.dense.enabled or self._config.object_map.enabled
+        return self._process if is_on else None
+
     def scene_scheduler(self) -> SceneScheduler:
         """Return a scheduler that selects the images for the scene mapper."""
-        dense, objects = self._config.dense, self._config.objects
-        return SceneScheduler(
-            dense.rate_hz if dense.enabled else None, objects.rate_hz if objects.enabled else None
-        )
+        config = self._config
+        sections = (config.dense, config.objects, config.object_map)
+        return SceneScheduler(*(part.rate_hz if part.enabled else None for part in sections))
 
     def reconfigure(self, config: SlamNodeConfig) -> None:
         """Apply the parameters that may change at run time."""
@@ -143,9 +149,9 @@ class SceneClient:
 
         Args:
             loaded: The keyframes.
-            keep: True: keep the running dense map. False: discard it.
+            keep: True: keep the running dense map and object map. False: discard them.
         """
-        process, camera = self._dense_process, self._camera
+        process, camera = self._anchored_process, self._camera
         if process is None or camera is None:
             return
         if not keep:

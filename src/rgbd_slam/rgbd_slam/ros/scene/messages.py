@@ -9,6 +9,7 @@ from hoid_common.inputs.input_config import InputConfig
 from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
+from rgbd_slam.config.object_map_config import ObjectMapConfig
 from rgbd_slam.dense.stored_view import StoredView, ViewChange
 from rgbd_slam.dense.submap_export import ExportMark
 from rgbd_slam.model.keyframe_poses import KeyframePoses
@@ -23,6 +24,7 @@ class SceneSetup(NamedTuple):
     is_map_level: bool  # true if the base frame is known
     dense: DenseConfig
     objects: ObjectTrackerConfig
+    object_map: ObjectMapConfig
     input: InputConfig
     remappings: tuple[str, ...] = ()  # rules that the command line has for the SLAM node only
     folder: Path | None = None  # for the files of the stored images; None: one of its own

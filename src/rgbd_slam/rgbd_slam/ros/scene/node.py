@@ -76,7 +76,7 @@ class SceneNode(Node):
         self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
         self._outputs = SceneOutputs(self._report, setup)
-        self._stamp_ns = 0  # of the latest image in the dense map
+        self._stamp_ns = 0  # of the latest image in a map
         self._rest_until_s = 0.0  # when the maps may be published again
         self._num_fused = 0  # images in this scene
         self._matcher = StampMatcher(
@@ -181,6 +181,7 @@ class SceneNode(Node):
                 camera,
                 self._setup.dense,
                 self._setup.objects,
+                self._setup.object_map,
                 is_map_level=self._setup.is_map_level,
                 folder=self._setup.folder,
             )
@@ -218,7 +219,13 @@ class SceneNode(Node):
         if self._setup.objects.enabled and request.track_objects:
             tracks = self._scene.track_objects(request, depth_m, objects)
             self._outputs.publish_objects(tracks, request.stamp_ns)
-        if request.keyframes is not None:
+        if request.is_for_object_map:
+            self._scene.map_objects(request, depth_m, objects)
+            self._diagnostics.set_count('mapped objects', self._scene.num_mapped_objects)
+            self._stamp_ns = request.stamp_ns
+            self._outputs.note_object_change()
+            self._outputs.publish_object_map(self._scene, self._stamp_ns)
+        if request.is_for_dense_map:
             image_bgr = conversions.color_from_msg(color)
             self._check_size(image_bgr, 'color')
             self._scene.fuse(request, depth_m, image_bgr, objects)
@@ -238,7 +245,10 @@ class SceneNode(Node):
             )
 
     def _publish(self) -> None:
-        if self._scene is None or time.monotonic() < self._rest_until_s:
+        if self._scene is None:
+            return
+        self._outputs.publish_object_map(self._scene, self._stamp_ns)
+        if time.monotonic() < self._rest_until_s:
             return
         start_s = time.monotonic()
         if self._scene.ledger.fuse_bent():

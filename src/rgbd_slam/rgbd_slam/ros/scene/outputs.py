@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from tf2_msgs.msg import TFMessage
+from vision_msgs.msg import Detection3DArray
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common import topics
@@ -25,7 +26,7 @@ from hoid_common.ros import qos
 from hoid_common.ros.conversions import header_to_msg
 from hoid_common.values import FloatArray
 from rgbd_slam.dense.voxel_map import ColoredCloud
-from rgbd_slam.ros.scene import conversions
+from rgbd_slam.ros.scene import conversions, object_map_messages
 from rgbd_slam.ros.scene.conversions import SceneMaps
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
 from rgbd_slam.ros.scene.steady_grid import SteadyGrid
@@ -57,6 +58,19 @@ OBJECT_OUTPUTS = (
         topics.TRACKED_OBJECT_MARKERS, MarkerArray, qos.OUTPUT, conversions.markers_to_msg
     ),
 )
+# `to_msg` is called with (objects: tuple[MapObject, ...], header: Header) after each look at the
+# objects, and when the map is corrected, if the topic has subscribers.
+OBJECT_MAP_OUTPUTS = (
+    OutputTopic(
+        topics.OBJECT_MAP, Detection3DArray, qos.LATCHED, object_map_messages.object_map_to_msg
+    ),
+    OutputTopic(
+        topics.OBJECT_MAP_MARKERS,
+        MarkerArray,
+        qos.LATCHED,
+        object_map_messages.object_map_markers_to_msg,
+    ),
+)
 # `to_msg` is called with (maps: SceneMaps) once per `dense.publish_period_s`, if the maps have
 # changed and a topic of the table has subscribers. The cloud is made for its own subscribers, and
 # all other messages for those of any other topic.
@@ -86,11 +100,17 @@ class SceneOutputs:
         self._steady = SteadyGrid()
         self._T_map_level: FloatArray | None = None  # as published last
         self._outdated: set[str] = set()  # topics of maps whose last message is not up to date
+        self._outdated_objects: set[str] = set()  # the same of the object map
         self.subscribed: frozenset[str] = frozenset()  # names of the topics with subscribers
 
     def note_change(self) -> None:
         """Note that the maps have changed, so that all of them are to be published."""
         self._outdated = {output.name for output in MAP_OUTPUTS}
+        self.note_object_change()
+
+    def note_object_change(self) -> None:
+        """Note that the object map has changed, so that it is to be published."""
+        self._outdated_objects = {output.name for output in OBJECT_MAP_OUTPUTS}
 
     @property
     def due(self) -> frozenset[str]:
@@ -104,6 +124,18 @@ class SceneOutputs:
         """Publish the tracks of people and objects after an image with this stamp."""
         wanted = [output for output in OBJECT_OUTPUTS if output.name in self.subscribed]
         self._publish(wanted, objects, header_to_msg(stamp_ns, self._frame))
+
+    def publish_object_map(self, scene: SceneMapper, stamp_ns: int) -> None:
+        """Publish the object map to the subscribers that do not have its present state."""
+        wanted = [
+            output
+            for output in OBJECT_MAP_OUTPUTS
+            if output.name in self._outdated_objects & self.subscribed
+        ]
+        if wanted:
+            self._outdated_objects -= {output.name for output in wanted}
+            header = header_to_msg(stamp_ns, self._frame)
+            self._publish(wanted, scene.mapped_objects(), header)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
         """Publish what is due: the cloud and, once a floor is known, the grid."""
@@ -145,6 +177,8 @@ class SceneOutputs:
         # Late subscribers must not get a map that was discarded.
         self._publish(MAP_OUTPUTS, SceneMaps(empty, header, is_discarded=True))
         self._publish(OBJECT_OUTPUTS, (), header)
+        self._outdated_objects.clear()
+        self._publish(OBJECT_MAP_OUTPUTS, (), header)
 
     def _take_level(self, T_map_level: FloatArray) -> FloatArray | None:
         """Return the pose (4, 4) of the level frame if it has changed since it was published."""

@@ -33,12 +33,15 @@ _SEEN_GAIN, _MISSED_LOSS, _THROUGH_LOSS = 0.3, 0.03, 0.35
 
 
 class PlaceState(Enum):
-    """Where an object is; the values are those of hoid_msgs/MapObject."""
+    """Where an object is; the values are stored in maps."""
 
     AT_REST = 0  # where it was first seen
     MOVED = 1  # at rest in another place than before
     HANDLED = 2  # a person moves it; the place is its last place of rest
     GONE = 3  # its place was seen empty; the place is its last one
+
+
+AT_PLACE = (PlaceState.AT_REST, PlaceState.MOVED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,11 @@ class MapObject:
     holder_id: int = -1  # track of the person who handles or moved it; -1: unknown
     moved_from_map_m: FloatArray | None = None  # (3,) the place before; None: it was not moved
     moved_ns: int = 0  # when it was moved away from there
+
+    @property
+    def is_present(self) -> bool:
+        """Return whether it is at rest at its place."""
+        return self.state in AT_PLACE
 
     @property
     def center_map_m(self) -> FloatArray:
@@ -114,7 +122,7 @@ class MappedObject:
     @property
     def is_present(self) -> bool:
         """Return whether it is at rest at its place."""
-        return self.state in (PlaceState.AT_REST, PlaceState.MOVED)
+        return self.state in AT_PLACE
 
     def box_m(self) -> tuple[FloatArray, FloatArray]:
         """Return the lowest and the highest corner (3,) of its measured voxels, object frame."""
