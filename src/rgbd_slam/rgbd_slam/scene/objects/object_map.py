@@ -1,6 +1,6 @@
 """The object map: each static or put-down object once, anchored to keyframes.
 
-Follows the object maps of Kimera and Khronos (Schmid et al., RSS 2024) in that an object is the
+Follows the object map of Khronos (Schmid et al., RSS 2024) in that an object is the
 surface inside its boxes, accumulated over looks; evidence of absence is a look through it.
 """
 
@@ -45,6 +45,7 @@ _RANGE_M = 7.0  # objects farther from the camera are not looked at; chosen
 _VISIBLE_SHARE = 0.5  # of the voxels, from which on a missing detection counts
 _THROUGH_SHARE, _MAX_THROUGH = 0.6, 5  # of the voxels; looks in a row that show a place empty
 _CLAIMED_SHARE = 0.5  # of a new segment's points in another object: it is that object's surface
+_SUPPORT_RATIO = 2.5  # of the size of a larger object, on which a smaller one lies
 _MERGE_PERIOD_NS = NS_PER_S
 _MERGE_SHARE = 0.5  # of the smaller object's voxels in the box of the larger one
 _MERGE_OTHER_SHARE = 0.8  # the same for classes that are not confused
@@ -210,6 +211,8 @@ class ObjectMap:
         for item in near:
             if not (item.is_confirmed and item.is_present):
                 continue
+            if item.radius_m() > _SUPPORT_RATIO * segment.radius_m():
+                continue  # the segment may lie on it
             if item.has_surface(segment.points_map_m).mean() > _CLAIMED_SHARE:
                 return True
         return False
@@ -243,11 +246,14 @@ class ObjectMap:
         offset_m = np.linalg.norm(first.center_map_m() - second.center_map_m())
         if offset_m > first.radius_m() + second.radius_m() or (ids[0], ids[1]) in self._apart:
             return False
+        is_alike = is_confusable(first.class_name, second.class_name)
+        small, large = sorted((first.radius_m(), second.radius_m()))
+        if not is_alike and large > _SUPPORT_RATIO * small:
+            return False  # the small one lies on the large one
         share = max(
             first.contains(second.points_map_m(), _MERGE_MARGIN_M),
             second.contains(first.points_map_m(), _MERGE_MARGIN_M),
         )
-        is_alike = is_confusable(first.class_name, second.class_name)
         return share >= (_MERGE_SHARE if is_alike else _MERGE_OTHER_SHARE)
 
     def _rename_apart(self, old: int, new: int) -> None:

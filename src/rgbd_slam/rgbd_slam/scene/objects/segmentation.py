@@ -36,6 +36,7 @@ _MAX_DEPTH_SHARE, _MIN_DEPTH_M = 0.9, 0.2  # largest depth of an object, of the 
 # Two segments that share so much of the smaller one are the same surface.
 _SHARED, _SHARED_WITH_PERSON = 0.4, 0.1
 _AT_PLACE_SHARE = 0.5  # of the nearest part at the known place: nothing hides the object
+_SUPPORT_RATIO = 3.0  # of the area of the box of a larger object, on which a smaller one lies
 _FILLED = 0.6  # share of a box from which on the surface fills it
 _TINY = 1e-18  # avoids a division by zero
 _RNG_SEED = 0
@@ -71,6 +72,10 @@ class Segment(NamedTuple):
     others: IntArray  # (N,) flat indices of the pixels in the box that show other things
     known: KnownBox | None  # where the object was known to be
 
+    def radius_m(self) -> float:
+        """Return the radius of the sphere around the points."""
+        return float(np.linalg.norm(np.ptp(self.points_map_m, axis=0)) / 2)
+
 
 def segment_all(
     detections: Sequence[DynamicObject], view: ObjectView, prior: Prior
@@ -87,7 +92,7 @@ def segment_all(
     """
     found = []
     for d, detection in enumerate(detections):
-        taken = ((prior.owner >= 0) & (prior.owner != d)).reshape(view.shape)
+        taken = _taken(prior.owner, detections, d).reshape(view.shape)
         found.append(_segment(detection, view, taken, prior.known.get(d)))
     segments = [segment for segment in found if segment is not None]
     for loser, taken in _conflicts(segments, view):
@@ -97,6 +102,19 @@ def segment_all(
         )
         segments[loser] = empty if again is None else again
     return [s for s in segments if s.detection.class_name != PERSON and len(s.pixels)]
+
+
+def _taken(owner: IntArray, detections: Sequence[DynamicObject], d: int) -> BoolArray:
+    """Return the (h * w,) mask of the pixels that belong to the objects of other detections.
+
+    A much smaller object keeps its pixels: it lies on the larger one, whose surface is a plane
+    around it.
+    """
+    boxes = np.array([item.box_xyxy_px for item in detections])
+    areas = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
+    takes = areas < _SUPPORT_RATIO * areas[d]
+    takes[d] = False
+    return np.asarray((owner >= 0) & takes[owner])
 
 
 def _conflicts(segments: list[Segment], view: ObjectView) -> list[tuple[int, BoolArray]]:
