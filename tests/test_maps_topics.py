@@ -80,7 +80,11 @@ def stamp_of(msg: Any) -> int:
 
 @pytest.fixture
 def peer(start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]) -> Peer:
-    parameters = {'map_directory': str(tmp_path / 'maps'), 'dense.publish_period_s': 0.3}
+    parameters = {
+        'map_directory': str(tmp_path / 'maps'),
+        'dense.publish_period_s': 0.3,
+        'object_map.enabled': True,
+    }
     start('rgbd_slam', 'rgbd_slam_node', parameters | RELIABLE)
     peer = Peer(probe)
     peer.begin(messages[0].camera)

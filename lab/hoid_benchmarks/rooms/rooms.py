@@ -73,7 +73,9 @@ def _rows(name: str, store: Store, model: str, objects: ObjectTable) -> Iterable
     sequence = BagSequence(store.find(name))
     truth = RoomTruth(scene, T_BODY_OPTICAL)
     for strategy in _STRATEGIES if scene.num_people else _STRATEGIES[:1]:
-        config = RunConfig().updated({'filter.strategy': strategy, 'detector.model': model})
+        config = RunConfig().updated(
+            {'filter.strategy': strategy, 'detector.model': model, 'object_map.enabled': True}
+        )
         room = map_room(sequence, config)
         if strategy == _STRATEGIES[0]:
             objects.add(name, room, truth)
