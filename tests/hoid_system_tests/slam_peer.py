@@ -19,7 +19,7 @@ from hoid_system_tests.frame_tree import OPTICAL, edges
 from hoid_system_tests.point_world import CAMERA
 from hoid_system_tests.probe import Probe
 
-NO_SCENE = {'dense.enabled': False, 'objects.enabled': False, 'object_map.enabled': False}
+NO_SCENE = {'dense.enabled': False, 'objects.enabled': False}
 """Parameters that switch the scene mapper off, which needs images."""
 START_NS, PERIOD_NS = 1_305_031_102_175_304_123, 33_333_333
 _READY_S = 60.0  # the node starts processes
