@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from hoid_common import se3
 from hoid_synth.acting.stage import set_stage
@@ -15,6 +16,7 @@ SHUTTER_S = 0.03
 N = 20
 
 
+@pytest.mark.slow
 def test_each_row_is_seen_from_the_pose_at_its_time() -> None:
     config = replace(TURNING, shutter_s=SHUTTER_S)
     renderer = SceneRenderer(config)
@@ -37,6 +39,7 @@ def test_each_row_is_seen_from_the_pose_at_its_time() -> None:
     assert np.percentile(errors_m(np.repeat(T[None], height, 0)), 90) > 0.01
 
 
+@pytest.mark.slow
 def test_without_rows_in_time_the_shutter_changes_nothing() -> None:
     plain, short = (
         SceneRenderer(TURNING).frame(N),
@@ -45,6 +48,7 @@ def test_without_rows_in_time_the_shutter_changes_nothing() -> None:
     np.testing.assert_allclose(plain.true_depth_m, short.true_depth_m, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_color_images_repeat_and_depth_images_are_new() -> None:
     config = replace(TURNING, color_every=2)
     frames = [SceneRenderer(config).frame(i).frame for i in (N, N + 1, N + 2)]
@@ -62,6 +66,7 @@ def test_the_pace_is_a_factor_of_the_speed() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_exposure_swings_by_its_amplitude() -> None:
     def brightness(swing: float) -> list[float]:
         renderer = SceneRenderer(replace(TURNING, path='static', exposure_swing=swing))

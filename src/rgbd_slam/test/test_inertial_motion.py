@@ -67,6 +67,7 @@ def test_the_next_image_is_predicted() -> None:
     assert np.linalg.norm(error[3:]) < 5e-3
 
 
+@pytest.mark.slow
 def test_a_second_without_images_is_bridged_with_an_honest_covariance() -> None:
     ratios, angles_deg, distances_m = [], [], []
     for seed in range(8):
