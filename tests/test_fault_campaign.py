@@ -33,7 +33,7 @@ def test_all_cases_of_a_quick_campaign_pass(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr + (tmp_path / 'out/faults/faults.md').read_text()
     rows = [line for line in done.stdout.splitlines() if line.startswith('| ')]
-    assert len(rows) == 1 + 23 + 2 + 14 + 7  # head; files, kills; inputs, conditions
+    assert len(rows) == 1 + 23 + 2 + 15 + 7  # head; files, kills; inputs, conditions
 
 
 def test_damage_depends_on_the_seed_and_changes_the_data() -> None:

@@ -32,4 +32,6 @@ CASES: Mapping[str, LiveCase] = {
     'rendered_1280': LiveCase(f'{_RENDERED}+width=1280'),
 }
 PUBLISHING = 'publish'
-QUICK = ('rendered_640',)
+QUICK: Mapping[str, LiveCase] = {
+    'rendered_320': LiveCase('synth-1-frames=300+width=320')  # 10 s, which are soon rendered
+}

@@ -45,12 +45,14 @@ def live_report(
         raise InputError(f'no case {unknown[0]}: {", ".join((*CASES, PUBLISHING))}')
     out.mkdir(parents=True, exist_ok=True)
     names = only or (QUICK if quick else (*CASES, PUBLISHING))
-    cases = [name for name in names if name in CASES]
+    known = {**CASES, **QUICK}
+    cases = {name: known[name] for name in names if name in known}
     if cases:
         yield _line(_HEADS)
         yield _line(['---'] * len(_HEADS))
-        for name in cases:
-            yield from _case_lines(name, store, out, detector, _QUICK_S if quick else _LIMIT_S)
+        limit_s = _QUICK_S if quick else _LIMIT_S
+        for name, case in cases.items():
+            yield from _case_lines(name, case, store, out, detector, limit_s)
         load = os.getloadavg()[1]
         commit = Code.of(_ROOT).commit
         yield f'\nMade at commit {commit}, on {machine()}; load average {load:.1f}.\n'
@@ -59,9 +61,8 @@ def live_report(
 
 
 def _case_lines(
-    name: str, store: Store, out: Path, detector: str | None, limit_s: float
+    name: str, case: LiveCase, store: Store, out: Path, detector: str | None, limit_s: float
 ) -> Iterator[str]:
-    case = CASES[name]
     try:
         bag = BagSequence(_bag(case.sequence, store, out))
         result = run_case(case, bag, detector, out / name, limit_s)
