@@ -35,7 +35,7 @@ def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """The folder of maps of a node, with a space in its name."""
+    """The folder in which a node saves its maps; its name has a space."""
     folder = tmp_path / 'my maps'
     folder.mkdir()
     return folder

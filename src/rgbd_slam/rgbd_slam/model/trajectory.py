@@ -104,7 +104,7 @@ class TrajectoryRecorder:
     def link(
         self, before: TrackedFrame | None, after: TrackedFrame | None, T_before_after: FloatArray
     ) -> None:
-        """Store how a new map lies to the one before, so that final poses cover both.
+        """Store the motion between two maps, so that the final poses include both.
 
         Args:
             before: The last frame in the map before; nothing is stored if there is none.

@@ -109,7 +109,7 @@ class Tracker:
         self._config = config
         self._seed = seed
         self._inv_sigma2 = atlas.octave_scale**-2.0
-        # The inliers that a pose T_camera_map (4, 4) needs.
+        # Returns how many inliers a pose T_camera_map (4, 4) needs to be accepted.
         self.min_inliers: Callable[[FloatArray], int] = lambda _: config.min_inliers
 
     def use_camera(self, camera: StereoCamera) -> None:

@@ -56,7 +56,7 @@ class ImuInput:
         self._imu: Imu | None = None
 
     def subscribe(self, inputs: Inputs) -> None:
-        """Subscribe to the topics, if the parameters use them."""
+        """Subscribe to the IMU topics, unless the parameters switch the IMU off."""
         if self._config.gyro or self._config.level:
             for topic in (topics.IMU, topics.ACCELEROMETER):
                 inputs.messages(

@@ -85,7 +85,7 @@ class ObjectView:
 
 
 class ObjectCamera:
-    """The rays of every fourth pixel.
+    """Directions in which every fourth pixel of a camera looks.
 
     Attributes:
         model: The camera.

@@ -118,7 +118,7 @@ def _taken(owner: IntArray, detections: Sequence[DynamicObject], d: int) -> Bool
 
 
 def _conflicts(segments: list[Segment], view: ObjectView) -> list[tuple[int, BoolArray]]:
-    """Return the segments that show the surface of another object, with the pixels of these."""
+    """Return the segments that overlap another one, each with the mask of pixels that it loses."""
     taken: dict[int, BoolArray] = {}
     masks = [_mask(segment.pixels, view) for segment in segments]
     fits = [_fit(segment, view) for segment in segments]
@@ -265,7 +265,7 @@ def _part(
 
 
 def _nearest_part(pixels: IntArray, box: tuple[int, int, int, int], view: ObjectView) -> IntArray:
-    """Return the pixels of the nearest layer and of what continues it in depth without a gap."""
+    """Return the pixels of the nearest surface, up to the first gap in depth behind it."""
     if len(pixels) == 0:
         return pixels
     depth = view.depth_m.reshape(-1)[pixels]
