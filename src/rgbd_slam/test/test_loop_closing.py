@@ -81,6 +81,27 @@ def test_a_place_that_looks_alike_in_other_surroundings_joins_no_maps() -> None:
     assert LoopEvent.MERGED not in closed[1]
 
 
+def test_a_room_that_looks_alike_is_no_loop_however_long_it_is_seen() -> None:
+    """Two round rooms, one above the other; the second one has other walls at its entrance."""
+    room, elsewhere = ring_poses(36), ring_poses(150)
+    later = np.concatenate([ring_poses(24, turns=0.5), ring_poses(180)[90:160]])
+    up, away = np.eye(4), np.eye(4)
+    up[1, 3], away[0, 3] = -3.2, 100.0
+    events = []
+    for is_alike in (True, False):
+        below, above = RingWorld(), RingWorld()
+        is_other = (above.points_m[:, 0] > 0) & (not is_alike)
+        unlike = np.random.default_rng(5).integers(0, 256, above.descriptors.shape, np.uint8)
+        above.descriptors = np.where(is_other[:, None], unlike, above.descriptors)
+        atlas = Atlas(1.2, 8)
+        mapped(atlas, below, room, room)
+        mapped(atlas, RingWorld(300, seed=1), elsewhere, away @ elsewhere)
+        rows = mapped(atlas, above, later, up @ later)
+        closer = LoopCloser(atlas, CAMERA, SlamConfig())
+        events.append(closer.process(int(rows[-1])))
+    assert events == [LoopEvent.CLOSED, LoopEvent.NOTHING]
+
+
 def test_a_closed_loop_is_not_closed_again(
     drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:

@@ -36,7 +36,6 @@ _RECENT = 10
 # maps. Smaller motions do not lead to another room.
 _FAR_M = 0.5
 _SURROUNDINGS_M = 8.0  # not tuned: the drift up to this distance is within the search windows
-_LATEST = 40  # chosen: keyframes of one visit of a room, which belong to the new end of a loop
 # Views of two keyframes that show mostly the same.
 _SAME_VIEW_M = 0.7
 _SAME_VIEW_RAD = 0.4
@@ -180,28 +179,49 @@ class LoopDetector:
         is_same_map = keyframes.map_id[i] == keyframes.map_id[c]
         if is_same_map and self.correction(i, match)[1] < _FAR_M:
             return False
-        is_latest = np.abs(keyframes.uid - keyframes.uid[i]) < _LATEST
-        own, place = self._around(i) & is_latest, self._around(c)
+        own, place = self._visit(i), self._around(c)
         if is_same_map:
-            place &= ~is_latest
+            # The place is the part of the map that is nearer in time to `c`. Keyframes that share
+            # points with it are already where they belong.
+            is_new = 2 * keyframes.uid > keyframes.uid[i] + keyframes.uid[c]
+            own, place = own & is_new, place & ~is_new
+            for row in np.flatnonzero(place).tolist():
+                own[self._atlas.covisible(row, NEAR_SHARED)] = False
         n, h = np.flatnonzero(own), np.flatnonzero(place)
         T_place_map = match.T_map_camera @ se3.inverse(keyframes.T_map_camera[i])
         T_place_n = T_place_map @ keyframes.T_map_camera[n]
         apart = pose_distances(T_place_n, keyframes.T_map_camera[h])
         has_same_view = (apart[0] < _SAME_VIEW_M) & (apart[1] < _SAME_VIEW_RAD)
-        num_compared = num_contradicting = 0
-        for row in np.flatnonzero(has_same_view.any(1)).tolist():
+        compared = np.flatnonzero(has_same_view.any(1))
+        num_compared, num_contradicting = len(compared), 0
+        for row in compared.tolist():
             nearest = int(h[np.argmin(np.where(has_same_view[row], apart[0][row], np.inf))])
             seen = self._finder.verifier.compare(
                 keyframes.frame(int(n[row])),
                 se3.inverse(T_place_n[row]),
                 np.r_[nearest, self._atlas.covisible(nearest, limit=_AROUND)],
             )
-            if seen.num_expected >= _MIN_EXPECTED:
-                num_compared += 1
-                num_contradicting += seen.found_share < _CONTRADICTING_SHARE
-        least = max(_MIN_CONTRADICTING, _MAX_CONTRADICTING_SHARE * num_compared)
-        return num_contradicting >= least
+            is_expected = seen.num_expected >= _MIN_EXPECTED
+            num_compared -= not is_expected
+            num_contradicting += is_expected and seen.found_share < _CONTRADICTING_SHARE
+            if num_contradicting >= max(
+                _MIN_CONTRADICTING, _MAX_CONTRADICTING_SHARE * num_compared
+            ):
+                return True
+        return False
+
+    def _visit(self, i: int) -> BoolArray:
+        """Return the mask of the keyframes since the camera came to the surroundings of `i`.
+
+        The camera has not left the surroundings in between: a room may be seen for any time before
+        a place in it is recognized, and what tells it from others is in front of its door.
+        """
+        keyframes = self._atlas.keyframes
+        around = self._around(i)
+        is_away = keyframes.alive & (keyframes.map_id == keyframes.map_id[i]) & ~around
+        is_away &= keyframes.uid < keyframes.uid[i]
+        last_away = keyframes.uid[is_away].max(initial=-1)
+        return np.asarray(around & (keyframes.uid > last_away))
 
     def _around(self, i: int) -> BoolArray:
         """Return the mask of the keyframes of the same map within the surroundings of `i`."""
