@@ -67,6 +67,20 @@ class StartedSuite:
         """Wait until the command has ended, and return its status."""
         return self.process.wait(_END_S)
 
+    def end(self) -> None:
+        """End the command with its nodes; those that do not end in time are killed."""
+        if self.process.poll() is not None:
+            return
+        nodes = psutil.Process(self.process.pid).children(recursive=True)
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(_END_S)
+        finally:
+            _, late = psutil.wait_procs(nodes, timeout=0)
+            for process in late:
+                process.kill()
+            self.process.kill()
+
 
 @contextmanager
 def started_suite(argv: Sequence[str], log: Path) -> Iterator[StartedSuite]:
@@ -75,6 +89,4 @@ def started_suite(argv: Sequence[str], log: Path) -> Iterator[StartedSuite]:
     try:
         yield suite
     finally:
-        if suite.process.poll() is None:
-            suite.process.send_signal(signal.SIGINT)
-            suite.process.wait(_END_S)
+        suite.end()

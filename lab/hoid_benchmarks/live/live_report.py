@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 from hoid_bags.bag.bag_sequence import BagSequence
@@ -100,8 +99,11 @@ def _bag(sequence: str, store: Store, out: Path) -> Path:
         return path
     bag = out / f'{sequence}.bag'
     if not bag.exists():
-        with suppress(SystemExit):
+        try:
             hoid(['convert', str(path), str(bag), '--rgb', 'raw', '--depth', 'raw'])
+        except SystemExit as end:
+            if end.code:
+                raise
     return bag
 
 

@@ -67,10 +67,22 @@ def refusal_reference(root: Path) -> str:
 
     Args:
         root: Root folder of the source tree.
+
+    Raises:
+        ValueError: A function whose texts are listed does not exist any more.
     """
+    folders = {package: _folder(root, package) for package in _SECTIONS}
+    defined = {
+        name
+        for folder in folders.values()
+        for path in folder.rglob('*.py')
+        for name in _definitions(path)
+    }
+    if unknown := _SPEAKERS.keys() - defined:
+        raise ValueError(f'_SPEAKERS names functions that nobody defines: {sorted(unknown)}')
     parts = [_HEAD]
     for package, title in _SECTIONS.items():
-        rows = sorted(set(refusals(_folder(root, package))))
+        rows = sorted(set(refusals(folders[package])))
         lines = [f'| {text} | {kind} |' for text, kind in rows]
         parts.append('\n'.join([f'## {title}\n', '| text | kind |', '|---|---|', *lines, '']))
     return '\n'.join(parts)
