@@ -16,12 +16,13 @@ from hoid_common.errors import ModelError
 from hoid_detector.config import DetectorConfig
 from hoid_detector.onnx_detector import OnnxDetector
 
-pytestmark = [pytest.mark.thorough, pytest.mark.alone]
+pytestmark = pytest.mark.thorough
 
 SEED = 1
 LIMIT_S = 300.0  # takes a third of it on an idle machine
 
 
+@pytest.mark.alone
 @pytest.mark.usefixtures('domain_id')
 def test_all_cases_of_a_quick_campaign_pass(tmp_path: Path) -> None:
     command = (

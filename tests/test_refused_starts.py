@@ -22,7 +22,7 @@ from hoid_system_tests.processes import executable
 from hoid_system_tests.running_camera import RunningCamera
 from hoid_system_tests.started_suite import HOID, LIMIT_S, StartedSuite, started_suite
 
-pytestmark = [pytest.mark.thorough, pytest.mark.alone]
+pytestmark = pytest.mark.thorough
 
 LAUNCH_FILE = Path(__file__).parents[1] / 'src/hoid_bringup/launch/hoid.launch.py'
 _HAS_LAUNCH = find_spec('ros2launch') is not None
