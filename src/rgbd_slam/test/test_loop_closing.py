@@ -9,6 +9,7 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.place_config import LoopConfig
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.loops.drift_limit import DriftLimit
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
 from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
 from rgbd_slam.loops.map_merging import merge_maps
@@ -154,6 +155,19 @@ def test_more_drift_than_the_path_explains_is_no_loop(
     atlas.set_poses(half, shift @ atlas.keyframes.T_map_camera[half])
     closer = LoopCloser(atlas, CAMERA, SlamConfig())
     assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
+
+
+def test_drift_far_beyond_that_of_the_loops_so_far_is_unusual() -> None:
+    limit = DriftLimit(LoopConfig())
+    assert limit.is_usual(180.0, 3.2)  # nothing is known of the camera
+    limit.add(5.0, 0.0)
+    for path_m in (60.0, 150.0, 250.0):
+        limit.add(path_m, 0.001 * path_m)
+    assert limit.explains(180.0, 0.0, 3.2)
+    assert not limit.is_usual(180.0, 3.2)
+    assert limit.is_usual(180.0, 0.1 + 0.005 * 180.0)
+    limit.add(100.0, 1.0)
+    assert limit.is_usual(180.0, 3.2)
 
 
 def test_loops_can_be_switched_off(drifting: tuple[Atlas, IntArray, FloatArray]) -> None:

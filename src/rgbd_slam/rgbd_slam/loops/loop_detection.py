@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, FloatArray, IntArray
+from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.loops.drift_limit import DriftLimit
 from rgbd_slam.loops.essential_graph import path_length_m
+from rgbd_slam.loops.surroundings import Surroundings
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
@@ -32,20 +34,9 @@ _SUPPORT_RAD = 0.035
 # no loop candidates. A late mapper may not have connected them with the new keyframe yet, so that
 # they would be recognized as a loop.
 _RECENT = 10
-# The surroundings of a place are compared if the keyframe would move farther than this, or between
-# maps. Smaller motions do not lead to another room.
+# Chosen: a loop that moves a keyframe farther could lead to another room that looks the same, so
+# that the surroundings are compared.
 _FAR_M = 0.5
-_SURROUNDINGS_M = 8.0  # not tuned: the drift up to this distance is within the search windows
-# Views of two keyframes that show mostly the same.
-_SAME_VIEW_M = 0.7
-_SAME_VIEW_RAD = 0.4
-# A view contradicts a place if so many points are expected in it and at most this share is found.
-# At the same place it is more than the half; at another one, points are found by chance.
-_MIN_EXPECTED = 40
-_CONTRADICTING_SHARE = 0.15
-# So many views, and this share of all, must contradict: in a known place, furniture is moved too.
-_MIN_CONTRADICTING = 2
-_MAX_CONTRADICTING_SHARE = 0.1
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
@@ -64,6 +55,8 @@ class LoopDetector:
         self._atlas = atlas
         self._config = config.places.loops
         self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
+        self._surroundings = Surroundings(atlas, self._finder.verifier)
+        self._drift = DriftLimit(self._config)
         self._detections: list[_Detection] = []
 
     def detect(self, i: int) -> FoundPlace | None:
@@ -81,8 +74,7 @@ class LoopDetector:
             support = self._support_in_time(i, c, match)
             self._remember(i, c, match)
             support += self._support_around(i, c, match)
-            is_place = support >= self._config.min_support and self._is_plausible(i, c, match)
-            if is_place and not self._is_contradicted(i, c, match):
+            if support >= self._config.min_support and self._is_place(i, c, match):
                 self._detections = []
                 return FoundPlace(c, match)
         return None
@@ -154,88 +146,29 @@ class LoopDetector:
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
 
-    def _is_plausible(self, i: int, c: int, match: PlaceMatch) -> bool:
-        """Return whether the drift on the path from `c` to `i` can explain the correction.
+    def _is_place(self, i: int, c: int, match: PlaceMatch) -> bool:
+        """Return whether the drift and the surroundings allow that `i` shows the place of `c`.
 
         The drift between different maps is unknown: two maps are merged only if more points are
-        found.
+        found, and if their surroundings do not differ. Within a map, the surroundings are compared
+        before a keyframe is moved far. If it would be moved farther than the drift measured so far
+        explains, then views along more than a room must agree as well.
         """
-        limit, map_id = self._config, self._atlas.keyframes.map_id
-        if map_id[i] != map_id[c]:
-            return len(match.k) >= limit.merge_inliers
+        keyframes = self._atlas.keyframes
+        if keyframes.map_id[i] != keyframes.map_id[c]:
+            has_enough = len(match.k) >= self._config.merge_inliers
+            return has_enough and not self._surroundings.compare(i, c, match).are_others
         turn_rad, distance_m = self.correction(i, match)
         path_m = path_length_m(self._atlas, c, i)
-        max_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
-        max_m = limit.drift_m + limit.drift_share * path_m
-        return bool(distance_m <= max_m and turn_rad <= max_rad)
-
-    def _is_contradicted(self, i: int, c: int, match: PlaceMatch) -> bool:
-        """Return whether the surroundings of keyframe `i` differ from those of the place.
-
-        Other keyframes around `i` are moved with it. Those that then have the view of a keyframe
-        around the place should find its points.
-        """
-        keyframes = self._atlas.keyframes
-        is_same_map = keyframes.map_id[i] == keyframes.map_id[c]
-        if is_same_map and self.correction(i, match)[1] < _FAR_M:
+        if not self._drift.explains(path_m, turn_rad, distance_m):
             return False
-        own, place = self._visit(i), self._around(c)
-        if is_same_map:
-            # The place is the part of the map that is nearer in time to `c`. Keyframes that share
-            # points with it are already where they belong.
-            is_new = 2 * keyframes.uid > keyframes.uid[i] + keyframes.uid[c]
-            own, place = own & is_new, place & ~is_new
-            for row in np.flatnonzero(place).tolist():
-                own[self._atlas.covisible(row, NEAR_SHARED)] = False
-        n, h = np.flatnonzero(own), np.flatnonzero(place)
-        T_place_map = match.T_map_camera @ se3.inverse(keyframes.T_map_camera[i])
-        T_place_n = T_place_map @ keyframes.T_map_camera[n]
-        apart = pose_distances(T_place_n, keyframes.T_map_camera[h])
-        has_same_view = (apart[0] < _SAME_VIEW_M) & (apart[1] < _SAME_VIEW_RAD)
-        compared = np.flatnonzero(has_same_view.any(1))
-        num_compared, num_contradicting = len(compared), 0
-        for row in compared.tolist():
-            nearest = int(h[np.argmin(np.where(has_same_view[row], apart[0][row], np.inf))])
-            seen = self._finder.verifier.compare(
-                keyframes.frame(int(n[row])),
-                se3.inverse(T_place_n[row]),
-                np.r_[nearest, self._atlas.covisible(nearest, limit=_AROUND)],
-            )
-            is_expected = seen.num_expected >= _MIN_EXPECTED
-            num_compared -= not is_expected
-            num_contradicting += is_expected and seen.found_share < _CONTRADICTING_SHARE
-            if num_contradicting >= max(
-                _MIN_CONTRADICTING, _MAX_CONTRADICTING_SHARE * num_compared
-            ):
-                return True
-        return False
-
-    def _visit(self, i: int) -> BoolArray:
-        """Return the mask of the keyframes since the camera came to the surroundings of `i`.
-
-        The camera has not left the surroundings in between: a room may be seen for any time before
-        a place in it is recognized, and what tells it from others is in front of its door.
-        """
-        keyframes = self._atlas.keyframes
-        around = self._around(i)
-        is_away = keyframes.alive & (keyframes.map_id == keyframes.map_id[i]) & ~around
-        is_away &= keyframes.uid < keyframes.uid[i]
-        last_away = keyframes.uid[is_away].max(initial=-1)
-        return np.asarray(around & (keyframes.uid > last_away))
-
-    def _around(self, i: int) -> BoolArray:
-        """Return the mask of the keyframes of the same map within the surroundings of `i`."""
-        keyframes = self._atlas.keyframes
-        T = keyframes.T_map_camera
-        near = np.linalg.norm(T[:, :3, 3] - T[i, :3, 3], axis=1) < _SURROUNDINGS_M
-        return np.asarray(near & keyframes.alive & (keyframes.map_id == keyframes.map_id[i]))
-
-
-def pose_distances(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the distances [m] and the angles [rad] of view (N, M) of poses (N or M, 4, 4)."""
-    distance_m = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=2)
-    cosine = a[:, :3, 2] @ b[:, :3, 2].T
-    return distance_m, np.arccos(np.clip(cosine, -1, 1))
+        if distance_m >= _FAR_M:
+            seen = self._surroundings.compare(i, c, match)
+            is_usual = self._drift.is_usual(path_m, distance_m)
+            if seen.are_others or not (is_usual or seen.agree_beyond_a_room):
+                return False
+        self._drift.add(path_m, distance_m)
+        return True
 
 
 def motion_size(T: FloatArray) -> tuple[float, float]:

@@ -1,0 +1,136 @@
+"""The surroundings of a recognized place, which tell it from a place that looks the same.
+
+Rooms that look alike have different neighbors (decision 047).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import BoolArray, FloatArray, IntArray
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
+from rgbd_slam.places.place_finder import NEAR_SHARED
+
+_AROUND = 10  # not tuned: neighbors of a keyframe whose points are searched in the same view
+_SURROUNDINGS_M = 8.0  # not tuned: the drift up to this distance is within the search windows
+_ROOM_M = 8.0  # chosen: the diagonal of a room
+# Chosen: views of two keyframes that show mostly the same.
+_SAME_VIEW_M = 0.7
+_SAME_VIEW_RAD = 0.4
+# Chosen: a view is compared if so many points are expected in it. It contradicts a place if at
+# most the first share of them is found, as by chance at another place, and agrees with it from the
+# second one on.
+_MIN_EXPECTED = 40
+_CONTRADICTING_SHARE = 0.15
+_AGREEING_SHARE = 0.5
+# Chosen: so many views, and this share of all, must contradict: in a known place, furniture is
+# moved too.
+_MIN_CONTRADICTING = 2
+_MAX_CONTRADICTING_SHARE = 0.1
+
+
+class Comparison(NamedTuple):
+    """What the keyframes around a new keyframe see of the surroundings of a place."""
+
+    are_others: bool  # too many of them see something else
+    agree_beyond_a_room: bool  # those that see the same are farther apart than a room is long
+
+
+class Surroundings:
+    """Compares what is around a new keyframe with what is around a place.
+
+    Args:
+        atlas: The map, which is not changed.
+        verifier: Finds points of the map in keyframes.
+    """
+
+    def __init__(self, atlas: Atlas, verifier: PlaceVerifier) -> None:
+        self._atlas = atlas
+        self._verifier = verifier
+
+    def compare(self, i: int, c: int, match: PlaceMatch) -> Comparison:
+        """Compare the surroundings of keyframe `i` with those of keyframe `c`.
+
+        The keyframes around `i` are moved with it to the place. Those that then have the view of a
+        keyframe around the place should find its points.
+
+        Args:
+            i: Row of the new keyframe.
+            c: Row of the keyframe that shows the place, in the same map or another one.
+            match: The verified pose of keyframe `i` at the place.
+        """
+        T_map_camera = self._atlas.keyframes.T_map_camera
+        n, h = self._sides(i, c)
+        T_place_map = match.T_map_camera @ se3.inverse(T_map_camera[i])
+        T_place_n = T_place_map @ T_map_camera[n]
+        apart_m, apart_rad = pose_distances(T_place_n, T_map_camera[h])
+        apart_m[(apart_m > _SAME_VIEW_M) | (apart_rad > _SAME_VIEW_RAD)] = np.inf
+        compared = np.flatnonzero(np.isfinite(apart_m).any(1)).tolist()
+        num_compared, num_contradicting, agreeing = len(compared), 0, []
+        for row in compared:
+            nearest = int(h[np.argmin(apart_m[row])])
+            seen = self._verifier.compare(
+                self._atlas.keyframes.frame(int(n[row])),
+                se3.inverse(T_place_n[row]),
+                np.r_[nearest, self._atlas.covisible(nearest, limit=_AROUND)],
+            )
+            is_expected = seen.num_expected >= _MIN_EXPECTED
+            num_compared -= not is_expected
+            num_contradicting += is_expected and seen.found_share < _CONTRADICTING_SHARE
+            least = max(_MIN_CONTRADICTING, _MAX_CONTRADICTING_SHARE * num_compared)
+            if num_contradicting >= least:
+                return Comparison(are_others=True, agree_beyond_a_room=False)
+            if is_expected and seen.found_share >= _AGREEING_SHARE:
+                agreeing.append(T_place_n[row])
+        poses = np.reshape(agreeing, (-1, 4, 4))
+        longest_m = pose_distances(poses, poses)[0].max(initial=0.0)
+        return Comparison(are_others=False, agree_beyond_a_room=bool(longest_m > _ROOM_M))
+
+    def _sides(self, i: int, c: int) -> tuple[IntArray, IntArray]:
+        """Return the rows (N,) of the keyframes around `i`, and those (H,) around the place."""
+        keyframes = self._atlas.keyframes
+        own, place = self._visit(i), self._around(c)
+        if keyframes.map_id[i] == keyframes.map_id[c]:
+            # The place is the part of the map that is nearer in time to `c`. Keyframes that share
+            # points with it are already where they belong.
+            is_new = 2 * keyframes.uid > keyframes.uid[i] + keyframes.uid[c]
+            own, place = own & is_new, place & ~is_new
+            for row in np.flatnonzero(place).tolist():
+                own[self._atlas.covisible(row, NEAR_SHARED)] = False
+        return np.flatnonzero(own), np.flatnonzero(place)
+
+    def _visit(self, i: int) -> BoolArray:
+        """Return the mask of the keyframes since the camera came to the surroundings of `i`.
+
+        The camera has not left the surroundings in between: a room may be seen for any time before
+        a place in it is recognized, and what tells it from others is in front of its door.
+        """
+        keyframes = self._atlas.keyframes
+        around = self._around(i)
+        is_away = keyframes.alive & (keyframes.map_id == keyframes.map_id[i]) & ~around
+        is_away &= keyframes.uid < keyframes.uid[i]
+        last_away = keyframes.uid[is_away].max(initial=-1)
+        return np.asarray(around & (keyframes.uid > last_away))
+
+    def _around(self, i: int) -> BoolArray:
+        """Return the mask of the keyframes of the same map within the surroundings of `i`."""
+        keyframes = self._atlas.keyframes
+        T = keyframes.T_map_camera
+        near = np.linalg.norm(T[:, :3, 3] - T[i, :3, 3], axis=1) < _SURROUNDINGS_M
+        return np.asarray(near & keyframes.alive & (keyframes.map_id == keyframes.map_id[i]))
+
+
+def pose_distances(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the (N, M) distances [m] and angles [rad] between the views of two sets of poses.
+
+    Args:
+        a: (N, 4, 4) poses of cameras, whose views are along z.
+        b: (M, 4, 4) poses in the same frame.
+    """
+    distance_m = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=2)
+    cosine = a[:, :3, 2] @ b[:, :3, 2].T
+    return distance_m, np.arccos(np.clip(cosine, -1, 1))
