@@ -13,7 +13,8 @@ from hoid_common import topics
 class CameraTopics(NamedTuple):
     """Topics of a driver that the suite subscribes to."""
 
-    driver: str  # with the version that has these names, and the setting for registered depth
+    # Name and version of the driver, and its setting that registers depth to color.
+    driver: str
     namespace: str  # default namespace of the driver
     rgb_image: str  # relative to the namespace, as are the next two
     depth_image: str
@@ -24,11 +25,18 @@ class CameraTopics(NamedTuple):
 
         Args:
             namespace: Namespace of the driver; empty: its default namespace.
+
+        Returns:
+            Pairs (from, to), including those of the compressed images.
         """
         return topics.camera_remappings(*self.topics(namespace))
 
     def topics(self, namespace: str = '') -> tuple[str, ...]:
-        """Return the topics of color, depth and camera info in a namespace or the default one."""
+        """Return the topics of color, depth and camera info.
+
+        Args:
+            namespace: Namespace of the driver; empty: its default namespace.
+        """
         return tuple(_join(namespace or self.namespace, name) for name in self[2:])
 
 

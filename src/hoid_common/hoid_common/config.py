@@ -67,7 +67,7 @@ def param(
             does, its unit and, for a user parameter, when to change it.
         minimum: Least value of a number, inclusive.
         maximum: Greatest value of a number, inclusive.
-        choices: The only values of a string.
+        choices: The only values of a string; empty: any string.
         read_only: False lets the parameter change while the node runs.
         expert: True hides the parameter from users who do not know the method: a node declares it
             only with `expert:=true`.
@@ -94,7 +94,8 @@ class Config:
     """Base of all configurations. The constructor checks the type and range of every value.
 
     Raises:
-        ConfigError: A value has another type than its default, or is out of range.
+        ConfigError: A value has another type than its default, is out of range, or is none of the
+            choices.
     """
 
     def __post_init__(self) -> None:
@@ -130,7 +131,8 @@ class Config:
             values: New values by dotted name of the parameter.
 
         Raises:
-            ConfigError: A name is unknown, or a value has the wrong type or is out of range.
+            ConfigError: A name is unknown, or a value has the wrong type, is out of range, or is
+                none of the choices.
         """
         known = {leaf.name: leaf for leaf in self.params()}
         for name, value in values.items():
@@ -162,9 +164,10 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
-    """Return a value after checking its type and range.
+    """Return a value after checking its type, range and choices.
 
-    An int is converted to float where the parameter is a float.
+    An int is converted to float where the parameter is a float, and a list of one empty string to
+    an empty list.
 
     Args:
         name: Name of the parameter, with which an error begins.
@@ -173,7 +176,7 @@ def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
         spec: Constraints of the parameter.
 
     Raises:
-        ConfigError: The value has another type or is out of range.
+        ConfigError: The value has another type, is out of range, or is none of the choices.
     """
     if type(value) is int and isinstance(like, float):
         value = float(value)  # YAML reads `3` as an int

@@ -33,7 +33,7 @@ class ConfigError(HoidError):
 
 
 class MessageError(HoidError):
-    """A message cannot be used: array lengths, encoding or image size are inconsistent."""
+    """A message cannot be used, such as one with inconsistent array lengths or image sizes."""
 
 
 class ModelError(HoidError):

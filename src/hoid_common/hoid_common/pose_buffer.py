@@ -17,7 +17,7 @@ _MAX_EXTRAPOLATION_NS = NS_PER_S // 5
 
 
 class PoseBuffer:
-    """The poses of one frame in another over the last ten seconds, in order of their stamps."""
+    """The poses of one frame in another, in order of time, in the ten seconds up to the newest."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
@@ -39,8 +39,8 @@ class PoseBuffer:
         """Return the pose T (4, 4) at a time, in the frames of the poses that were added.
 
         Between two poses the motion is interpolated with constant twist. Up to 0.2 s after the
-        newest pose the last motion is extrapolated. None is returned later than that, before the
-        oldest pose, and, while there is only one pose, at any other time than its stamp.
+        newest pose the last motion is extrapolated. The result is None at later times, before the
+        oldest pose, if there is no pose, and, while there is only one, at all times but its stamp.
         """
         after = bisect_left(self._poses, stamp_ns, key=lambda pose: pose[0])
         if after < len(self._poses) and self._poses[after][0] == stamp_ns:

@@ -145,11 +145,11 @@ def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
 
 
 def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> FloatArray:
-    """Return the transforms (..., 4, 4) of quaternions (..., 4) and translations (..., 3) in m.
+    """Return the transforms T_a_b (..., 4, 4) of quaternions (..., 4) and translations (..., 3).
 
     Args:
         quat_xyzw: Quaternions in the order x y z w, of any non-zero norm.
-        translation_m: Origin of frame b in frame a.
+        translation_m: Origin of frame b in frame a, in m.
     """
     T = np.zeros((*quat_xyzw.shape[:-1], 4, 4))
     T[..., :3, :3] = rotation_from_quat_xyzw(quat_xyzw)

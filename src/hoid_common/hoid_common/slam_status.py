@@ -28,7 +28,7 @@ class SlamStatus:
     """State and counters of the SLAM after one image.
 
     `loops`, `merges`, `relocalizations` and the numbers of frames count from the start or from the
-    last reset.
+    last reset. The main map is the map with the most keyframes.
     """
 
     state: SlamState
@@ -38,11 +38,11 @@ class SlamStatus:
     inliers: int = 0  # of these, the ones that agree with the pose
     keyframes: int = 0  # in the main map
     map_points: int = 0  # in the main map
-    maps: int = 0  # maps that are not merged yet
+    maps: int = 0  # number of maps, the main map included
     mapper_queue: int = 0  # keyframes that wait for the mapper
     loops: int = 0  # closed loops
     merges: int = 0  # merged maps
     relocalizations: int = 0  # recoveries from LOST
     frames_processed: int = 0
     frames_dropped: int = 0  # missing images, estimated from gaps between stamps
-    stage_ms: Mapping[str, float] = field(default_factory=dict)  # duration by stage
+    stage_ms: Mapping[str, float] = field(default_factory=dict)  # processor time by stage

@@ -49,7 +49,11 @@ class StaticFrames:
         self._edges[child] = parent, T_parent_child
 
     def with_edges(self, edges: Iterable[tuple[str, str, FloatArray]]) -> StaticFrames:
-        """Return a copy of the tree with further edges (parent, child, T_parent_child)."""
+        """Return a copy of the tree with further edges (parent, child, T_parent_child).
+
+        Raises:
+            MessageError: There are too many frames.
+        """
         tree = StaticFrames()
         tree._edges = dict(self._edges)
         for edge in edges:

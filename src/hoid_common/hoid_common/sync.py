@@ -28,13 +28,14 @@ _NUM_GAPS = 15  # chosen: half a second of images without any match shows an off
 _NUM_STAMPS = 90  # chosen: a constant offset is estimated from the images of 3 s at 30 Hz
 _MIN_IMAGES = 30  # chosen: fewer images say nothing about a period
 _MAX_SPREAD_NS = 1_000_000  # chosen: an offset that varies more is not constant
-# Chosen: share of the period. A smaller offset belongs to the nearest image beyond doubt.
+# Chosen: if the offset is a smaller share of the period of depth images, the nearest image is the
+# right one beyond doubt.
 _MIN_SHARE = 0.2
 # Chosen: the nearest image is preferred unless another one's distance varies less by this much.
 _MARGIN_NS = 200_000
 
 OFFSET_REMEDY = '--depth-offset {0:.4f} (input.depth_offset_s of live nodes)'
-"""How a constant offset in s is corrected."""
+"""Text for errors: the option and the parameter that correct a constant offset, given in s."""
 
 
 class _Item(NamedTuple):
@@ -44,15 +45,16 @@ class _Item(NamedTuple):
 
 # `_partner` returns one of these instead of an item:
 _WAIT = _Item(-1, 'wait')  # a better partner may still arrive
-_NEVER = _Item(-1, 'never')  # no partner can arrive any more, so the reference is dropped
+_NEVER = _Item(-1, 'never')  # no partner can arrive any more, so the reference item is dropped
 _ABSENT = _Item(-1, 'absent')  # no partner can arrive any more, but the stream is optional
 
 
 def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str = 'depth') -> str:
-    """Return one line that says how far two streams are apart which do not match, and what to do.
+    """Return one line about the gap between two streams that do not match, and what to do.
 
     Args:
-        gap_ns: Stamp of the second stream minus the nearest stamp of the first one.
+        gap_ns: Stamp of the second stream's item nearest to an item of the first stream, minus
+            the stamp of that item; for several items, the median.
         slop_ns: Largest difference of stamps within a match.
         first: Name of the first stream.
         second: Name of the second stream.
@@ -70,7 +72,7 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
 
 
 def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
-    """Return one line about a constant offset that may pair the wrong images, or ''.
+    """Return one line about a constant offset that probably pairs the wrong images.
 
     Images of a camera at 30 Hz are 33 ms apart. If a driver stamps depth 25 ms late, the nearest
     depth image of each color image is that of the image before, 8 ms away. The neighbor whose
@@ -79,6 +81,10 @@ def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
     Args:
         color_ns: (A,) stamps of color images, increasing.
         depth_ns: (B,) stamps of depth images, increasing.
+
+    Returns:
+        The text; empty if there are too few images (30 of each are needed), or if the offset of
+        the images that belong together is not constant or less than a fifth of the period.
     """
     if min(len(color_ns), len(depth_ns)) < _MIN_IMAGES:
         return ''
@@ -117,7 +123,7 @@ class StreamCounts:
     """Numbers of items of a stream that were matched, or dropped for one of three reasons."""
 
     matched: int = 0
-    unmatched: int = 0  # dropped, since another stream has no item within the slop
+    unmatched: int = 0  # dropped without a match
     overflowed: int = 0  # dropped from a full queue
     late: int = 0  # dropped, since it is not newer than the stream's previous item
 
@@ -125,8 +131,10 @@ class StreamCounts:
 class StampMatcher:
     """Matches each item of the reference stream with the nearest in time of every other stream.
 
-    A match is complete as soon as no nearer partner can arrive, which follows from the shortest
-    period seen of each stream. The result depends only on the stamps and on the order of arrival.
+    A match is complete as soon as no nearer partner can be expected: each stream has an item that
+    is not older than the reference item, or its next item, after its shortest period so far, would
+    not be nearer, or the reference stream has advanced by more than `slop_ns`. The result
+    depends only on the stamps and on the order of arrival.
 
     Args:
         names: Names of the streams. The first one is the reference: each of its items takes part
@@ -134,8 +142,9 @@ class StampMatcher:
         slop_ns: Largest difference of stamps within a match.
         capacity: Number of items that wait per stream. When it is exceeded, the oldest one is
             dropped and counted.
-        optional: Streams that may be missing from a match. Their value is None as soon as a later
-            item of theirs has arrived, or the reference has advanced by `patience_ns`.
+        optional: Streams that may be missing from a match. The value of such a stream without an
+            item within the slop is None, once a later item of it has arrived, or the reference
+            has advanced by more than `patience_ns`.
         patience_ns: Longest wait for an optional stream, by stamps of the reference.
     """
 
@@ -163,18 +172,24 @@ class StampMatcher:
 
     @property
     def mismatch(self) -> str:
-        """Return one line while no items of two streams match, or probably wrong ones, else ''."""
+        """Return one line while no items match, or probably the wrong ones do; else ''.
+
+        It is the text of `gap` or of `constant_offset_text` for the first two streams.
+        """
         return self.gap or self._constant_offset
 
     @property
     def gap(self) -> str:
-        """Return the text of `offset_text` while no items of the first two streams match."""
+        """Return the text of `offset_text` for the first two streams; empty while items match.
+
+        There is a text if each of the last 15 items of the reference stream had no match.
+        """
         if len(self._gaps_ns) < _NUM_GAPS:
             return ''
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
 
     def reset(self) -> None:
-        """Drop all waiting items and the measured periods; the counts stay."""
+        """Drop waiting items, measured periods and a found constant offset; the counts stay."""
         self._queues = {name: deque() for name in self._names}
         self._newest_ns = {}
         self._period_ns = {}
@@ -234,7 +249,10 @@ class StampMatcher:
         return matches
 
     def _note_stamp(self, name: str, stamp_ns: int) -> None:
-        """Store a stamp, and estimate the offset whenever all stored stamps are new."""
+        """Store a stamp; once 90 stamps of both streams are stored, check for a constant offset.
+
+        The stored stamps are then dropped, so that the next check is of later ones.
+        """
         if name not in self._stamps_ns:
             return
         self._stamps_ns[name].append(stamp_ns)
@@ -245,7 +263,7 @@ class StampMatcher:
                 stamps.clear()
 
     def _note_gap(self, stamp_ns: int) -> None:
-        """Note how far the second stream is from an item of the reference without a match."""
+        """Store the gap between an unmatched reference item and the second stream's nearest."""
         other = self._names[1]
         if other in self._newest_ns:
             stamps_ns = [item.stamp_ns for item in self._queues[other]] + [self._newest_ns[other]]

@@ -9,7 +9,7 @@ RGB_IMAGE = 'rgb/image'
 CAMERA_INFO = 'rgb/camera_info'
 DEPTH_IMAGE = 'depth/image'
 IMU = 'imu'
-ACCELEROMETER = 'imu/accelerometer'  # of a driver that publishes the two sensors apart
+ACCELEROMETER = 'imu/accelerometer'  # for drivers that publish gyro and accelerometer apart
 INITIAL_POSE = 'initialpose'  # RViz's "2D Pose Estimate"
 
 DETECTIONS = 'detections'
@@ -78,7 +78,7 @@ def compressed_depth(topic: str) -> str:
 
 
 COMPRESSED_SUFFIXES = ('/compressedDepth', '/compressed')
-"""What image_transport appends to the topic of images for their compressed topics."""
+"""Endings that image_transport appends to the name of an image topic for compressed topics."""
 
 
 def is_compressed(topic: str) -> bool:

@@ -39,7 +39,10 @@ UNKNOWN = 'unknown'
 """Class name of a moving region that no detector has classified."""
 EQUIDISTANT = 'equidistant'
 DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial', EQUIDISTANT)
-"""The distortion models of sensor_msgs/CameraInfo that are supported: 5, 8 to 14, 4 numbers."""
+"""The supported distortion models of sensor_msgs/CameraInfo.
+
+They have up to 5, 8 to 14, and 4 coefficients.
+"""
 
 MAX_PIXELS = 7680 * 4320
 """Largest image that is accepted: 8K, four times the largest camera tested; 100 MB as BGR."""
@@ -62,12 +65,12 @@ class CameraModel:
     Args:
         width_px: Image width.
         height_px: Image height.
-        fx_px: Focal length along the image rows.
-        fy_px: Focal length along the image columns.
-        cx_px: Principal point, from the center of the left-most column.
-        cy_px: Principal point, from the center of the top-most row.
+        fx_px: Horizontal focal length, in widths of a pixel.
+        fy_px: Vertical focal length, in heights of a pixel.
+        cx_px: Horizontal position of the principal point, from the center of the leftmost column.
+        cy_px: Vertical position of the principal point, from the center of the topmost row.
         distortion: Up to 14 coefficients in the order of OpenCV, which begins with k1, k2, p1, p2,
-            k3, k4, k5, k6; empty or all zero for a rectified camera.
+            k3, k4, k5, k6; empty or all zero for a rectified camera. Further ones must be 0.
         is_fisheye: Whether the coefficients are k1, k2, k3, k4 of the equidistant model.
 
     Raises:
@@ -295,7 +298,9 @@ class FeatureVerdicts:
     """
 
     stamp_ns: int  # of the image, as in its `Features`
-    is_dynamic: BoolArray  # (N,) True: the feature lies on a moving object and must be removed
+    # (N,) True: the feature lies on a moving object and must be removed. A received message in
+    # which no feature is dynamic has (0,).
+    is_dynamic: BoolArray
 
 
 class Reason(Enum):
@@ -317,15 +322,16 @@ class DynamicObject:
     """One detected or predicted object, and the filter's verdict on it."""
 
     class_name: str  # such as 'cup'; UNKNOWN for a moving region without a detection
-    box_xyxy_px: tuple[float, float, float, float]  # left, top, right, bottom
+    box_xyxy_px: tuple[float, float, float, float]  # left, top, right, bottom in the full image
     score: float  # confidence of the detection, in [0, 1]
     track_id: int  # the same for the same object over time; -1 when the strategy does not track
     reason: Reason  # why it is dynamic or static
     overlap_ratio: float = 0.0  # share of the object's box that a person's box covers, in [0, 1]
     depth_gap_m: float = NAN  # depth difference between object and this person; NaN if unknown
-    center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)  # NaN if depth is missing
+    # Center of the object in the camera's optical frame; NaN if depth is missing.
+    center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)
     size_m: tuple[float, float] = (NAN, NAN)  # width and height of the box, at its center's depth
-    # Velocity relative to the world, along the axes of the camera's optical frame.
+    # Velocity relative to the world, along the axes of the camera's optical frame; NaN: unknown.
     velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)
 
     @property
@@ -340,7 +346,7 @@ class FilterResult:
 
     features: Features  # the features that are kept
     objects: tuple[DynamicObject, ...]  # static ones included
-    removed_uv_px: Float32Array  # (M, 2) removed features, for the debug image
+    removed_uv_px: Float32Array  # (M, 2) pixels of the removed features, for the debug image
     num_features_in: int  # features that were detected
     num_removed: int  # features that were removed as dynamic
     # Processor time of the stages 'extract' and 'filter'.

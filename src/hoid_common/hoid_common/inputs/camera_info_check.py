@@ -19,9 +19,11 @@ _MIN_REPEATS = 2
 class CameraInfoCheck:
     """Decides which calibration to use when camera_info messages contradict each other or images.
 
-    The first calibration is used at once, on trial for 30 images. On trial it is replaced by
-    another one that is repeated, or that has the size of the images when it has not. After the
-    trial it is kept (decision 045): another calibration, and images of another size, are reported.
+    The first calibration with the size of the images (any size before the first image) is used at
+    once, on trial for 30 images. During the trial, another calibration with the size of the images
+    replaces it: at once if the size of the present one is wrong, otherwise when it comes twice in
+    a row. After the trial the calibration is kept (decision 045): another calibration, and images
+    of another size, are reported.
 
     Args:
         remedy: What to do when the calibration changes after the trial.
@@ -30,7 +32,8 @@ class CameraInfoCheck:
     def __init__(self, remedy: str) -> None:
         self._remedy = remedy
         self.camera: CameraModel | None = None  # the calibration in use
-        self.change = ''  # one line about another calibration, until its messages have ended
+        # One line about another calibration, until the calibration in use is received again.
+        self.change = ''
         self._size_problem = ''  # one line about a size that is not that of the images
         self._image_size_px: tuple[int, int] | None = None
         self._num_images = 0  # number of images that matched the calibration in use
@@ -73,6 +76,8 @@ class CameraInfoCheck:
     def check_image(self, size_px: tuple[int, int]) -> None:
         """Count an image; raise MessageError if its size is not that of the calibration in use.
 
+        Before the first calibration, the size is only stored.
+
         Args:
             size_px: Width and height of the image.
         """
@@ -86,7 +91,7 @@ class CameraInfoCheck:
         return f'{_changed(kept, other)}: the first is kept, {why}; {self._remedy}'
 
     def size_mismatch(self, camera: CameraModel) -> str:
-        """Return one line if a calibration has not the size of the latest image, else ''."""
+        """Return one line if a calibration has another size than the latest image, else ''."""
         if self._image_size_px in (None, camera.size_px):
             return ''
         (width, height), (seen_width, seen_height) = camera.size_px, self._image_size_px or (0, 0)

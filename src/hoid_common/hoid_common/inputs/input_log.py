@@ -27,7 +27,9 @@ class Logger(Protocol):
 
 
 class InputLog:
-    """Logs the problems of a node's inputs with exponential back-off, and their end once.
+    """Logs the problems of a node's inputs with exponential back-off.
+
+    An input is also logged when it arrives for the first time, or again after it was missing.
 
     Args:
         logger: Receives the lines.
@@ -48,13 +50,13 @@ class InputLog:
         missing: Mapping[str, str],
         others: Mapping[str, str],
     ) -> None:
-        """Log what has changed; called once a second.
+        """Log the problems that are due, and inputs that arrive; called once a second.
 
         Args:
             now_s: Steady time.
             watches: All inputs.
             missing: Text by topic of each missing input; all of them are logged in one line.
-            others: Text of each other problem by its kind.
+            others: Text by kind of each other problem; each is logged in a line of its own.
         """
         causes = {topic: text for topic, text in missing.items() if self._is_cause(topic)}
         if now_s < self._start_s + _GRACE_S:

@@ -11,7 +11,8 @@ from hoid_common.errors import ConfigError, MessageError
 from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
 _RECTIFIED = re.compile('(^|[/_])rect', re.IGNORECASE)
-_SAME_FOCAL = 0.005  # chosen: a smaller difference changes poses by less than depth noise does
+# Chosen: a smaller relative difference changes poses by less than depth noise does.
+_SAME_FOCAL = 0.005
 
 
 class RawCameraInfo(Protocol):
@@ -39,8 +40,8 @@ def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
         image_topic: Name of the topic of the images; see `is_rectified`.
 
     Raises:
-        MessageError: The camera is not calibrated, or has an unsupported distortion model or too
-            many coefficients.
+        MessageError: The camera is not calibrated, has an unsupported distortion model or too many
+            coefficients, or a value is outside what a real camera can have.
     """
     k, p = ([float(value) for value in values] for values in (info.k, info.p))
     distortion = tuple(float(d) for d in info.d)
@@ -78,9 +79,10 @@ def is_rectified(image_topic: str) -> bool:
 
 
 def rectification_doubt(info: RawCameraInfo, image_topic: str) -> str:
-    """Return a warning if it is doubtful whether K and D or P describe the images, or ''.
+    """Return a warning if it is doubtful whether K and D or P describe the images, else ''.
 
-    Calibration writes a P that differs from K. Images beside it may be rectified or not.
+    Calibration tools write a P that differs from K. The images beside it may be rectified or not,
+    and the name of their topic may not show which.
     """
     if is_rectified(image_topic) and any(info.d) and info.p[0] <= 0:
         return (

@@ -18,9 +18,10 @@ MAX_DEPTH_M = 100.0
 """Farthest depth of a reading. Chosen: several times the range of any depth camera."""
 
 _MIN_BITS, _MAX_BITS = np.array([MIN_DEPTH_M, MAX_DEPTH_M], np.float32).view(np.uint32)
-_UNIT_STRIDE_PX, _MIN_READINGS = 16, 50  # chosen: sample of the pixels that shows the unit
+# Chosen: every 16th row and column; a median needs 50 readings among these pixels.
+_UNIT_STRIDE_PX, _MIN_READINGS = 16, 50
 # The median depth of images of rooms: 0.6 to 2.9 m in 800 images of fr1_xyz, 400 of an office and
-# fr3_walking_halfsphere. Chosen: beyond these limits, a warning.
+# fr3_walking_halfsphere. Chosen: limits beyond which a warning is given.
 _USUAL_MEDIAN_M = (0.3, 8.0)
 _NUM_IMAGES = 10  # chosen: a third of a second of images decides whether to warn
 
@@ -47,7 +48,9 @@ def readings_m(depth_m: Float32Array) -> Float32Array:
 
 
 def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
-    """Raise MessageError if most depth is outside the range of readings.
+    """Raise MessageError if the median depth is outside the range of readings.
+
+    An image with too few readings for a median raises no error.
 
     Args:
         depth_m: Depth (H, W) in m, before `readings_m`; 0 or not finite: no reading.
@@ -61,7 +64,7 @@ def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
 
 
 class DepthUnitWarning:
-    """Warns once when the first depth images are far from what rooms have.
+    """Warns once if the median depth of the first ten depth images is unusual for a room.
 
     Args:
         remedy: How to correct the unit, which ends the warning.
@@ -72,7 +75,11 @@ class DepthUnitWarning:
         self._medians_m: list[float] = []
 
     def warning_for(self, depth_m: Float32Array) -> str:
-        """Return the warning when it is due with the next image's depth (H, W) in m, else ''."""
+        """Return the warning if the tenth image shows that it is due, else ''.
+
+        Args:
+            depth_m: (H, W) depth of the next image in m. Images with few readings do not count.
+        """
         if len(self._medians_m) >= _NUM_IMAGES or (median_m := _median_m(depth_m)) is None:
             return ''
         self._medians_m.append(median_m)
@@ -86,7 +93,7 @@ class DepthUnitWarning:
 
 
 def _median_m(depth_m: Float32Array) -> float | None:
-    """Return the median of a sample of the readings; None if there are too few."""
+    """Return the median of a sample of the positive, finite values; None if there are too few."""
     sample = depth_m[::_UNIT_STRIDE_PX, ::_UNIT_STRIDE_PX]
     readings = sample[(sample > 0) & (sample < np.inf)]
     return float(np.median(readings)) if len(readings) >= _MIN_READINGS else None

@@ -31,7 +31,8 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
 
     Args:
         within: Parent folder. It must be on the file system of the results, so that moving does
-            not copy. It is made when it is missing, and is then removed if it is empty at the end.
+            not copy. If it is missing, it is made with its parents, and is removed at the end if
+            it is empty; the parents stay.
         purpose: First part of the folder's name, which identifies it after a power cut.
 
     Raises:
@@ -54,7 +55,10 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
 
 
 def abandoned_scratch_folders(within: Path) -> list[Path]:
-    """Return the scratch folders that killed processes have left behind, sorted by name."""
+    """Return the scratch folders that killed processes have left in a folder, sorted by name.
+
+    On a file system without locks, none is found.
+    """
     with suppress(OSError):  # `within` is missing or not readable
         return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_abandoned(path))
     return []
@@ -80,7 +84,7 @@ def _is_abandoned(folder: Path) -> bool:
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # a running process holds the lock
+    except OSError:  # a running process holds the lock, or the file system has no locks
         return False
     finally:
         os.close(descriptor)

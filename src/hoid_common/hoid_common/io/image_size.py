@@ -31,7 +31,10 @@ _JPEG_WITHOUT_LENGTH: Final = frozenset({0x01, *range(0xD0, 0xD8)})  # TEM and R
 
 
 def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) in pixels from the header of a PNG or JPEG; None if it is neither."""
+    """Return (width, height) in pixels from the header of a PNG or JPEG.
+
+    The result is None if the data is neither, or its header is invalid or truncated.
+    """
     try:
         if data[: len(_PNG_START)] == _PNG_START:
             name, width, height = _PNG_SIZE.unpack_from(data, len(_PNG_START))
@@ -45,7 +48,8 @@ def is_safe_to_decode(data: bytes | memoryview) -> bool:
     """Return whether the cost of decoding a PNG or JPEG is in proportion to its image size.
 
     A PNG must contain all its chunks completely, because decoders allocate the length that a chunk
-    claims; it may have few compressed texts. A JPEG may have at most 100 scans.
+    claims; it may have at most 100,000 chunks, and eight of them with compressed text. A JPEG may
+    have at most 100 scans.
     """
     if data[: len(_PNG_START)] != _PNG_START:
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
@@ -63,7 +67,7 @@ def is_safe_to_decode(data: bytes | memoryview) -> bool:
 
 
 def check_image_size(data: bytes | memoryview, what: str) -> None:
-    """Raise MessageError when data is no PNG or JPEG, or has more than MAX_PIXELS.
+    """Raise MessageError if data is no PNG or JPEG with a valid header, or exceeds MAX_PIXELS.
 
     Args:
         data: The compressed image.
@@ -80,7 +84,11 @@ def check_image_size(data: bytes | memoryview, what: str) -> None:
 
 
 def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from the frame header of a JPEG; None if a segment is invalid."""
+    """Return (width, height) from the frame header of a JPEG; None if a segment is invalid.
+
+    Raises:
+        struct.error: The data ends before or within the frame header.
+    """
     at = len(_JPEG_START)
     while True:
         start, marker, length = _JPEG_SEGMENT.unpack_from(data, at)

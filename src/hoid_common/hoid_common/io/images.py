@@ -34,7 +34,8 @@ _COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
 COMPRESSED_DEPTH_HEADER_BYTES = _COMPRESSED_DEPTH_HEADER.size
 _PNG_START = b'\x89PNG\r\n\x1a\n'
 # Type, channels and OpenCV's conversion to BGR (None: it is BGR) of each encoding of color. ROS
-# names a Bayer pattern by its first two pixels of two rows, OpenCV by the second row.
+# names a Bayer pattern by the first two pixels of the first two rows, OpenCV by the second and
+# third pixel of the second row.
 _COLOR: dict[str, tuple[str, int, int | None]] = {
     'bgr8': ('u1', 3, None),
     '8UC3': ('u1', 3, None),
@@ -72,7 +73,7 @@ _DEPTH_TYPES: dict[str, np.dtype[Any]] = {
 }
 DEPTH_ENCODINGS = tuple(_DEPTH_TYPES)
 UNIT_REMEDY = 'set the units with --depth-factor, or input.depth_units_per_m of live nodes'
-"""How a wrong unit of depth images in messages is corrected."""
+"""Text for errors: the option and the parameter that correct a wrong unit of depth messages."""
 
 
 class RawImage(Protocol):
@@ -89,10 +90,12 @@ class RawImage(Protocol):
 def decode_color(image: RawImage) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a message with an encoding of color or gray.
 
-    It shares the message's memory when no conversion is needed.
+    Of 16-bit channels the upper 8 bits are kept. The result shares the message's memory when no
+    conversion is needed and rows have no padding.
 
     Raises:
-        MessageError: The encoding is another one, or the data is too short for the size.
+        MessageError: The encoding is another one; the image is empty, too large, or of a size that
+            its encoding does not allow; or the data is too short for the size.
     """
     if image.encoding not in _COLOR:
         raise MessageError(
@@ -119,11 +122,12 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
 
     Args:
         image: The message.
-        units_per_m: Units of the message; 0: those of its encoding.
+        units_per_m: Depth units per meter in the message; 0: those of its encoding (1000 for whole
+            numbers, 1 for floats).
 
     Raises:
-        MessageError: The encoding is another one, the data is too short for the size, or the unit
-            is wrong.
+        MessageError: The encoding is another one, the image is empty or too large, the data is too
+            short for the size, or the unit is wrong (see `check_depth_unit`).
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
@@ -133,7 +137,11 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
 
 
 def decode_compressed_color(data: Buffer) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a JPEG or PNG; MessageError when it is neither."""
+    """Return the (H, W, 3) uint8 BGR image of a JPEG or PNG.
+
+    Raises:
+        MessageError: The data is no JPEG or PNG, has more than MAX_PIXELS, or cannot be decoded.
+    """
     return cast('ByteArray', decode_image(data, COLOR_READ_FLAGS, 'compressed color image'))
 
 
@@ -147,11 +155,11 @@ def decode_compressed_depth(format_: str, data: Buffer, units_per_m: float = 0.0
             a message of compressed_image_transport, "16UC1; png compressed", there is no header.
         data: Field `data` of the message: a header of 12 bytes, then a 16-bit PNG with depth in mm
             (16UC1) or with quantized inverse depth (32FC1).
-        units_per_m: Units of the depth; 0: those of its encoding.
+        units_per_m: Depth units per meter; 0: those of its encoding (1000 for 16UC1, 1 for 32FC1).
 
     Raises:
-        MessageError: The format is another one, the data is no PNG of one 16-bit channel, or the
-            unit is wrong.
+        MessageError: The format is another one, the data is no PNG of one 16-bit channel or too
+            large, or the unit is wrong (see `check_depth_unit`).
     """
     encoding = format_.split(';', maxsplit=1)[0].strip()
     if encoding not in ('16UC1', '32FC1') or 'rvl' in format_.lower():
@@ -186,6 +194,9 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
     Args:
         depth_mm: (H, W) uint16 depth in mm.
+
+    Raises:
+        MessageError: OpenCV cannot encode the image.
     """
     # Level 1: higher levels take several times as long and save a few percent of a depth image.
     ok, png = cv2.imencode('.png', depth_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -200,7 +211,11 @@ def compressed_depth_of_png(png: bytes) -> bytes:
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
-    """Return the JPEG of a (H, W, 3) uint8 BGR image; quality in [1, 100]."""
+    """Return the JPEG of a (H, W, 3) uint8 BGR image; quality in [1, 100].
+
+    Raises:
+        MessageError: OpenCV cannot encode the image.
+    """
     ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:
         raise MessageError(f'image of shape {image_bgr.shape} cannot be encoded as JPEG')
@@ -208,7 +223,7 @@ def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
 
 
 def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
-    """Return (H, W) float32 depth in m as uint16 mm where that is exact, else None."""
+    """Return (H, W) float32 depth in m as uint16 mm if that is exact for all pixels, else None."""
     depth_mm = np.rint(depth_m * MM_PER_M)
     if depth_mm.max(initial=0) > np.iinfo(np.uint16).max:
         return None
@@ -222,7 +237,7 @@ def _pixels(
     """Return the pixels of an image message, (H, W) or (H, W, C), in the machine's byte order.
 
     Raises:
-        MessageError: The image is empty or too large, or its data is too short for its size.
+        MessageError: The image is empty or too large, or `step` or the data is too short for it.
     """
     height, width, step = image.height + chroma_rows, image.width, image.step
     row_bytes = width * channels * dtype.itemsize
@@ -250,7 +265,11 @@ def _pixels(
 
 
 def _depth_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
-    """Return float32 depth in m of pixels in any unit, where 0 is no reading."""
+    """Return float32 depth in m of pixels in any unit, where 0 is no reading.
+
+    Raises:
+        MessageError: The unit is wrong (see `check_depth_unit`).
+    """
     depth_m = _meters(depth, units_per_m)
     check_depth_unit(
         depth_m,

@@ -14,10 +14,11 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
     """Return the parameters, by dotted name, that a parameter file sets for a node.
 
     Used are the section `/**` and all sections whose name is the node's name, with or without a
-    namespace before it.
+    namespace before it. A later section overrides an earlier one.
 
     Raises:
-        ConfigError: The file cannot be read, or is no parameter file.
+        ConfigError: The file cannot be read, is no parameter file, or one of these sections has no
+            `ros__parameters`.
     """
     try:
         content = read_yaml(path)

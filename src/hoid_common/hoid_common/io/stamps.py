@@ -16,7 +16,7 @@ _MAX_STAMP_NS = 2**31 * NS_PER_S  # the seconds of builtin_interfaces/Time are i
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Return the nanoseconds of a text with decimal seconds, rounded to the nearest one.
+    """Return the stamp in ns of a text with decimal seconds, rounded to the nearest nanosecond.
 
     The text is parsed as a Decimal, because a float64 resolves only 240 ns at today's epoch.
 
@@ -38,7 +38,7 @@ class OrderedStamps(NamedTuple):
     """Stamps of a stream in order of time, each once."""
 
     stamps_ns: IntArray  # (M,), increasing
-    positions: IntArray  # (M,) of each in the stream; of a repeated stamp, the first
+    positions: IntArray  # (M,) index of each stamp in the stream; of a repeated one, the first
     num_repeated: int  # items left out because their stamp was there before
     num_late: int  # items that came after a newer one
 
@@ -60,7 +60,9 @@ def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:
 
 
 def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
-    """Return the longest part of a stream in which time does not start anew.
+    """Return the slice of the longest part of a stream in which time does not start anew.
+
+    The longest part is the one with the most stamps.
 
     Time starts anew where a stamp is a second older than the newest one so far, as when a
     simulator restarts or a bag is played again into a recording.

@@ -28,7 +28,7 @@ def read_tum(path: Path) -> Trajectory:
     Rows that are no pose are left out with a warning.
 
     Raises:
-        InputError: The file is missing, or has rows and none of them is a pose.
+        InputError: The file is missing or no text, or has rows and none of them is a pose.
     """
     stamps_ns, values = read_numbers(path, 7, _pose_problem)
     return Trajectory(stamps_ns, se3.from_quat_translation(values[:, 3:], values[:, :3]))
@@ -42,7 +42,13 @@ def _pose_problem(row: FloatArray) -> str | None:
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory as a TUM file; stamps are exact, numbers have nine decimals."""
+    """Write a trajectory as a TUM file; stamps are exact, numbers have nine decimals.
+
+    Stamps that do not increase are treated as in `write_tum_parts`.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
     write_tum_parts(path, [trajectory])
 
 
@@ -66,8 +72,15 @@ def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> WrittenPoses:
     """Write consecutive parts of a trajectory as a TUM file with increasing stamps.
 
     Where a bag is played in a loop or a simulator restarts, stamps start anew. evo and other tools
-    refuse such a file, so that it contains the poses of the last pass. Only one part at a time is
-    in memory.
+    refuse such a file, so that it contains only the poses since stamps started anew last. A pose
+    whose stamp is not later than the one before is left out too. Only one part at a time is in
+    memory.
+
+    Returns:
+        Numbers of poses that were written and left out.
+
+    Raises:
+        OSError: The file cannot be written.
     """
     num_written = num_earlier = num_repeated = newest_ns = 0
     with path.open('w', encoding='utf-8') as file:

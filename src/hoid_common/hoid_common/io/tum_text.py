@@ -1,7 +1,7 @@
 """Reading of the text files of the TUM RGB-D layout.
 
-Each line is a stamp in seconds and a text, separated by spaces, tabs or commas; `#` starts a
-comment.
+Each line is a stamp in seconds and a text, separated by spaces, tabs or commas. Empty lines and
+lines that begin with `#` are skipped.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Row(NamedTuple):
 
     line: int  # number of the line in the file, from 1
     stamp_ns: int
-    text: str  # the rest of the line
+    text: str  # the rest of the line, in which spaces replace commas and tabs
 
 
 class NumberTable(NamedTuple):
@@ -40,7 +40,7 @@ def read_rows(path: Path) -> Iterator[Row]:
     """Yield the rows of a file, in the file's order.
 
     Raises:
-        InputError: The file is missing or no text, or a stamp is no time in seconds.
+        InputError: The file cannot be read or is no text, or a stamp is no time in seconds.
     """
     for number, stamp, rest in _lines(path):
         try:
@@ -65,7 +65,9 @@ def sorted_rows(path: Path) -> list[Row]:
 def read_numbers(
     path: Path, columns: int, problem: Callable[[FloatArray], str | None] = lambda _: None
 ) -> NumberTable:
-    """Return the stamp and the first `columns` numbers of each usable row, in order of time.
+    """Return the stamp and the first `columns` numbers of each usable row.
+
+    The result is in order of time, with each stamp once; it is empty if the file has no rows.
 
     Motion-capture systems write rows of NaN or zeros while they do not see their target. Such rows
     are left out with a warning.
@@ -101,7 +103,11 @@ def read_numbers(
 
 
 def _numbers(text: str, columns: int) -> FloatArray:
-    """Return the first (columns,) numbers of a text; raise ValueError if there are fewer."""
+    """Return the first (columns,) numbers of a text.
+
+    Raises:
+        ValueError: There are fewer, or one of them is not finite.
+    """
     words = text.split()[:columns]
     try:
         row = np.array([float(word) for word in words])

@@ -52,8 +52,8 @@ def open_regular(path: Path) -> BinaryIO:
     """Return a regular file opened for reading.
 
     Raises:
-        InputError: The file is missing, cannot be read, or is a pipe or a device, which may never
-            end.
+        InputError: The file is missing, cannot be read, or is not regular: reading a pipe or a
+            device may never end.
     """
     try:
         # Without O_NONBLOCK, opening a pipe that nobody writes to would block forever.
@@ -93,7 +93,7 @@ def expand_home(text: str, what: str) -> Path:
 
 
 def check_path_name(text: str, what: str) -> None:
-    """Raise ConfigError for a path that no file can have, or that is not UTF-8.
+    """Raise ConfigError for a path that is empty, too long or not UTF-8, or contains a NUL.
 
     Args:
         text: The path as the user gave it.

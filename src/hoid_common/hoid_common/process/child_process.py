@@ -3,7 +3,7 @@
 A `ChildWorker` runs a function in a child process. It sends messages to the child and receives
 reports through two pipes, which two threads serve, so that neither process blocks on the other.
 
-Starting an interpreter with all imports takes a second of two busy cores. The children of a
+Starting an interpreter with all imports keeps two cores busy for a second. The children of a
 process that has called `preload` are forked from a copy of it instead, which takes milliseconds:
 after a kill, odometry was back in the same map after 5.9 s instead of 11.7 s (decision 030).
 """
@@ -112,7 +112,7 @@ def start_child(process: BaseProcess) -> None:
 
 @contextmanager
 def _sigint_blocked() -> Iterator[None]:
-    """Block SIGINT within the block; a process that is started there inherits this."""
+    """Block SIGINT in this thread within the block; a process started there inherits the mask."""
     resource_tracker.ensure_running()  # it would unblock the signal if it were started below
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

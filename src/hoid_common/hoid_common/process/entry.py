@@ -29,12 +29,14 @@ REFUSAL_PAUSE = 'HOID_REFUSAL_PAUSE_S'
 """Environment variable: time (s) that a node waits before it ends with EXIT_CONFIG.
 
 `ros2 launch` restarts a node after a fixed delay. Without the pause, a node that cannot start
-would take a whole processor core for trying.
+would keep a whole processor core busy by its attempts. No value means no pause.
 """
 
 
 def start(module: str) -> NoReturn:
     """Import a node's module, run its `main`, and exit with the status that `main` returns.
+
+    If the process may not open enough files, it ends at once with EXIT_CONFIG, without a pause.
 
     Until `main` installs its own handlers, SIGINT ends the process with status 130. SIGINT is also
     unblocked, because a parent may block it while the interpreter starts. From here on, output
@@ -64,7 +66,7 @@ def start(module: str) -> NoReturn:
 
 
 def _pause_before_exit() -> None:
-    """Wait for the time that launch has asked for, or until a signal ends the process."""
+    """Wait for the time that REFUSAL_PAUSE sets, or until a signal ends the process."""
     for sign in NODE_END_SIGNALS:
         signal.signal(sign, lambda *_: os._exit(EXIT_CONFIG))
     time.sleep(float(os.environ.get(REFUSAL_PAUSE, '0')))

@@ -1,4 +1,4 @@
-"""Limits of the system that a process needs to be large enough, checked before it starts."""
+"""System limits that must be high enough for a process, checked before it starts."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ _MIN_DESCRIPTORS = 256
 
 
 def require_descriptors() -> None:
-    """Raise the limit of open files of this process where it is too low and may be raised.
+    """Raise this process's soft limit of open files to 256 if it is lower.
 
     Raises:
-        ConfigError: It must not be raised as far as needed. A process that starts nevertheless
-            fails at any place, with any error, and so does one that replaces it.
+        ConfigError: The hard limit is lower than that. Without this error, the process (or another
+            program that it executes in its place) would fail later, at any point and with any
+            error.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft >= _MIN_DESCRIPTORS or soft == resource.RLIM_INFINITY:

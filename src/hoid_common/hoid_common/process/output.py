@@ -26,18 +26,18 @@ _STREAMS = (1, 2)  # stdout and stderr
 _MARK = 'HOID_RELAYED_OUTPUT'  # environment variable: identifies the pipes that a relay reads
 _COLORS = 'RCUTILS_COLORIZED_OUTPUT'
 _MAX_WAITING_BYTES = 1 << 18  # chosen: the last 2,000 lines or so
-_READ_BYTES = 1 << 16  # all that a pipe holds
-_WRITE_BYTES = select.PIPE_BUF  # a pipe that is ready takes as much without blocking (pipe(7))
-_RETRY_S = 0.05  # chosen: pause after a stream that was ready took nothing
+_READ_BYTES = 1 << 16  # capacity of a pipe
+_WRITE_BYTES = select.PIPE_BUF  # a writable pipe accepts as much without blocking (pipe(7))
+_RETRY_S = 0.05  # chosen: pause after a stream that `select` calls writable has accepted nothing
 _PATIENCE_S = 1.0  # chosen: how long the rest is offered to a reader after the process has ended
 
 
 def relay_output(*, terminals: bool = True) -> None:
     """Let a child process write this process's stdout and stderr, so that nothing here blocks.
 
-    When nobody reads, the oldest waiting lines are dropped, and their number is written as soon as
-    somebody reads again. Output to regular files is left as it is, and so is output that a process
-    above this one relays already. Call this before threads exist, because it forks.
+    While nobody reads, the last 256 KiB wait; older lines are dropped, and their number is written
+    as soon as somebody reads again. Output to regular files is left as it is, and so is output
+    that a parent process relays already. Call this before threads exist, because it forks.
 
     Args:
         terminals: Whether output to a terminal is relayed too. This process then sees a pipe in
@@ -92,10 +92,10 @@ def _flush() -> None:
 
 
 def _finish(relay: int, finish: int, owner: int) -> None:
-    """Wait at exit until the relay has written everything or has waited long enough.
+    """Wait at exit until the relay has written everything, or has waited one second to do so.
 
-    Children of this process may live on with its output, hence a message in place of the end of
-    the pipe.
+    The relay gets a message, because its pipe does not end while children of this process, which
+    have inherited it, live on.
     """
     if os.getpid() == owner:
         _flush()
@@ -154,7 +154,7 @@ def _offer_rest(channels: list[_Channel]) -> None:
 
 
 class _Channel:
-    """What waits to be written to one stream.
+    """Output that waits to be written to one stream.
 
     Args:
         reader: Descriptor of the pipe to which the process writes.
@@ -179,11 +179,15 @@ class _Channel:
 
     @property
     def waits(self) -> bool:
-        """Return whether something waits to be written."""
+        """Return whether output waits to be written; False once the stream's reader is gone."""
         return bool(self._waiting) and not self._is_dead
 
     def read(self) -> bool:
-        """Read what the process has written; return False if there is nothing now."""
+        """Read what the process has written, and drop the oldest lines beyond the limit.
+
+        Returns:
+            False if there is nothing to read now, or the pipe has ended.
+        """
         try:
             data = os.read(self.reader, _READ_BYTES)
         except BlockingIOError:

@@ -49,7 +49,7 @@ def check_shared_memory(num_processes: int) -> None:
 def shared_memory_problem() -> str:
     """Return an error text if the shared memory of this process is smaller than configured.
 
-    Without a problem, the text is empty.
+    The text is empty if it is large enough, or if none is configured.
     """
     if _own_segment_mb() >= _segment_mb():
         return ''
@@ -60,7 +60,10 @@ def shared_memory_problem() -> str:
 
 
 def clean_shared_memory() -> None:
-    """Remove the segments that killed processes have left behind (`fastdds shm clean`)."""
+    """Remove the segments that killed processes have left behind (`fastdds shm clean`).
+
+    Nothing happens if the tool `fastdds` is missing or fails.
+    """
     tool = shutil.which(
         'fastdds', path=os.pathsep.join([str(Path(sys.executable).parent), os.defpath])
     )
@@ -71,7 +74,7 @@ def clean_shared_memory() -> None:
 
 
 def _segment_mb() -> float:
-    """Return the segment size in MB that the transport profile of Fast DDS configures.
+    """Return the segment size in MB (2^20 bytes) that the profile of Fast DDS configures.
 
     It is 0 if no profile configures one, or if another middleware is used.
     """
@@ -100,7 +103,7 @@ def _own_segment_mb() -> float:
 
 
 def _free_mb() -> float:
-    """Return the free space of /dev/shm in MB."""
+    """Return the free space of /dev/shm in MB; 0 if it does not exist."""
     try:
         found = os.statvfs(_FOLDER)
     except OSError:

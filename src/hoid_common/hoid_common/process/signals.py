@@ -31,7 +31,7 @@ def interrupt_on_termination() -> None:
 
 @contextmanager
 def termination_signals_blocked() -> Iterator[None]:
-    """Block SIGINT and the termination signals, so that the block is not interrupted."""
+    """Block SIGINT and the termination signals in this thread until the end of the block."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *TERMINATION_SIGNALS})
     try:
         yield
@@ -44,7 +44,8 @@ def signal_handlers_deferred() -> Iterator[None]:
     """Defer the Python handlers of SIGINT and the termination signals to the end of the block.
 
     Blocking the signals in this thread is not enough: the kernel delivers them to another thread,
-    such as one of a library, and Python then runs the handler in the main thread.
+    such as one of a library, and Python then runs the handler in the main thread. In another
+    thread than the main one, this context manager does nothing.
     """
     came: list[int] = []
     before = {}

@@ -40,8 +40,8 @@ class _Problem(NamedTuple):
 class Diagnostics:
     """Publishes the status of a node once a second.
 
-    The level is ERROR while a severe problem exists, WARN while another problem exists or an input
-    is missing, and OK otherwise.
+    The level is ERROR while a severe problem exists, WARN while another problem exists, an input
+    is missing or loses messages, or simulated time has not begun, and OK otherwise.
     """
 
     def __init__(self, node: Node) -> None:
@@ -97,7 +97,10 @@ class Diagnostics:
         self._values[name] = value
 
     def set_problem(self, name: str, text: str, *, severe: bool = False) -> None:
-        """Publish a problem until `clear_problem` is called with its name; log it if it is new.
+        """Publish a problem until `clear_problem` is called with its name.
+
+        It is logged when it is new. If it comes and goes, at least five seconds lie between two of
+        its log lines, and the interval doubles with each line up to five minutes.
 
         Args:
             name: Name of the problem.
@@ -126,7 +129,7 @@ class Diagnostics:
         """Count an error, and log it at most once in five seconds per kind.
 
         Args:
-            error: Errors whose text begins with the same word are of the same kind.
+            error: Errors of one counter whose texts begin with the same word are of the same kind.
             what: Name of the counter.
         """
         self.count(what)
@@ -177,7 +180,7 @@ class Diagnostics:
         return texts
 
     def _clock_message(self) -> str:
-        """Return what is wrong with the clock, or an empty text."""
+        """Return an error text while simulated time is used but has not begun, else ''."""
         clock = self._node.get_clock()
         if clock.ros_time_is_active and clock.now().nanoseconds == 0:
             return (

@@ -93,7 +93,8 @@ class StaticFrameListener:
 class FrameListener:
     """Finds the transform between two frames at a time, as tf2's `lookup_transform` does.
 
-    It serves scripts and examples that run without tf2. Malformed messages raise MessageError.
+    It serves scripts and examples that run without tf2. A malformed message raises MessageError in
+    the callback of the subscription.
     """
 
     def __init__(self, node: Node) -> None:

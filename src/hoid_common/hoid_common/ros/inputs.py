@@ -57,7 +57,8 @@ class Inputs:
 
         Args:
             callback: Function that is called with each message; `conversions.color_from_msg`
-                converts it. Its frame is valid in TF. It may raise HoidError.
+                converts it. The frame name in its header is valid in TF. The function may raise
+                HoidError.
         """
         named = self.with_frame(callback, 'color images')
         self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
@@ -67,7 +68,8 @@ class Inputs:
 
         Args:
             callback: Function that is called with each message; `conversions.depth_from_msg`
-                converts it. Its stamp is that of the color image. It may raise HoidError.
+                converts it. The parameter `depth_offset_s` has been subtracted from its stamp. The
+                function may raise HoidError.
         """
         offset_ns = round(self._config.depth_offset_s * NS_PER_S)
 
@@ -82,11 +84,13 @@ class Inputs:
         )
 
     def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
-        """Subscribe to the camera_info of the color images, rectified or not by their topic.
+        """Subscribe to the camera_info of the color images.
+
+        The name of the images' topic decides whether they are rectified (see `camera_from_info`).
 
         Args:
-            callback: Function that is called with the camera and the header of each message. It
-                may raise HoidError.
+            callback: Function that is called with the camera and the header of each message, whose
+                frame name is valid in TF. It may raise HoidError.
         """
 
         def on_camera_info(msg: CameraInfo) -> None:
@@ -234,7 +238,7 @@ class _Input:
         )
 
     def _find_latched(self) -> None:
-        """Subscribe also to a publisher's stored last message, once a publisher stores it."""
+        """Add a transient-local subscription once a publisher offers its last message that way."""
         infos = self._node.get_publishers_info_by_topic(self._watch.topic)
         kept = DurabilityPolicy.TRANSIENT_LOCAL
         if any(info.qos_profile.durability == kept for info in infos):
@@ -254,7 +258,7 @@ class _Input:
             self._on_bytes(data)
 
     def _repeat_last(self) -> None:
-        """Process the last latched message, which the node dropped if it was not active yet."""
+        """Process the latest message again, which the node dropped if it was not active yet."""
         if self._has_latched and self._last is not None:
             self._on_bytes(self._last[0])
 
@@ -290,7 +294,7 @@ def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
     """Return the message that serialized bytes contain; an Image as `conversions.ReceivedImage`.
 
     Raises:
-        MessageError: The bytes are no message of this type, or there are too many of them.
+        MessageError: The bytes are no message of this type, or more than 2 MB without an image.
     """
     if len(data) > _MAX_BYTES and type_ not in _IMAGES:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')

@@ -87,7 +87,8 @@ def suite_node(
 ) -> LifecycleNode:
     """Return the launch action that starts a package's node with the common launch arguments.
 
-    The whole launch ends when the node refuses its first start, or when it dies without `respawn`.
+    The whole launch ends when the node refuses its first start, or when it fails without
+    `respawn`.
 
     Args:
         context: Context of the launch.
@@ -119,7 +120,10 @@ def suite_node(
 
 
 def tf_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the remappings (from, to) of /tf and /tf_static to those of the namespace."""
+    """Return the remappings (from, to) of /tf and /tf_static to those of the namespace.
+
+    The list is empty if the argument `tf_in_namespace` is false.
+    """
     return list(topics.NAMESPACED_TF) if is_on(context, 'tf_in_namespace') else []
 
 
@@ -171,9 +175,11 @@ def one_node(
 def _ending_launch(
     package: str, *, respawn: bool
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
-    """Return the handler for the exit of a node, which ends the launch where that is needed.
+    """Return the handler for the exit of a node, which ends the launch after a failure.
 
-    It follows the rules of `hoid nodes --restart` (decision 046).
+    With `respawn`, only a node that refuses its first start ends the launch; without it, every
+    exit with a status other than 0 does. These are the rules of `hoid nodes --restart` (decision
+    046).
     """
     has_run = False
 

@@ -62,7 +62,8 @@ class Parameters(Generic[C]):
             It raises ConfigError to reject them. Types and ranges have been checked before.
 
     Raises:
-        ConfigError: A parameter has a value of the wrong type or out of range.
+        ConfigError: A parameter has a value of the wrong type, out of range, or that is none of
+            its choices.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class Parameters(Generic[C]):
         return self._config
 
     def _typed(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Return parameters with whole numbers and empty lists converted to the declared type."""
+        """Return parameters, with whole numbers given for floats and empty lists converted."""
         return [self._retyped(p) for p in parameters]
 
     def _retyped(self, parameter: Parameter) -> Parameter:
@@ -143,7 +144,7 @@ def _take_overrides(node: Node) -> dict[str, Any]:
 
 
 def _warn(node: Node, names: Iterable[str], leaves: Mapping[str, Param]) -> None:
-    """Log which given parameters have no effect, because they are hidden or do not exist.
+    """Log which given parameters have no effect, because they are not declared or do not exist.
 
     Args:
         node: Node that logs.

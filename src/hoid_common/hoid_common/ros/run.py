@@ -33,10 +33,10 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     """Make a node, run its callbacks until a signal or shutdown, and return the exit status.
 
     SIGINT, a termination signal or FAILURE_SIGNAL ends the node; later signals are ignored. The
-    status is 0 if the signal comes while the node runs, and EXIT_INTERRUPTED if it comes while the
-    node is made. If `make_node` raises a HoidError or ROS rejects the arguments, the error is
-    printed in one line, and the status is EXIT_CONFIG. After a HoidError of a running node it is
-    EXIT_FAILED.
+    status is 0 if the signal comes while the node runs, or if ROS is shut down, and
+    EXIT_INTERRUPTED if the signal comes while the node is made. If `make_node` raises a HoidError
+    or ROS rejects the arguments, the error is printed in one line, and the status is EXIT_CONFIG.
+    After a HoidError of a running node it is EXIT_FAILED. Other errors are raised.
 
     The function also changes the whole process: OpenCV uses one thread, and glibc keeps freed
     memory.
@@ -99,15 +99,19 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
 
 
 def is_end_asked_for() -> bool:
-    """Return whether the node that is being destroyed was asked to end, and did not fail.
+    """Return whether the node is being destroyed because it was asked to end.
 
-    It was not after an error, and not if FAILURE_SIGNAL has come: then another process failed.
+    The result is False if the node is destroyed after an error, or if FAILURE_SIGNAL has come,
+    which means that another process has failed.
     """
     return sys.exc_info()[0] is None and not _failure.is_set()
 
 
 class _Interrupt:
-    """Makes the first SIGINT or SIGTERM raise KeyboardInterrupt, until `_handle` is called."""
+    """Makes the first signal that ends a node raise KeyboardInterrupt, until `_handle` is called.
+
+    `came` states whether one has come; `is_node_made` is set by `_run`.
+    """
 
     def __init__(self) -> None:
         self.came = self.is_node_made = False

@@ -20,19 +20,20 @@ _FIELDS = ('x', 'y', 'z', 'rgb')
 
 
 class Cloud(NamedTuple):
-    """N points in the header's frame, with or without color."""
+    """N points in the frame of the message's header, with or without color."""
 
     points_m: Float32Array  # (N, 3)
     colors_bgr: ByteArray | None = None  # (N, 3) uint8
 
 
 def cloud_from_msg(msg: PointCloud2) -> Cloud:
-    """Return the points of a cloud, and their colors when it has a field rgb.
+    """Return the points of a cloud, and their colors if it has a float32 field rgb.
 
     Other fields are ignored.
 
     Raises:
-        MessageError: x, y and z are not little-endian float32, or the data has the wrong length.
+        MessageError: x, y and z are not little-endian float32, the data has the wrong length, or
+            `point_step` is too small for the fields.
     """
     offsets = {
         field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32
@@ -67,7 +68,10 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
 
 
 def point_table(cloud: Cloud) -> ByteArray:
-    """Return the (N, 12) bytes of x, y and z of N points, or (N, 16) with their colors."""
+    """Return N points as uint8: (N, 12) for x, y and z as float32, or (N, 16) with color.
+
+    The bytes of a color are blue, green, red and 0.
+    """
     n = len(cloud.points_m)
     table = np.zeros((n, 12 if cloud.colors_bgr is None else 16), np.uint8)
     table[:, :12] = np.ascontiguousarray(cloud.points_m, np.float32).view(np.uint8).reshape(n, 12)

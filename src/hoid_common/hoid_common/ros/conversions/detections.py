@@ -49,7 +49,7 @@ def detections_to_msg(
         image_size_px: Width and height of the image that the boxes refer to.
         class_names: Class names of the model. The index of a detection's class in them becomes its
             `class_id`; a class that is not among them gets -1.
-        inference_ms: Duration of the detection; 0 when no network ran.
+        inference_ms: Duration of the detection in ms; 0 when no network ran.
     """
     ids = {name: i for i, name in enumerate(class_names)}
     return DetectionArray(

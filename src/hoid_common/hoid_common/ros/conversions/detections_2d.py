@@ -25,11 +25,14 @@ Row = tuple[float, float, float, float]
 def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
     """Return the detections of a message, each with its class of highest score.
 
+    The `class_id` of a class becomes its name.
+
     Rotated boxes become the upright boxes around them. NaN stays NaN, and numbers beyond float32
     become infinite; `hoid_filter.detections.sanitize` drops such boxes.
 
     Raises:
-        MessageError: There are more than MAX_DETECTIONS, or a box has no class.
+        MessageError: There are more than MAX_DETECTIONS, a box has no class, or a class name is
+            too long.
     """
     found = msg.detections
     if len(found) > MAX_DETECTIONS:
@@ -67,7 +70,10 @@ def _likeliest(detection: Detection2D) -> ObjectHypothesis:
 
 
 def _box_from_msg(box: BoundingBox2D) -> Row:
-    """Return left, top, right and bottom of the upright box around a rotated box, in px."""
+    """Return left, top, right and bottom of the upright box around a rotated box, in px.
+
+    They are NaN if the angle is not finite.
+    """
     x, y = box.center.position.x, box.center.position.y
     theta_rad = box.center.theta if math.isfinite(box.center.theta) else math.nan
     cos, sin = abs(math.cos(theta_rad)), abs(math.sin(theta_rad))

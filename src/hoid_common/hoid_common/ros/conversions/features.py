@@ -23,12 +23,12 @@ class FeatureCounts(NamedTuple):
 
     num_detected: int = 0  # features that were found before filtering
     num_removed: int = 0  # features that were removed as dynamic
-    extract_ms: float = 0.0  # duration of detection and description
-    filter_ms: float = 0.0  # duration of finding and removing dynamic features
+    extract_ms: float = 0.0  # processor time of detection and description
+    filter_ms: float = 0.0  # processor time of finding and removing dynamic features
 
 
 def features_from_msg(msg: FeaturesMsg) -> Features:
-    """Return the features of a message.
+    """Return the features of a message; an empty field `may_seed` becomes all True.
 
     Raises:
         MessageError: Arrays have different lengths, a pixel is outside the image, or a depth is
@@ -67,7 +67,7 @@ def features_to_msg(
     """Return the Features message of the features of an image.
 
     Args:
-        features: The features on static surface.
+        features: The features that the filter has kept.
         header: Header of the color image.
         image_size_px: Width and height of the image from which the features were extracted.
         counts: Statistics of the filter.
@@ -92,7 +92,7 @@ def features_to_msg(
 
 
 def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
-    """Return the verdicts in a message. Its array is empty when no feature is dynamic.
+    """Return the verdicts in a message; `is_dynamic` is (0,) when no feature is dynamic.
 
     Raises:
         MessageError: There are more verdicts than an image can have features.

@@ -35,7 +35,8 @@ def pose_from_msg(msg: Pose) -> FloatArray:
     """Return T_a_b (4, 4) of the pose of frame b in frame a; translation in m.
 
     Raises:
-        MessageError: A value is not finite, or the quaternion is not normalized.
+        MessageError: A value is not finite, or the norm of the quaternion is not near 1 (between
+            0.5 and 2).
     """
     return _transform(msg.orientation, msg.position, 'pose')
 
@@ -47,11 +48,12 @@ def pose_to_msg(T_a_b: FloatArray) -> Pose:
 
 
 def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, float, float]:
-    """Return the transform (4, 4) of a pose, and its uncertainty.
+    """Return the transform of a pose, and its uncertainty.
 
     Returns:
-        The transform; the largest standard deviation of x, y and z in m; and the largest standard
-        deviation of the rotation about x, y and z in rad.
+        T_a_b (4, 4) of the pose of frame b in frame a, translation in m; the largest
+        standard deviation of x, y and z in m; and the largest standard deviation of the rotation
+        about x, y and z in rad.
 
     Raises:
         MessageError: The pose is no rigid transform, or a variance is negative or not finite.
@@ -67,7 +69,8 @@ def transform_from_msg(msg: TransformStamped) -> FloatArray:
     """Return T_parent_child (4, 4) of an edge of the frame tree, translation in m.
 
     Raises:
-        MessageError: A value is not finite, or the quaternion is not normalized.
+        MessageError: A value is not finite, or the norm of the quaternion is not near 1 (between
+            0.5 and 2).
     """
     return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
 
@@ -135,7 +138,11 @@ def odometry_to_msg(
 
 
 def _transform(rotation: Quaternion, translation: Any, what: str) -> FloatArray:
-    """Return the transform (4, 4); raise MessageError, beginning with `what`, if it is invalid."""
+    """Return the transform (4, 4) of a rotation and a translation in m.
+
+    Raises:
+        MessageError: It is no rigid transform; the text begins with `what`.
+    """
     quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     position_m = np.array([translation.x, translation.y, translation.z])
     # Chosen: rounding leaves the norm near 1. The comparison is False for NaN.

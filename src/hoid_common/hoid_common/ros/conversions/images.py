@@ -12,7 +12,10 @@ from hoid_common.values import ByteArray, Float32Array
 
 
 def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image; see `io.images.decode_color` for the encodings."""
+    """Return the (H, W, 3) uint8 BGR image.
+
+    See `io.images.decode_color` for the encodings and errors.
+    """
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_color(msg.data)
     return images.decode_color(msg)
@@ -37,7 +40,10 @@ def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) 
 def depth_from_msg(
     msg: images.RawImage | CompressedImage, units_per_m: float = 0.0
 ) -> Float32Array:
-    """Return the (H, W) float32 depth in m, 0 = no reading; see `io.images.decode_depth`."""
+    """Return the (H, W) float32 depth in m, 0 = no reading.
+
+    See `io.images.decode_depth` for the argument `units_per_m` and the errors.
+    """
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_depth(msg.format, msg.data, units_per_m)
     return images.decode_depth(msg, units_per_m)
@@ -55,7 +61,8 @@ def compressed_depth_to_msg(depth_m: Float32Array, header: Header) -> Compressed
     """Return the compressedDepth message of (H, W) float32 depth in m.
 
     Raises:
-        MessageError: A depth is not a whole number of millimeters, which would be lost.
+        MessageError: A depth is not a whole number of millimeters, or is beyond 65.535 m: it would
+            be lost.
     """
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:

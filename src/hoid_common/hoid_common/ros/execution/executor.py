@@ -1,9 +1,9 @@
 """An executor with low overhead for nodes whose subscriptions, timers and services rarely change.
 
 It takes 0.38 ms of processor time for a message, while rclpy's SingleThreadedExecutor takes 0.65
-ms and rclpy's EventsExecutor hung in Jazzy (decision 015). While messages arrive, it waits for
-messages, timers and guards only, and looks for requests and events 20 times a second: adding all
-of 70 entities to a wait set takes as long as many a callback (decision 044).
+ms and rclpy's EventsExecutor hung in Jazzy (decision 015). While messages arrive, it does not wait
+for service requests and QoS events, but looks for them 20 times a second: adding all of 70
+entities to a wait set takes as long as some callbacks (decision 044).
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class _WaitList:
         nodes: Nodes whose entities are waited for.
         context: ROS context of the nodes.
         guards: Guard conditions of the executor.
-        is_served: Function that tells whether the executor runs the callbacks of an entity.
+        is_served: Function that returns whether the wait set contains an entity. It is also called
+            for the guard conditions.
     """
 
     def __init__(
@@ -108,8 +109,9 @@ class _WaitList:
         return held
 
 
-# Kinds of entities in the order in which their callbacks run. The value with an "s" is the
-# attribute of a node that lists them.
+# Kinds of entities. The key is that of rclpy's WaitSet (`add_<key>`); the value with an "s"
+# appended is the attribute of a node that lists the entities. The order in which callbacks run is
+# that of `SteadyExecutor._ready`.
 _NAMES = {
     'timer': 'timer',
     'subscription': 'subscription',
@@ -117,6 +119,7 @@ _NAMES = {
     'client': 'client',
     'service': 'service',
 }
+# Kinds in the order of the arguments of NumberOfEntities.
 _COUNTED = ('subscription', 'guard_condition', 'timer', 'client', 'service')
 
 
@@ -231,9 +234,19 @@ class SteadyExecutor(SingleThreadedExecutor):
             raise error
 
     def _wait(self, limit_ns: int) -> list[tuple[_Take, Any]]:
-        """Wait for a time [ns]; return the ready entities with the methods that take from them.
+        """Wait until an entity is ready, and return the ready entities.
 
-        The wait set is built first if it was released.
+        The wait sets are built first if they were released.
+
+        Args:
+            limit_ns: Longest time to wait in ns; -1 = without limit.
+
+        Returns:
+            Each ready entity with the method that takes a message, request or event from it;
+            empty after the time limit, or if the executor was shut down.
+
+        Raises:
+            ExternalShutdownException: ROS was shut down.
         """
         if self._list is None or self._usual is None:
             self._forget()
@@ -258,7 +271,16 @@ class SteadyExecutor(SingleThreadedExecutor):
     def _wait_for_entities(
         self, every: _WaitList, usual: _WaitList, limit_ns: int
     ) -> list[tuple[_Take, Any]]:
-        """Wait for the usual entities until the rare ones are due, and then for all of them."""
+        """Wait for the usual entities until the rare ones are due, and then for all of them.
+
+        Args:
+            every: Wait set with all entities.
+            usual: Wait set without the rare ones.
+            limit_ns: Longest time to wait in ns; -1 = without limit.
+
+        Returns:
+            The ready entities, each with its method, as in `_wait`.
+        """
         now_ns = time.monotonic_ns()
         if (left_ns := self._rare_due_ns - now_ns) > 0:
             usual.wait(left_ns if limit_ns < 0 else min(left_ns, limit_ns))
@@ -309,7 +331,7 @@ class GroupExecutor(SteadyExecutor):
         group: Callback group, of which all services must exist already.
     """
 
-    _rare_period_ns = 0  # requests are all that it waits for
+    _rare_period_ns = 0  # service requests are the only entities, so that it always waits for them
 
     def __init__(self, node: Node, group: ThreadCallbackGroup) -> None:
         super().__init__()

@@ -20,7 +20,7 @@ from hoid_common.values import ByteArray
 
 
 class OnDemandPublisher:
-    """Publishes serialized messages, or messages, of a topic.
+    """Publisher of messages or serialized messages, which knows whether somebody subscribes.
 
     Args:
         node: The node.
@@ -51,9 +51,11 @@ class OnDemandPublisher:
         return bool(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
-        """Publish a message, or the bytes of a serialized one.
+        """Publish a message or a serialized message.
 
-        Other threads run meanwhile if `message` is an array of bytes.
+        Args:
+            message: Message of the topic's type, or the (N,) uint8 bytes (CDR) of one. While bytes
+                are published, other Python threads run.
 
         Raises:
             InvalidHandle: The node has been destroyed.

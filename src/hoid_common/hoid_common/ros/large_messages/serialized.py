@@ -24,16 +24,16 @@ from hoid_common.ros.conversions.clouds import cloud_to_msg, point_table
 from hoid_common.ros.conversions.slam import keyframe_lines_m, keyframe_marker
 from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray
 
-_HEAD_BYTES = 4  # of the encapsulation, before which CDR aligns nothing
+_HEAD_BYTES = 4  # encapsulation header; CDR aligns from the byte that follows it
 _COUNT_BYTES = 4
 _ALIGNMENT = 8  # of float64
-_STAMP_BYTES = 12  # stamp, and the length of the frame's name
-_POSE_BYTES = 56
+_STAMP_BYTES = 12  # stamp (8 bytes), and the length of the frame's name (4 bytes)
+_POSE_BYTES = 56  # seven float64: position and quaternion
 _SENTINEL = 1.2345678987654321e-300  # chosen: a value that no template contains by chance
 
 
 def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> ByteArray:
-    """Return the serialized nav_msgs/Path of N poses, each in the frame of the header.
+    """Return the bytes (uint8) of a nav_msgs/Path with N poses in the frame of the header.
 
     Args:
         stamps_ns: (N,) stamps of the poses.
@@ -63,7 +63,9 @@ def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
     table['pose'][:, :3] = T_map_base[:, :3, 3]
     table['pose'][:, 3:] = se3.quat_xyzw_from_rotation(T_map_base[:, :3, :3])
     body = table.view(np.uint8).reshape(-1)
-    # The first element begins at a multiple of 4, so that its text may be padded differently.
+    # The frame name of a pose is padded up to its first float64. The first pose begins at a
+    # multiple of 4 bytes, but all later ones at a multiple of 8, so that its padding may differ
+    # from theirs by 4 bytes.
     first = len(begin) + _COUNT_BYTES - _HEAD_BYTES + text_bytes
     padding = np.zeros(_aligned(first) - first, np.uint8)
     pose = _aligned(text_bytes)
@@ -71,7 +73,7 @@ def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
 
 
 def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
-    """Return the serialized sensor_msgs/PointCloud2 that `cloud_to_msg` makes."""
+    """Return the bytes (uint8) of the sensor_msgs/PointCloud2 that `cloud_to_msg` makes."""
     colors = None if cloud.colors_bgr is None else cloud.colors_bgr[:0]
     msg = cloud_to_msg(Cloud(cloud.points_m[:0], colors), header)
     table = point_table(cloud)
@@ -85,9 +87,9 @@ def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
 
 
 def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
-    """Return a serialized visualization_msgs/MarkerArray that shows each keyframe as a pyramid.
+    """Return the bytes (uint8) of a MarkerArray that shows each keyframe as a pyramid.
 
-    It has one line marker, which is deleted where there are no keyframes.
+    It has one line marker, whose action is DELETE if there are no keyframes.
 
     Args:
         T_map_camera: (N, 4, 4) poses of the keyframes' optical frames in the map frame.
@@ -106,12 +108,12 @@ def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
 
 
 def _around(empty: Any, one: Any, element: bytes) -> tuple[bytes, bytes]:
-    """Return the bytes before and after the elements of an array in a message.
+    """Return the bytes of a message before the length of an array, and after its elements.
 
     Args:
-        empty: The message without elements, which may be serialized already.
-        one: The same message with one element, of which nothing but numbers follow the padding.
-        element: These numbers.
+        empty: The message with an empty array; it may be serialized already.
+        one: The same message with some elements in the array.
+        element: Bytes with which these elements end. They occur nowhere else in the message.
     """
     if not isinstance(empty, bytes):
         empty = serialize_message(empty)
@@ -127,5 +129,5 @@ def _joined(begin: bytes, count: int, elements: list[ByteArray], end: bytes) -> 
 
 
 def _aligned(offset: int) -> int:
-    """Return the next multiple of 8."""
+    """Return the least multiple of 8 that is not less than the offset."""
     return -(-offset // _ALIGNMENT) * _ALIGNMENT
