@@ -53,7 +53,7 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def convert_command(args: argparse.Namespace) -> None:
-    """Convert a TUM folder to a bag."""
+    """Convert a TUM folder to a bag, and print the summary of the bag."""
     config = ConvertConfig(
         rgb=args.rgb,
         depth=args.depth,
@@ -81,7 +81,14 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def info_command(args: argparse.Namespace) -> None:
-    """Print the topics of a bag with their numbers and rates of messages."""
+    """Print the topics of a bag with their numbers and rates of messages.
+
+    With `--repair`, the bag is repaired first, and the summary is that of the repaired bag.
+
+    Raises:
+        InputError: The bag cannot be read; or it is damaged, and the summary of its readable part
+            was printed before.
+    """
     bag = repair(args.bag) if args.repair else args.bag
     summary = summarize(bag, sizes=args.bandwidth)
     print(describe(summary))
@@ -194,7 +201,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def record_command(args: argparse.Namespace) -> None:
-    """Record topics until Ctrl-C."""
+    """Record topics until Ctrl-C or the end of `--duration`, and print the number of messages."""
     from hoid_bags.live.record import RESULT_TOPICS, record  # needs ROS
 
     count = record(

@@ -49,19 +49,20 @@ class ConvertConfig(Config):
     )
     jpeg_quality: int = param(
         95,
-        'Quality of the JPEG images that are made from files of another format.',
+        'Quality of the JPEG images that are made from files of another format, from 1 to 100.',
         minimum=1,
         maximum=100,
     )
     depth_units_per_m: float = param(
         TUM_DEPTH_UNITS_PER_M,
-        'Depth units per meter in the image files. Set it for a recording other than TUM RGB-D.',
+        'Depth units per meter in the image files (1/m). Set it for recordings with other units '
+        'than those of TUM RGB-D.',
         minimum=1e-3,
     )
     round_depth: bool = param(
         False,
-        'Whether to round depth to millimeters. Set it to true where png would lose precision '
-        '(decision 023).',
+        'Whether to round depth to whole millimeters. Set it to true to encode depth with a finer '
+        'resolution as png, which is refused otherwise (decision 023).',
     )
     compress: bool = param(
         False,
@@ -90,12 +91,13 @@ def convert(
         folder: The recording.
         bag: Folder of the bag, which is created.
         config: Options of the conversion; None: the defaults.
-        camera: Camera of the recording; None: the folder's name determines it.
+        camera: Camera of the recording; None: the published camera whose name the folder's name
+            contains.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
-        InputError: The recording or one of its files cannot be used, or the bag cannot be written.
-            No bag remains in this case.
+        InputError: The recording or one of its files cannot be used, or the bag exists already or
+            cannot be written. No part of the new bag remains.
     """
     config = config or ConvertConfig()
     source = open_tum_folder(folder, camera, config.depth_units_per_m)

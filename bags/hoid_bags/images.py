@@ -16,7 +16,7 @@ from hoid_common.values import ByteArray, CameraModel, Float32Array
 
 DepthUnits = NDArray[np.uint16]
 
-_MAX_FILE_BYTES = 256_000_000  # chosen: twice the largest image, which has 100 MB as BGR
+_MAX_FILE_BYTES = 256_000_000  # chosen: over twice the largest image, which has 100 MB as BGR
 
 # First and last bytes of both formats (PNG specification, 5.2; ITU-T T.81, B.1.1.3).
 _PNG_START, _PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND\xaeB`\x82'
@@ -29,7 +29,7 @@ def read_image_bytes(path: Path) -> bytes:
     """Return the content of an image file.
 
     Raises:
-        InputError: The file cannot be read, is no regular file, or larger than any image.
+        InputError: The file cannot be read, is no regular file, or is larger than 256 MB.
     """
     return read_bytes(path, _MAX_FILE_BYTES)
 
@@ -45,10 +45,10 @@ def is_jpeg(data: bytes) -> bool:
 
 
 def check_complete(data: bytes, name: object) -> None:
-    """Raise InputError if a PNG or JPEG is truncated.
+    """Raise InputError if the data is empty, or a PNG or JPEG that is truncated.
 
-    Decoders do not report this reliably: some fill the missing part with gray, and others write to
-    the terminal.
+    Data of another format raises no error. Decoders do not report truncation reliably:
+    some fill the missing part with gray, and others write to the terminal.
 
     Args:
         data: Content of the file.
@@ -65,7 +65,7 @@ def decode_color(data: bytes, name: object) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG.
 
     Raises:
-        InputError: The data is truncated, or no image.
+        InputError: The data is truncated, no PNG or JPEG, or too large.
     """
     return cast('ByteArray', _decode(data, COLOR_READ_FLAGS, name))
 
@@ -89,7 +89,7 @@ def decode_depth(data: bytes, name: object) -> DepthUnits:
 def check_size(
     image: ByteArray | DepthUnits | Float32Array, camera: CameraModel, name: object
 ) -> None:
-    """Raise InputError, beginning with `name`, unless an image has the size of the camera."""
+    """Raise InputError unless an image has the size of the camera; the text begins with `name`."""
     height, width = image.shape[:2]
     if (width, height) != (camera.width_px, camera.height_px):
         raise InputError(
@@ -108,7 +108,7 @@ def check_registered(depth: DepthUnits | Float32Array, color: ByteArray) -> None
 
 
 def depth_m_from_units(depth: DepthUnits, units_per_m: float) -> Float32Array:
-    """Return (H, W) depth in m, rounded to the nearest float32."""
+    """Return (H, W) depth in m; `units_per_m` is the number of units of `depth` per meter."""
     return np.divide(depth, np.float32(units_per_m), dtype=np.float32)
 
 

@@ -31,7 +31,7 @@ class ImuRecording(NamedTuple):
     accelerations: NumberTable | None = None  # (N, 3) m/s^2; None: there is no accelerometer
 
     def joined(self, other: ImuRecording) -> ImuRecording:
-        """Return both recordings as one; of two gyros or accelerometers, the first."""
+        """Return both recordings as one; of a sensor that both have, keep this one's samples."""
         return ImuRecording(
             self.rates if self.rates is not None else other.rates,
             self.accelerations if self.accelerations is not None else other.accelerations,
@@ -39,14 +39,16 @@ class ImuRecording(NamedTuple):
 
 
 def read_imu(name: str, recording: Path) -> ImuRecording:
-    """Return the samples of a text file, or of a topic of the recording if that is a bag.
+    """Return the samples of a text file, or of a topic of the recording.
+
+    The name is that of a topic if the recording is a bag and no file has this name.
 
     Args:
         name: The file or the topic.
         recording: The recording that the samples belong to.
 
     Raises:
-        InputError: There is no such file or topic, or it has no usable sample.
+        InputError: There is no such file or topic, it has no usable sample, or it is damaged.
     """
     if is_bag(recording) and not Path(name).is_file():
         return read_imu_topic(recording, name)
@@ -57,11 +59,12 @@ def read_imu_file(path: Path) -> ImuRecording:
     """Return the samples of a text file with a stamp in seconds and three or six numbers a line.
 
     Six numbers are wx wy wz [rad/s] and ax ay az [m/s^2]. Three are those of one sensor, as in
-    TUM's `accelerometer.txt`: comments or the name of the file say which; if they do not, numbers
-    of the length of gravity are accelerations.
+    TUM's `accelerometer.txt`. Comments at the start or the name of the file state which sensor; if
+    they do not, the numbers are accelerations if their mean has about the length of gravity. The
+    first line decides between three and six; further numbers of a line are ignored.
 
     Raises:
-        InputError: The file cannot be read, or has no usable line.
+        InputError: The file cannot be read, the first stamp is no time, or no line is usable.
     """
     columns = next((min(len(row.text.split()), 6) for row in read_rows(path)), 0)
     if columns < 3:
@@ -82,10 +85,11 @@ def read_imu_file(path: Path) -> ImuRecording:
 
 
 def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
-    """Return the samples of a topic of sensor_msgs/Imu.
+    """Return the samples of a topic of sensor_msgs/Imu, without those that are not finite.
 
     Raises:
-        InputError: The bag has no such topic, the topic has another type, or a message is damaged.
+        InputError: The bag has no such topic, the topic has another type, a message is damaged, or
+            there is no sample of either sensor.
     """
     topic = f'/{topic.lstrip("/")}'
     rates: list[list[float]] = []
@@ -120,7 +124,7 @@ def _table(stamps_ns: list[int], values: list[list[float]]) -> NumberTable | Non
 
 
 def _is_accelerometer(path: Path, table: NumberTable) -> bool:
-    """Return whether a file of three columns is of an accelerometer."""
+    """Return whether the three columns of a file are accelerations and not angular velocities."""
     lines = read_text(path)[:_HEAD_CHARS].splitlines()
     head = ' '.join([path.name, *(line for line in lines if line.startswith('#'))]).lower()
     is_named = tuple(

@@ -76,16 +76,16 @@ def _add_topic_names(parser: argparse.ArgumentParser) -> None:
 
 
 def depth_offset_ns(args: argparse.Namespace) -> int:
-    """Return the offset of the stamps of depth images."""
+    """Return the offset of the stamps of depth images in ns, from `--depth-offset` in s."""
     offset_s: float = args.depth_offset
     return round(offset_s * NS_PER_S)
 
 
 def depth_units_per_m(args: argparse.Namespace) -> float | None:
-    """Return the units of depth that the options name, or None.
+    """Return the depth units per meter of `--depth-factor`; None without this option.
 
     Raises:
-        ConfigError: They are not positive.
+        ConfigError: The number is not positive or not finite.
     """
     units: float | None = args.depth_factor
     if units is not None and not 0 < units < math.inf:
@@ -94,7 +94,7 @@ def depth_units_per_m(args: argparse.Namespace) -> float | None:
 
 
 def chosen_topics(args: argparse.Namespace) -> TopicChoice:
-    """Return the topics that the options name, or the preset of a driver in `--camera`."""
+    """Return the topics that the options name, with the driver if `--camera` names one."""
     preset = args.camera if args.camera in CAMERA_TOPICS else ''
     return TopicChoice(args.rgb, args.depth, args.info, preset)
 
@@ -107,10 +107,11 @@ def open_recording(
     Args:
         args: Parsed options.
         path: The recording.
-        max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
+        max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
 
     Raises:
-        InputError: The recording cannot be read.
+        InputError: The recording or the camera file cannot be read.
+        ConfigError: The depth units are not positive.
     """
     topics, camera = chosen_topics(args), chosen_camera(args)
     found = open_sequence(

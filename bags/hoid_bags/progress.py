@@ -12,10 +12,10 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates
 
 
 def progress(items: Iterable[Any] | None, total: int, unit: str, *, show: bool = True) -> Any:
-    """Return an iterator over items that shows a progress bar.
+    """Return tqdm's progress bar, which is an iterator over the items.
 
     Args:
-        items: The items; None: the caller updates the bar.
+        items: The items; None: the caller advances the bar by its method `update`.
         total: Number of items.
         unit: Name of the items in the plural.
         show: Whether to draw the bar.

@@ -30,11 +30,11 @@ class Sequence(Protocol):
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """Return the ground-truth poses of the camera; None: the recording has none."""
+        """Return the ground-truth poses of the camera in a fixed frame; None: there are none."""
 
     @property
     def true_detections(self) -> Mapping[int, Detections] | None:
-        """Return the ground-truth boxes by stamp of the color image (ns), or None."""
+        """Return the ground-truth boxes by stamp of the color image (ns); None: there are none."""
 
     @property
     def fault(self) -> str | None:
@@ -50,7 +50,9 @@ class Sequence(Protocol):
         """Yield the frames in order of time; the stamp of a frame is that of its color image.
 
         Raises:
-            InputError: An image is truncated, or of another kind or size than expected.
+            InputError: In a TUM folder, an image is truncated, or of another kind, size or unit
+                than expected. A bag leaves such images out; it raises this error if none of the
+                first 30 pairs of images is usable, or no pair at all.
         """
 
 
@@ -67,14 +69,17 @@ def open_sequence(
     Args:
         path: The folder, or one file of a bag.
         camera: Camera of the recording; None takes it from the folder's name or the bag.
-        depth_units_per_m: Units of depth; None: TUM's for a folder, and those of the encoding for
-            a bag.
+        depth_units_per_m: Depth units per meter; None: 5000 for a folder, as in TUM RGB-D, and
+            those of the encoding for a bag (1000 for whole numbers, 1 for floats).
         choice: Topics of a bag that the user names; the other topics are found by their names.
-        max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
-        depth_offset_ns: Time by which the stamps of depth images are too late.
+        max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
+        depth_offset_ns: Time by which the stamps of depth images are too late; it is subtracted
+            before pairing.
 
     Raises:
         InputError: The path does not exist, or is no usable recording.
+        ConfigError: The depth units of a folder are not positive, or it lists a file with an
+            impossible name.
     """
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')

@@ -88,10 +88,10 @@ def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:
 
 
 def pose_from_message(message: Message) -> FloatArray:
-    """Return the (4, 4) pose of a geometry_msgs/PoseStamped.
+    """Return the (4, 4) pose of a geometry_msgs/PoseStamped in the frame of its header.
 
     Raises:
-        MessageError: A number is not finite, or the quaternion is close to zero.
+        MessageError: A number is not finite, or the norm of the quaternion is at most 0.5.
     """
     p, q = message.pose.position, message.pose.orientation
     quat, place = np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z])
@@ -172,7 +172,11 @@ def detection_array(detections: Detections, camera: CameraModel) -> Message:
 
 
 def detections_from_message(message: Message) -> Detections:
-    """Return the detections of a hoid_msgs/DetectionArray."""
+    """Return the detections of a hoid_msgs/DetectionArray.
+
+    Raises:
+        MessageError: A class name is too long.
+    """
     entries = message.detections
     boxes = [(d.x_min, d.y_min, d.x_max, d.y_max) for d in entries]
     return Detections(

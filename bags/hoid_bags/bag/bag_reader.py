@@ -30,7 +30,7 @@ class BagTopic(NamedTuple):
     name: str  # absolute
     type_name: str
     num_messages: int
-    qos: Qos | None  # profile that its publisher offered; None: unknown
+    qos: Qos | None  # profile that its first publisher offered; None: unknown
 
 
 class BagMessage(NamedTuple):
@@ -78,7 +78,8 @@ class BagReader:
         """Open the bag.
 
         Raises:
-            InputError: No message of the bag can be read.
+            InputError: A file cannot be opened, or no message can be read because of a damaged
+                index.
         """
         with ExitStack() as stack:
             try:
@@ -148,7 +149,10 @@ class BagReader:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """Yield the readable messages in order of time; `fault` describes the others.
+        """Yield the readable messages file by file; `fault` describes the others.
+
+        The messages of a file are in order of log time, except in an MCAP file without chunks,
+        where they are in the order of the file.
 
         Args:
             topics: Absolute names of the topics to read; None means all.
@@ -216,7 +220,7 @@ class BagReader:
         """Set the fault if a file is cut off or has a damaged index.
 
         Raises:
-            InputError: No message can be read.
+            InputError: The index is damaged, and no message can be read without it.
         """
         num_messages = sum(topic.num_messages for topic in self.topics)
         errors = [file.index_error for file in self._mcap_files if file.index_error is not None]
@@ -253,7 +257,10 @@ def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    """Return the files of a folder that contain messages, each only in its unpacked form."""
+    """Return the files of a folder that contain messages.
+
+    Of a file that exists both compressed and not compressed, only the latter is returned.
+    """
     names = {path.name for path in folder.iterdir() if path.name.endswith(_STORAGE_SUFFIXES)}
     packed = {name for name in names if name.endswith(SUFFIX)}
     return sorted(

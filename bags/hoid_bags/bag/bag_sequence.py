@@ -40,7 +40,8 @@ class BagSequence:
     """The paired color and depth images of a bag, as a `Sequence`.
 
     Topics, stamps, camera and ground truth are read when the bag is opened; images are read during
-    iteration. Images that cannot be decoded are left out, and `fault` states their number.
+    iteration. Images that cannot be decoded, or have another size than the camera, are left out.
+    After the iteration, `fault` states their number, unless it describes other damage.
     """
 
     def __init__(
@@ -57,13 +58,16 @@ class BagSequence:
         Args:
             path: The folder or file of the bag.
             camera: The camera to use in place of the bag's own `camera_info`.
-            choice: Topics that the user names.
-            max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
-            depth_offset_ns: Time by which the stamps of depth images are too late.
-            depth_units_per_m: Units of depth; 0: those of the encoding.
+            choice: Topics that the user names; the others are found.
+            max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
+            depth_offset_ns: Time by which the stamps of depth images are too late; it is
+                subtracted before pairing.
+            depth_units_per_m: Depth units per meter; 0: those of the encoding.
 
         Raises:
-            InputError: The path is no bag, or the bag has no color and depth images of equal time.
+            InputError: The path is no bag, its topics cannot be chosen (see `find_topics`), it has
+                no usable camera_info and no camera is given, or no color and depth image make a
+                pair.
         """
         self.path = path
         self.depth_offset_ns, self.depth_units_per_m = depth_offset_ns, depth_units_per_m
@@ -145,13 +149,17 @@ class _Problems:
         self.num_frames = 0
 
     def add(self, error: InputError) -> None:
-        """Store an error; raise the first error if many images were unusable and none usable."""
+        """Store an error; raise the first error if the first 30 pairs are all unusable."""
         self._errors.append(error)
         if not self.num_frames and len(self._errors) >= _MAX_BAD_AT_START:
             raise self._errors[0]
 
     def finish(self) -> None:
-        """Set the fault of the sequence; raise the first error if no image was usable."""
+        """Set the fault of the sequence if it has none yet and pairs were unusable.
+
+        Raises:
+            InputError: Pairs were unusable and none was usable; this is the first error.
+        """
         if self._errors and not self.num_frames:
             raise self._errors[0]
         if self._errors and self._sequence.fault is None:
@@ -217,7 +225,7 @@ class _Index:
         return self._cameras.camera
 
     def _check_size(self, color: bytes) -> None:
-        """Tell the choice of the camera the size of a color image that can be read."""
+        """Pass the size of a color image to `CameraInfoCheck`, if its header states the size."""
         with suppress(MessageError):
             if size_px := image_head(color, self._found.color).size_px:
                 self._cameras.check_image(size_px)
@@ -228,7 +236,11 @@ class _Index:
             _LOG.warning('%s', text)
 
     def _report_problems(self) -> None:
-        """Warn of topics with unusable messages; raise InputError if none of them is usable."""
+        """Warn of topics with unusable messages.
+
+        Raises:
+            InputError: No message of an image topic, or of the camera_info, is usable.
+        """
         found = self._found
         is_empty = {
             found.color.name: not self._images[found.color.name],
@@ -242,7 +254,13 @@ class _Index:
 
 
 def _stream(path: Path, topic: str, rows: IntArray) -> _Stream:
-    """Return the stamps of a topic, of its longest pass, from (N, 2) log times and stamps."""
+    """Return the stamps of a topic in order of time; where time starts anew, of the longest part.
+
+    Args:
+        path: The bag, which warnings name.
+        topic: Name of the topic.
+        rows: (N, 2) log time and stamp of each message in ns, in the order of the bag.
+    """
     chosen = rows[longest_pass(rows[:, 1])]
     order = in_order(chosen[:, 1])
     texts = [str(order)] if str(order) else []

@@ -21,7 +21,8 @@ from hoid_common.errors import InputError, MessageError
 _IMAGES = (types.IMAGE, types.COMPRESSED_IMAGE)
 _COLOR_WORDS = ('rgb', 'color', 'colour')
 _REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
-# Parts of the names of images that show the scene in another way, or something drawn into it.
+# Parts of the names of topics whose images are no color images of the scene, or into which
+# something is drawn.
 _OTHER_COLOR_WORDS = (
     'infra', '/ir', 'mono', 'fisheye', 'depth', 'disparity', 'confidence', 'debug', 'overlay',
     'mask', 'detection', 'annotated', 'result',
@@ -34,16 +35,16 @@ _OWN = (CAMERA_TOPICS['bag'],)  # the suite's own names, which come before those
 
 
 class TopicChoice(NamedTuple):
-    """Topics that a user names; those that are empty are found."""
+    """Topics that a user names; those that are empty are found (see `find_topics`)."""
 
     color: str = ''
     depth: str = ''
     camera_info: str = ''
-    preset: str = ''  # key of `CAMERA_TOPICS`
+    preset: str = ''  # driver whose topic names are preferred, a key of `CAMERA_TOPICS`; '': any
 
 
 class RecordedTopics(NamedTuple):
-    """The topics of an RGB-D recording in a bag."""
+    """The topics of an RGB-D recording in a bag; None: the bag has no such topic."""
 
     color: BagTopic
     depth: BagTopic
@@ -107,7 +108,7 @@ def base_name(topic: str) -> str:
 
 
 def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTopic, ...]:
-    """Return the named topics that have messages; the others are left out.
+    """Return those of the named topics that have messages.
 
     Args:
         reader: The bag.
@@ -164,7 +165,10 @@ def _depth(
     reader: BagReader, name: str, found: list[_Image], color: _Image,
     presets: Sequence[CameraTopics], problem: str | None,
 ) -> _Image:  # fmt: skip
-    """Return the depth images that are registered to the color images."""
+    """Return the depth topic: the named one, else the likeliest to be registered to color.
+
+    The suite's and a driver's names come first, then the size and the name of the topic decide.
+    """
 
     def rank(image: _Image) -> tuple[Any, ...]:
         text = image.base.lower()
@@ -243,7 +247,11 @@ def _num_shared_parts(first: str, second: str) -> int:
 
 
 def _named_topic(reader: BagReader, name: str, found: list[BagTopic]) -> BagTopic | None:
-    """Return the camera_info that the user names, or None without a name."""
+    """Return the camera_info that the user names; None if `name` is empty.
+
+    Raises:
+        InputError: The bag has no such topic.
+    """
     if not name:
         return None
     for topic in found:

@@ -63,6 +63,9 @@ def new_message(type_name: str, /, **fields: Any) -> Message:
     Args:
         type_name: Name of the type, such as `std_msgs/msg/Header`.
         **fields: Values of all its fields, where arrays of numbers are NumPy arrays (N,).
+
+    Raises:
+        InputError: The definition of the type is unknown.
     """
     ensure_type(type_name)
     return shared_typestore().types[type_name](**fields)
@@ -78,6 +81,7 @@ def deserialize(data: bytes | memoryview, type_name: str) -> Message:
 
     Raises:
         MessageError: The bytes are no message of this type.
+        InputError: The definition of the type is unknown (see `ensure_type`).
     """
     ensure_type(type_name)
     try:
@@ -88,6 +92,10 @@ def deserialize(data: bytes | memoryview, type_name: str) -> Message:
 
 def message_class(topic: str, type_name: str) -> Any:
     """Return the class of rclpy for a message type.
+
+    Args:
+        topic: Name of the topic with messages of this type, which an error names.
+        type_name: Name of the type, such as `std_msgs/msg/Header`.
 
     Raises:
         InputError: The package of the type is not built or not sourced.

@@ -29,7 +29,14 @@ _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 w
 
 
 def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
-    """Return the QoS profile with which `ros2 bag play` publishes a topic."""
+    """Return a reliable QoS profile in the form in which rosbag2 stores it with a topic.
+
+    `ros2 bag play` publishes the topic with it.
+
+    Args:
+        depth: Length of the publisher's queue.
+        latched: Whether late subscribers also get the last messages (transient-local durability).
+    """
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=depth,
@@ -55,7 +62,8 @@ class BagWriter:
         compress: Whether to compress the chunks with zstd.
 
     Raises:
-        InputError: The path exists already.
+        InputError: The path exists already. The context manager raises it too, if the bag cannot
+            be written.
     """
 
     def __init__(self, path: Path, *, compress: bool = False) -> None:
@@ -118,6 +126,11 @@ class BagWriter:
     def write(self, topic: str, stamp_ns: int, message: Message) -> None:
         """Write a message on a topic that was added.
 
+        Args:
+            topic: Name of the topic, as it was passed to `add_topic`.
+            stamp_ns: Log time of the message.
+            message: The message.
+
         Raises:
             InputError: The bag cannot be written, for instance because the disk is full.
         """
@@ -125,7 +138,12 @@ class BagWriter:
         self.write_serialized(topic, stamp_ns, serialize(message, connection.msgtype))
 
     def write_serialized(self, topic: str, stamp_ns: int, data: bytes | memoryview) -> None:
-        """Write a serialized message (CDR) on a topic that was added.
+        """Write a serialized message on a topic that was added.
+
+        Args:
+            topic: Name of the topic, as it was passed to `add_topic`.
+            stamp_ns: Log time of the message.
+            data: The message (CDR).
 
         Raises:
             InputError: The bag cannot be written, for instance because the disk is full.

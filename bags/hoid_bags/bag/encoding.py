@@ -40,7 +40,7 @@ class ColorEncoder:
 
     camera: CameraModel
     encoding: str  # RAW, PNG or JPEG
-    jpeg_quality: int
+    jpeg_quality: int  # in [1, 100], for files that are no JPEG
 
     @property
     def topic(self) -> str:
@@ -59,7 +59,8 @@ class ColorEncoder:
         If the file already has the wanted encoding, its content is used unchanged.
 
         Raises:
-            InputError: The file is truncated, no image, or of another size.
+            InputError: The file cannot be read, is truncated or no image, or has another size than
+                the camera.
         """
         data = read_image_bytes(listed.path)
         image_bgr = decode_color(data, listed.path)
@@ -79,7 +80,7 @@ class DepthEncoder:
 
     camera: CameraModel
     encoding: str  # RAW or PNG
-    units_per_m: float  # units of the files
+    units_per_m: float  # depth units per meter in the files
     in_mm: bool  # True: 16UC1 in mm; False: 32FC1 in m
 
     @property
@@ -97,7 +98,8 @@ class DepthEncoder:
         """Return the message of a depth image file.
 
         Raises:
-            InputError: The file is truncated, no 16-bit gray image, or of another size.
+            InputError: The file cannot be read, is truncated or no 16-bit gray image, or has
+                another size than the camera.
         """
         data = read_image_bytes(listed.path)
         units = decode_depth(data, listed.path)
@@ -154,11 +156,12 @@ def choose_depth_encoder(
         listed: The depth files.
         camera: Camera of the recording.
         encoding: RAW or PNG.
-        units_per_m: Units of the files.
-        round_to_mm: Whether to encode millimeters even if depth is rounded.
+        units_per_m: Depth units per meter in the files.
+        round_to_mm: Whether to encode millimeters even if this rounds the depth.
 
     Raises:
-        InputError: PNG would round the depth, or a file is no depth image.
+        InputError: PNG would round the depth and `round_to_mm` is False, or a file is no depth
+            image.
     """
     if round_to_mm:
         return DepthEncoder(camera, encoding, units_per_m, in_mm=True)

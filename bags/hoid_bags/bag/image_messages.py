@@ -19,7 +19,8 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a color message.
 
     Raises:
-        MessageError: The data is no image message, or has an unsupported encoding.
+        MessageError: The data is no image message, has an unsupported encoding, or cannot be
+            decoded.
         InputError: The message contains a truncated JPEG or PNG.
     """
     message = deserialize(data, topic.type_name)
@@ -35,10 +36,11 @@ def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Floa
     Args:
         data: The serialized message.
         topic: Its topic.
-        units_per_m: Units of the depth; 0: those of the encoding.
+        units_per_m: Depth units per meter; 0: those of the encoding.
 
     Raises:
-        MessageError: The data is no depth message, or has an unsupported encoding.
+        MessageError: The data is no depth message, has an unsupported encoding or a wrong unit, or
+            cannot be decoded.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:

@@ -20,7 +20,7 @@ class TopicSummary(NamedTuple):
     name: str
     type_name: str
     num_messages: int
-    rate_hz: float  # 0 with fewer than two messages
+    rate_hz: float  # 0 with fewer than two messages, or if all have the same log time
     size_bytes: int | None = None  # total size of its serialized messages; None: not counted
 
     @property
@@ -60,7 +60,7 @@ def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
         sizes: Whether to count the bytes of each topic, which reads the whole bag.
 
     Raises:
-        InputError: The path is no bag, or no message of the bag can be read.
+        InputError: The path is no bag, or the bag cannot be opened (see `BagReader`).
     """
     with BagReader(path) as reader:
         size_of = _sizes_bytes(reader) if sizes else None

@@ -25,7 +25,7 @@ class BagMetadata(NamedTuple):
     """Content of a metadata.yaml."""
 
     path: Path
-    files: tuple[Path, ...]
+    files: tuple[Path, ...]  # in the listed order
     has_packed_messages: bool  # whether each message is compressed on its own
     num_messages: Counter[tuple[str, str]]  # by name and type of the topic
     first_ns: int  # log time of the first message
@@ -40,7 +40,7 @@ class BagMetadata(NamedTuple):
             last_ns: Log time of the last message.
 
         Raises:
-            InputError: The metadata contradicts the files, so that it may hide messages.
+            InputError: The metadata contradict the files, so that they may hide messages.
         """
         found: Counter[tuple[str, str]] = Counter()
         for connection in connections:
@@ -57,7 +57,7 @@ def read_metadata(folder: Path) -> BagMetadata | None:
     """Return the metadata in a bag's folder; None if it contains no metadata.yaml.
 
     Raises:
-        InputError: The file is no plain YAML, or not the metadata of a bag.
+        InputError: The file cannot be read, is no plain YAML, or is not the metadata of a bag.
     """
     path = folder / METADATA
     if not path.exists():

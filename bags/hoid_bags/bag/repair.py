@@ -18,12 +18,14 @@ def repair(path: Path) -> Path:
     """Copy all readable messages to a new bag beside the old one, and return its path.
 
     Args:
-        path: The hidden folder `.NAME.partial-XXXX` of a killed recording, which is removed after
-            its messages are in the bag NAME; or a damaged bag or file NAME, which is kept, while
-            its messages are copied to NAME_repaired.
+        path: The hidden folder `.NAME.partial-XXXX` of a killed recording. It is removed after its
+            messages have been copied to the bag NAME, or to NAME_repaired if NAME exists. Or a
+            damaged bag (a folder or a file), which is kept; its messages are copied to a bag with
+            its name, without the last suffix, and `_repaired`.
 
     Raises:
-        InputError: The recorder still runs, nothing can be read, or the bag cannot be written.
+        InputError: The recorder still runs, nothing can be read, or the new bag exists already or
+            cannot be written.
     """
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
     if scratch is None:

@@ -21,7 +21,7 @@ def header(stamp_ns: int, frame_id: str) -> Message:
 
 
 def stamp_ns(message: Message) -> int:
-    """Return the stamp of a message with a header."""
+    """Return the stamp in ns of a message with a header."""
     stamp = message.header.stamp
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
@@ -37,7 +37,7 @@ def begins_with_header(type_name: str) -> bool:
 
 
 def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp of a serialized message that begins with a header.
+    """Return the stamp in ns of a serialized message that begins with a header.
 
     Raises:
         MessageError: The message is shorter than a stamp.
@@ -54,6 +54,9 @@ def shift_header_stamp(data: bytes, offset_ns: int) -> bytes:
     Args:
         data: The message (CDR).
         offset_ns: Time that is added to the stamp.
+
+    Raises:
+        MessageError: The message is shorter than a stamp.
     """
     shifted = bytearray(data)
     stamp = divmod(header_stamp_ns(data) + offset_ns, NS_PER_S)

@@ -10,7 +10,8 @@ from hoid_bags.live.playback import ScheduledMessage
 class LockstepGate:
     """Holds a color image back until odometry for the previous pair of images has arrived.
 
-    A color image without a depth image is not held back, and no image waits for its odometry.
+    A color image that has no depth image is not held back, and the next image does not wait for
+    its odometry.
 
     Args:
         sequence: The recording, which determines the pairs.
@@ -26,7 +27,11 @@ class LockstepGate:
         self.num_unanswered = 0
 
     def blocks(self, message: ScheduledMessage) -> bool:
-        """Return whether a message must wait for the odometry of the previous frame."""
+        """Return whether a message must wait for the odometry of the previous frame.
+
+        It must if it is a color image of a pair, and both images of the previous pair have been
+        published.
+        """
         is_out = self._pending_ns is not None and self._last_depth_ns >= self._pending_depth_ns
         return is_out and self._partner_ns(message) is not None
 
@@ -39,7 +44,10 @@ class LockstepGate:
             self._last_depth_ns = header_stamp_ns(message.data)
 
     def note_answer(self, stamp_ns: int) -> None:
-        """Record that odometry or SLAM status for the image of this stamp has arrived."""
+        """Record that odometry or SLAM status for the image of this stamp (ns) has arrived.
+
+        A stamp later than that of the frame without odometry counts as an answer too.
+        """
         if self._pending_ns is not None and stamp_ns >= self._pending_ns:
             self._pending_ns = None
             self.num_answered += 1
@@ -50,7 +58,10 @@ class LockstepGate:
         self.num_unanswered += 1
 
     def _partner_ns(self, message: ScheduledMessage) -> int | None:
-        """Return the stamp of the depth image of a color image; None for other messages."""
+        """Return the stamp (ns) of the depth image of a color image, with the offset of its round.
+
+        The result is None for other messages, and for a color image without a depth image.
+        """
         if message.topic != self._color:
             return None
         depth_ns = self._depth_of_color.get(header_stamp_ns(message.data) - message.offset_ns)

@@ -60,14 +60,16 @@ def play(
         config: Options of the playback.
         topic_names: Topics to play; empty means all but /clock.
         choice: Topics of the images, which lockstep pairs; those that are not named are found.
-        depth_offset_ns: Time by which the stamps of depth images are too late, for lockstep.
+        depth_offset_ns: Time by which the stamps of depth images are too late. Only lockstep uses
+            it, to pair images; published stamps stay as they are.
         namespace: Prefix of every topic that is not global.
         min_subscribers: Number of subscribers to wait for, by topic of the bag.
-        show_progress: Whether to draw a progress bar on stderr.
+        show_progress: Whether to draw a progress bar on stderr, if that is a terminal.
 
     Raises:
         InputError: The bag can be played only in part or not at all, a message type is unknown, or
             the subscribers or the odometry of lockstep are missing.
+        ConfigError: The namespace is not a valid name.
     """
     config = config or PlayConfig()
     plan = open_plan(path, config, topic_names)
@@ -93,7 +95,7 @@ class Player:
         node: Node whose publishers are used.
         plan: The part of the bag to play.
         config: Options of the playback.
-        keys: Pressed keys; the space bar pauses.
+        keys: Pressed keys; the space bar pauses and continues.
         gate: Holds images back in lockstep; None: no lockstep.
     """
 
@@ -158,7 +160,17 @@ class Player:
             _LOG.warning('%s after %g s; playing without', missing, self._config.wait_s)
 
     def run(self, *, show_progress: bool) -> None:
-        """Publish all messages, each when it is due, and wait until they are received."""
+        """Publish all messages, each when it is due, and wait until they are received.
+
+        The wait is at most two seconds for each topic.
+
+        Args:
+            show_progress: Whether to draw a progress bar on stderr, if that is a terminal.
+
+        Raises:
+            InputError: The bag is damaged (see `PlaybackPlan.messages`), or in lockstep there has
+                been no odometry at all.
+        """
         plan, config = self._plan, self._config
         span_s = (plan.end_ns - plan.start_ns) / NS_PER_S
         total_s = None if config.loop else round(span_s, 2)

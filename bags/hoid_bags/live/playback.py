@@ -35,7 +35,7 @@ class PlayConfig(Config):
     start_s: float = param(
         0.0, 'Time to skip after the first message of the played topics (s).', minimum=0.0
     )
-    duration_s: float = param(0.0, 'Time to play (s); 0 means to the end.', minimum=0.0)
+    duration_s: float = param(0.0, 'Time of the bag to play (s); 0 means to the end.', minimum=0.0)
     clock: bool = param(
         True,
         'Whether to publish the time of the bag on /clock. Set it to false if no node uses '
@@ -69,8 +69,8 @@ class PlaybackPlan:
 
     path: Path
     topics: tuple[BagTopic, ...]
-    start_ns: int  # log time of the first message
-    end_ns: int  # log time of the last message
+    start_ns: int  # log time from which messages are played
+    end_ns: int  # log time up to which, inclusive, messages are played
     fault: str | None  # damage that is known before the bag is played; None: no damage
 
     @property
@@ -81,11 +81,14 @@ class PlaybackPlan:
     def messages(self, *, loop: bool) -> Iterator[ScheduledMessage]:
         """Yield the messages in order of time; with `loop`, the bag is repeated without end.
 
-        Times always increase: in each repetition, an offset is added to the times of messages and
-        to the stamps in their headers.
+        In each repetition, an offset is added to the log times, and to the stamp of each message
+        whose type begins with a header. Stamps inside other messages, such as those of /tf, stay
+        as they are.
 
         Raises:
-            InputError: The bag is damaged. This is raised after the last readable message.
+            InputError: The bag has damage that `fault` does not name. This is raised after the
+                last readable message.
+            MessageError: In a repetition, a message is too short for the header of its type.
         """
         with_header = {t.name for t in self.topics if begins_with_header(t.type_name)}
         yield from self._round(0, set())
@@ -115,7 +118,8 @@ def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> P
         topics: Names of topics, with or without leading slash; empty means all but /clock.
 
     Raises:
-        InputError: The bag lacks a topic, or ends before the chosen start.
+        InputError: The path is no readable bag, the bag lacks a topic or has no messages to play,
+            or it ends before the chosen start.
     """
     with BagReader(path) as reader:
         chosen = topics_to_play(reader, topics)
@@ -149,12 +153,12 @@ class Pacer:
         self._held_s: float | None = None
 
     def time_ns(self) -> int:
-        """Return the current time of the bag."""
+        """Return the current time of the bag in ns."""
         at_s = self._now_s() if self._held_s is None else self._held_s
         return self._start_ns + round((at_s - self._start_s) * self._rate * NS_PER_S)
 
     def remaining_s(self, time_ns: int) -> float:
-        """Return the real time until a time of the bag; negative when it has passed."""
+        """Return the real time in s until a time of the bag in ns; negative when it has passed."""
         return (time_ns - self.time_ns()) / NS_PER_S / self._rate
 
     def hold(self) -> None:

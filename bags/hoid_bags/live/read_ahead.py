@@ -17,7 +17,9 @@ _LIMIT_S = 10.0
 
 
 class ReadAhead:
-    """Iterator over messages that a thread reads in advance; a context manager for the thread.
+    """Iterable of messages that a thread reads in advance; a context manager for the thread.
+
+    An error of the thread is raised after the last message that it has read.
 
     The buffer is filled before the first message is yielded. Filling it during the playback would
     take a third of a core from the nodes that receive the messages.
@@ -25,7 +27,8 @@ class ReadAhead:
     Args:
         messages: Messages to read.
         limit_bytes: Size of the buffer.
-        rate: Speed of the playback: the buffer also has a limit in real time.
+        rate: Speed of the playback as a multiple of real time. The buffer holds no more messages
+            than are played in ten seconds of real time.
     """
 
     def __init__(
@@ -88,7 +91,7 @@ class ReadAhead:
             self._changed.notify_all()
 
     def _put(self, message: ScheduledMessage) -> bool:
-        """Append a message when the buffer has space; return False if iteration has ended."""
+        """Append a message when the buffer has space; return False if the context was left."""
         with self._changed:
             self._changed.wait_for(lambda: self._is_done or self._has_space)
             if self._is_done:

@@ -32,8 +32,10 @@ RESULT_TOPICS = (
 )
 """Topics that are recorded by default."""
 
-_DISCOVERY_PERIOD_S = 0.1  # chosen: latched topics lose nothing, others up to three images
-_FLUSH_PERIOD_S = 0.5  # chosen: a killed recorder loses no more than this
+# Chosen: until a new publisher is discovered, up to three images are lost; topics with
+# transient-local durability lose nothing.
+_DISCOVERY_PERIOD_S = 0.1
+_FLUSH_PERIOD_S = 0.5  # chosen: a killed recorder loses no more than the messages of this time
 _QUEUE_DEPTH = 100  # chosen: about three seconds of images
 
 
@@ -55,14 +57,16 @@ def record(
         bag: Folder of the bag, which is created.
         topic_names: Topics to record. Each is subscribed to when its first publisher appears.
         namespace: Namespace of relative names.
-        duration_s: Time to record after the first message; 0 = until interrupted.
-        use_sim_time: Whether messages get the time of /clock instead of the wall clock.
-        show_progress: Whether to count messages on stderr.
+        duration_s: Time to record after the first message, in s of real time; 0 = until
+            interrupted.
+        use_sim_time: Whether log times are those of /clock instead of the wall clock. Messages
+            that arrive before the first time on /clock are not recorded then.
+        show_progress: Whether to show the number of messages on stderr, if that is a terminal.
 
     Raises:
-        ConfigError: The duration is negative.
-        InputError: Nothing arrived, a message type is unknown, or the bag cannot be written. No
-            partial bag remains.
+        ConfigError: The duration is negative, or the namespace is not a valid name.
+        InputError: Nothing arrived, a message type is unknown, or the bag exists already or cannot
+            be written. No part of the new bag remains.
     """
     if not duration_s >= 0:  # also refuses NaN
         raise ConfigError(f'--duration {duration_s:g}: must be at least 0')
@@ -83,7 +87,7 @@ def record(
 
 
 class Recorder:
-    """Subscriber of all topics that writes their serialized messages into a bag."""
+    """Subscriber of the given topics that writes their serialized messages into a bag."""
 
     def __init__(self, node: Node, writer: BagWriter, topic_names: tuple[str, ...]) -> None:
         self._node, self._writer = node, writer
@@ -96,8 +100,11 @@ class Recorder:
         """Record messages, and flush the bag twice per second.
 
         Args:
-            duration_s: Time to record after the first message; 0 = without end.
-            on_messages: Function that is called with the number of newly recorded messages.
+            duration_s: Time to record after the first message, in s; 0 = until an exception such
+                as KeyboardInterrupt.
+            on_messages: Function that is called after each pass of the executor, at least about
+                ten times per second, with the number of messages recorded in this pass, which may
+                be 0.
         """
         look_s = end_s = flush_s = 0.0
         while not end_s or time.monotonic() < end_s:
@@ -136,7 +143,7 @@ class Recorder:
 
 
 def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return the strictest QoS profile that is compatible with every publisher."""
+    """Return the QoS profile with most guarantees that is compatible with every publisher."""
     profiles = [publisher.qos_profile for publisher in publishers]
     reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
     latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)

@@ -27,7 +27,7 @@ _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -> Iterator[Node]:
     """Initialize ROS for the block, and yield a new node.
 
-    In the block, SIGINT and the termination signals raise KeyboardInterrupt.
+    In the block, SIGINT and the first termination signal raise KeyboardInterrupt.
 
     Args:
         name: Name of the node.
@@ -35,7 +35,7 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
         use_sim_time: Whether the node uses the time on /clock.
 
     Raises:
-        ConfigError: The namespace is not a valid name.
+        ConfigError: The namespace is not a valid ROS namespace.
     """
     arguments = ['--ros-args', '-p', f'use_sim_time:={str(use_sim_time).lower()}']
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -74,7 +74,10 @@ def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
 
 
 def from_rclpy_qos(qos: QoSProfile) -> Qos:
-    """Return a QoS profile in the form in which it is written into a bag."""
+    """Return a QoS profile in the form in which it is written into a bag.
+
+    Reliability and durability are kept; all else is that of `reliable_qos`.
+    """
     noted = reliable_qos(latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
     if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
         noted = noted._replace(reliability=QosReliability.BEST_EFFORT)

@@ -23,7 +23,7 @@ DAMAGE = (
     RuntimeError, MemoryError, OverflowError, AssertionError, AttributeError, struct.error,
     apsw.Error,
 )  # fmt: skip
-"""Exceptions that the libraries raise when they read bytes that are no recording."""
+"""Exceptions that the libraries and this module raise for bytes that are no valid recording."""
 
 ZSTD_MAGIC: Final = b'\x28\xb5\x2f\xfd'
 """First bytes of zstd data. A message that is not compressed begins with 0 (CDR)."""
@@ -52,7 +52,7 @@ class ChunkMessage(NamedTuple):
 
     channel_id: int
     log_ns: int
-    data: bytes
+    data: bytes  # the serialized message
 
 
 class DamagedChunk(NamedTuple):
@@ -78,6 +78,7 @@ def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
 
     Raises:
         ReaderError: The content contradicts the header, or is larger than MAX_CHUNK_BYTES.
+        ZstdError, RuntimeError: The content is damaged (zstd and lz4, respectively; see DAMAGE).
     """
     if size > MAX_CHUNK_BYTES:
         raise ReaderError(f'a chunk claims {size} bytes, more than {MAX_CHUNK_BYTES}')
@@ -96,6 +97,7 @@ def unpack_message(data: bytes) -> bytes:
 
     Raises:
         ReaderError: The data is truncated, or unpacks to more than MAX_CHUNK_BYTES.
+        ZstdError: The data is damaged or is not compressed with zstd.
     """
     unpacker = ZstdDecompressor()
     message = unpacker.decompress(data, MAX_CHUNK_BYTES)
@@ -109,6 +111,7 @@ def split_records(chunk: bytes) -> Iterator[Record]:
 
     Raises:
         ReaderError: There is no record where one should begin, or it exceeds the chunk.
+        struct.error: The chunk ends within the opcode and length of a record.
     """
     at = 0
     while at < len(chunk):
@@ -126,7 +129,7 @@ def messages(chunk: bytes) -> Iterator[ChunkMessage]:
     """Yield the messages of an unpacked chunk in the order of the file.
 
     Raises:
-        ReaderError: The chunk is damaged (see `split_records`).
+        ReaderError, struct.error: The chunk is damaged (see `split_records`).
     """
     for opcode, start, end in split_records(chunk):
         if opcode == _MESSAGE:

@@ -37,7 +37,9 @@ from hoid_bags.mcap.chunks import (
     unpack,
 )
 
-_HEAD = struct.Struct('<BQQQQII')  # opcode, size; first and last time, size, checksum; length
+# Of a chunk: opcode and size of the record; first and last log time, unpacked size and checksum of
+# the content; length of the name of the compression.
+_HEAD = struct.Struct('<BQQQQII')
 _MAX_TIME_NS = 2**63
 _NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, '')
 
@@ -94,10 +96,11 @@ class McapFile(McapReader):
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
         """Yield messages in order of log time: the topic, the log time (ns) and the bytes.
 
-        In a file without chunks, messages are yielded in the order of the file.
+        In a file without chunks, messages are yielded in the order of the file. A damaged chunk is
+        left out and added to `damage`.
 
         Args:
-            connections: Topics to read.
+            connections: Topics to read, from the attribute `connections`.
             start: First log time (ns); None: the beginning.
             stop: Log time (ns) before which reading ends; None: the end.
         """
@@ -118,7 +121,7 @@ class McapFile(McapReader):
     def _items(
         self, chunk: ChunkInfo, by_id: dict[int, Connection], first_ns: int, end_ns: int
     ) -> Iterator[_Item]:
-        """Yield a chunk's messages in order of time.
+        """Yield a chunk's messages in order of log time; a damaged chunk has none.
 
         First an item without a message is yielded, at the time of the chunk's first message. The
         chunk is read after that, so that few chunks are in memory at the same time.
@@ -160,10 +163,12 @@ class McapFile(McapReader):
         self.damage[offset] = DamagedChunk(self._path, offset, reason, +num_lost)
 
     def _check_index(self) -> None:
-        """Check that the index counts the same messages twice, and set the times of the file.
+        """Compare the message counts in the index, and set the file's first and last log time.
+
+        The index contains the counts by topic of each chunk and of the whole file.
 
         Raises:
-            ReaderError: The numbers differ, or the file has no index.
+            ReaderError: The counts disagree, or the file has no index (`_NoIndexError`).
         """
         assert self.statistics is not None
         chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.values())]
@@ -186,7 +191,10 @@ class McapFile(McapReader):
         self.metadata = self.metadata._replace(start_time=first_ns, end_time=last_ns + 1)
 
     def _scan(self) -> None:
-        """Find chunks and topics by reading the file from its start up to unreadable data."""
+        """Find chunks and topics by reading the file from its start up to unreadable data.
+
+        `is_cut_off` is set unless the end of the data section is found.
+        """
         if self.bio is not None:
             self.close()
         self.bio = self._path.open('rb')
@@ -257,8 +265,8 @@ class _Scan:
         """Add a record to the chunks, topics and counts.
 
         Args:
-            record: A record of the file.
-            end: Position in the file after the record.
+            record: A record of the file or of a chunk.
+            end: Position in the file after the record, which is used for chunks only.
         """
         match record:
             case Chunk():

@@ -22,7 +22,7 @@ _BLOCK_BYTES = 1 << 20  # chosen: memory for one block
 
 
 def unpack_file(path: Path, folder: Path) -> Path:
-    """Unpack a file into a folder, and return the path of the result.
+    """Unpack a zstd file into a folder; return the path of the result, without the suffix .zstd.
 
     Raises:
         InputError: The file is damaged, exceeds the limit, or does not fit on the disk.

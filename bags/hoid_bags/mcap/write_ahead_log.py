@@ -14,16 +14,16 @@ from hoid_common.errors import InputError
 
 
 def has_log(path: Path) -> bool:
-    """Return whether messages of a .db3 file are in a log beside it."""
+    """Return whether a .db3 file has a log (`<name>-wal`) beside it that is not empty."""
     log = _log(path)
     return log.is_file() and log.stat().st_size > 0
 
 
 def with_log(path: Path, folder: Path) -> Path:
-    """Copy a .db3 file into a folder together with its log, and return the path of the copy.
+    """Copy a .db3 file into a folder, merge its log into the copy, and return the copy's path.
 
     Raises:
-        InputError: The copy does not fit, or the log is not of this file.
+        InputError: The copy does not fit on the disk, or SQLite cannot read the file with the log.
     """
     copy = folder / path.name
     try:

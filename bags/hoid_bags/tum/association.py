@@ -12,9 +12,11 @@ from hoid_common.values import IntArray
 
 _LOG = logging.getLogger(__name__)
 MAX_PAIR_GAP_NS = 20_000_000
-"""Default of the TUM benchmark's `associate.py`; images of one stream are 33 ms apart."""
-# Largest average number of candidate partners of an image. Chosen: a 60 Hz camera has two or
-# three.
+"""Limit for the difference of the stamps of a pair: the default of the TUM benchmark's tool
+`associate.py`. Images of one stream are 33 ms apart.
+"""
+# Largest mean number of images of the other stream with which an image could be paired. Chosen: a
+# 60 Hz camera has two or three.
 _MAX_CANDIDATES = 20
 
 
@@ -68,11 +70,13 @@ def pair_images(
         color_ns: (A,) stamps in order of time.
         depth_ns: (B,) stamps in order of time.
         limit_ns: Limit for the difference of the stamps of a pair.
-        offset_ns: Time by which the stamps of depth images are too late.
-        source: Name of the recording, with which texts begin.
+        offset_ns: Time by which the stamps of depth images are too late; it is subtracted before
+            pairing.
+        source: Name of the recording, with which the error and the warning begin.
 
     Raises:
-        InputError: No images belong together.
+        InputError: No images make a pair, or the stamps are much closer to each other than those
+            of any camera.
     """
     shifted_ns = depth_ns - offset_ns
     pairs = associate(color_ns, shifted_ns, limit_ns, source=source)
@@ -84,9 +88,15 @@ def pair_images(
 
 
 def _gap_text(first_ns: IntArray, second_ns: IntArray, limit_ns: int) -> str:
-    """Return how far apart the stamps of color (A,) and depth (B,) are that make no pair.
+    """Return one line that explains why color and depth images make no pair.
 
-    The gap is the median of the differences from each color stamp to the nearest depth stamp.
+    It states the gap between the streams, which is the median over all color images of the nearest
+    depth stamp minus the color stamp; or it states that all stamps of one stream are zero.
+
+    Args:
+        first_ns: (A,) stamps of color images in order of time.
+        second_ns: (B,) stamps of depth images in order of time.
+        limit_ns: Limit for the difference of the stamps of a pair.
     """
     for kind, stamps_ns in (('color', first_ns), ('depth', second_ns)):
         if not stamps_ns.any():

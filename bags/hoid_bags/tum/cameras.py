@@ -11,7 +11,7 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
 TUM_DEPTH_UNITS_PER_M = 5000.0
-"""Depth units of the PNG files of all three cameras, as the authors of the benchmark state.
+"""Depth units per meter of the PNG files of all three cameras, as the benchmark's authors state.
 
 ORB-SLAM divides freiburg 2 by 5208, but the published files already contain that correction.
 """
@@ -37,7 +37,7 @@ _BONN_NAME = re.compile(r'(?<![a-z])bonn(?![a-z])', re.IGNORECASE)
 
 
 def camera_from_name(name: str) -> CameraModel | None:
-    """Return the published camera that the name of a recording contains; None: it contains none.
+    """Return the published camera whose name a recording's name contains; None: it contains none.
 
     `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean the camera of freiburg 1, and
     `rgbd_bonn_crowd` means the camera of Bonn RGB-D Dynamic.
@@ -55,7 +55,7 @@ def find_camera(requested: str) -> CameraModel:
         requested: fr1, fr2, fr3, bonn or the path of a YAML file.
 
     Raises:
-        InputError: The option is neither a known name nor a readable camera file.
+        InputError: The option is neither a known name nor a readable and valid camera file.
     """
     known = TUM_CAMERAS.get(requested.lower())
     if known is not None:

@@ -48,7 +48,7 @@ class TumFolder:
 
     path: Path
     camera: CameraModel
-    depth_units_per_m: float
+    depth_units_per_m: float  # depth units per meter in the PNG files
     color: tuple[ListedImage, ...]  # all entries of rgb.txt
     depth: tuple[ListedImage, ...]  # all entries of depth.txt
     max_gap_ns: int = MAX_PAIR_GAP_NS
@@ -71,7 +71,10 @@ class TumFolder:
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Return the poses of `groundtruth.txt`; None if the file is missing or has no pose."""
+        """Return the poses of `groundtruth.txt`, none of them if the file has no rows.
+
+        The result is None if the file is missing, or if it has rows and none of them is a pose.
+        """
         path = self.path / GROUND_TRUTH
         try:
             return read_tum(path) if path.exists() else None
@@ -81,22 +84,30 @@ class TumFolder:
 
     @cached_property
     def accelerometer(self) -> NumberTable | None:
-        """Return accelerations (N, 3) in m/s^2; None if there is no `accelerometer.txt`."""
+        """Return accelerations (N, 3) in m/s^2; None if there is no `accelerometer.txt`.
+
+        Raises:
+            InputError: The file cannot be read, or has rows and none of them is usable.
+        """
         path = self.path / ACCELEROMETER
         return read_numbers(path, columns=3) if path.exists() else None
 
     @cached_property
     def gyro(self) -> NumberTable | None:
-        """Return angular velocities (N, 3) in rad/s; None if there is no `gyro.txt`."""
+        """Return angular velocities (N, 3) in rad/s; None if there is no `gyro.txt`.
+
+        Raises:
+            InputError: The file cannot be read, or has rows and none of them is usable.
+        """
         path = self.path / GYRO
         return read_numbers(path, columns=3) if path.exists() else None
 
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
-        """Return the pairs of color and depth images with nearly equal stamps.
+        """Return the pairs (color, depth) of images with nearly equal stamps.
 
         Raises:
-            InputError: No images belong together.
+            InputError: No images make a pair, or the stamps are too close to each other.
         """
         pairs = pair_images(
             self.color_ns, self.depth_ns, self.max_gap_ns, self.depth_offset_ns, self.path
@@ -105,12 +116,12 @@ class TumFolder:
 
     @property
     def color_ns(self) -> IntArray:
-        """Return the stamps of the color images."""
+        """Return the stamps (N,) of the color images in ns."""
         return np.array([image.stamp_ns for image in self.color], np.int64)
 
     @property
     def depth_ns(self) -> IntArray:
-        """Return the stamps of the depth images."""
+        """Return the stamps (N,) of the depth images in ns."""
         return np.array([image.stamp_ns for image in self.depth], np.int64)
 
     def __len__(self) -> int:
@@ -144,14 +155,18 @@ def open_tum_folder(
 
     Args:
         path: The folder.
-        camera: Camera of the recording; None: the folder's name must contain a published camera.
+        camera: Camera of the recording; None: the published camera whose name the folder's name
+            contains.
         depth_units_per_m: Depth units per meter in the PNG files.
-        max_gap_ns: Stamps of a color and a depth image that belong together differ by less.
-        depth_offset_ns: Time by which the stamps of depth images are too late.
+        max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
+        depth_offset_ns: Time by which the stamps of depth images are too late; it is subtracted
+            before pairing.
 
     Raises:
-        InputError: A list is missing, empty or out of order, or names a missing file.
-        ConfigError: The depth factor is not positive.
+        InputError: A list is missing, unreadable or empty, or names a missing file; the camera is
+            unknown; or no images make a pair.
+        ConfigError: The depth units are not positive, or a list contains a file name that no file
+            can have.
     """
     if not (np.isfinite(depth_units_per_m) and depth_units_per_m > 0):
         raise ConfigError(f'depth units per meter must be positive, got {depth_units_per_m}')
