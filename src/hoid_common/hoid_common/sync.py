@@ -19,8 +19,8 @@ from hoid_common.values import IntArray
 # Chosen: a stamp that is older than its predecessor by this much means that time started anew, as
 # when a bag is played in a loop or a clock is set. Messages in flight are never reordered by 1 s.
 RESTART_NS = 1_000_000_000
-# Chosen: a driver repeats a color image for at most this long. If an image stays the same for
-# longer, the camera is at rest, as simulators without noise render it.
+# Chosen: a color image that equals an earlier one counts as repeated by the driver if the earlier
+# one is not older than this. Otherwise the camera is at rest: simulators render equal images then.
 MAX_COPY_AGE_NS = 250_000_000
 # Chosen: a longer offset is no delay within a driver, but another clock.
 _LONGEST_OFFSET_NS = 500_000_000

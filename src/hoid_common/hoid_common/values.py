@@ -251,7 +251,7 @@ class Features:
 
     stamp_ns: int  # of the color image
     uv_px: Float32Array  # (N, 2) at full resolution, as imaged (lens distortion not removed)
-    depth_m: Float32Array  # (N,) along the optical axis; 0 = no reading
+    depth_m: Float32Array  # (N,) along the optical axis; 0 = no reading, or at a depth edge
     octave: ByteArray  # (N,) level of the image pyramid; 0 = full resolution
     angle_deg: Float32Array  # (N,) orientation in [0, 360), clockwise from the image's x axis
     response: Float32Array  # (N,) corner strength, without unit
@@ -327,11 +327,13 @@ class DynamicObject:
     track_id: int  # the same for the same object over time; -1 when the strategy does not track
     reason: Reason  # why it is dynamic or static
     overlap_ratio: float = 0.0  # share of the object's box that a person's box covers, in [0, 1]
-    depth_gap_m: float = NAN  # depth difference between object and this person; NaN if unknown
+    # Absolute difference between the depths of the object and of this person; NaN if unknown.
+    depth_gap_m: float = NAN
     # Center of the object in the camera's optical frame; NaN if depth is missing.
     center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)
     size_m: tuple[float, float] = (NAN, NAN)  # width and height of the box, at its center's depth
-    # Velocity relative to the world, along the axes of the camera's optical frame; NaN: unknown.
+    # Velocity relative to the world, along the axes of the camera's optical frame; NaN unless the
+    # object is MOVING.
     velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)
 
     @property

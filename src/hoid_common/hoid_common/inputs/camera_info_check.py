@@ -37,7 +37,7 @@ class CameraInfoCheck:
         self._size_problem = ''  # one line about a size that is not that of the images
         self._image_size_px: tuple[int, int] | None = None
         self._num_images = 0  # number of images that matched the calibration in use
-        self._candidate: CameraModel | None = None  # another calibration
+        self._candidate: CameraModel | None = None  # another calibration, not in use
         self._num_repeats = 0  # number of messages in a row with the candidate
 
     @property

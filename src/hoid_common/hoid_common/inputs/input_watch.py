@@ -53,11 +53,12 @@ class InputWatch:
         return now_s - self._losing_s < _LOSS_S and self.num_lost > 0
 
     def loss_message(self, now_s: float, profile: str = '') -> str:
-        """Return one line of text about the current losses.
+        """Return one line about the current series of losses: how many, and what to do.
 
         Args:
             now_s: Steady time.
-            profile: Path of a Fast DDS profile that is made for images; empty with another DDS.
+            profile: Path of the Fast DDS profile for images, which the text recommends to the
+                publisher; empty with another DDS.
         """
         arrived = self.num_received - self._received_before
         setting = f'FASTRTPS_DEFAULT_PROFILES_FILE={profile}' if profile else ''
@@ -72,7 +73,10 @@ class InputWatch:
         )
 
     def is_missing(self, now_s: float) -> bool:
-        """Return whether no message has arrived for two seconds, unless that is normal."""
+        """Return whether no message has arrived for two seconds.
+
+        It is always False for an occasional input, and for a latched one after its first message.
+        """
         is_enough = self.is_occasional or (self.is_latched and self.num_received > 0)
         return not is_enough and self._silent_s(now_s) > _TIMEOUT_S
 

@@ -37,7 +37,8 @@ def readings_m(depth_m: Float32Array) -> Float32Array:
     The result is the argument itself when no value changes.
     """
     # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
-    # inf, NaN and all negative numbers. Subtracting 1 makes 0 the largest number.
+    # inf, NaN and all negative numbers. Subtracting 1 makes 0 the largest number, so that it never
+    # is the minimum.
     bits = depth_m.view(np.uint32)
     if bits.max(initial=0) <= _MAX_BITS and (bits - np.uint32(1)).min(
         initial=_MAX_BITS

@@ -32,7 +32,7 @@ from hoid_common.process.signals import signal_handlers_deferred
 Message = TypeVar('Message')
 Report = TypeVar('Report')
 
-_EXIT_TIMEOUT_S = 5.0  # chosen: for a process to end by itself, before it is killed
+_EXIT_TIMEOUT_S = 5.0  # chosen: time for a process to end by itself, before it is killed
 
 
 class _Mark(Enum):

@@ -118,7 +118,7 @@ def _run(pairs: Iterable[tuple[int, int]], finish: int) -> NoReturn:
 
 
 def _close_all_but(kept: set[int]) -> None:
-    """Close all other descriptors, which would keep pipes of the process open."""
+    """Close all other descriptors: the relay would keep pipes of the process open by them."""
     before = 0
     for descriptor in [*sorted(kept), os.sysconf('SC_OPEN_MAX')]:
         os.closerange(before, descriptor)
@@ -202,13 +202,16 @@ class _Channel:
         return self.is_open
 
     def read_rest(self) -> None:
-        """Read what is in the pipe now, as its end."""
+        """Read all that is in the pipe now, and treat this as the end of the pipe."""
         while self.read():
             pass
         self.is_open = False
 
     def write(self) -> None:
-        """Write as much as the stream takes without blocking."""
+        """Write waiting output, up to PIPE_BUF bytes, as far as the stream takes it at once.
+
+        A note about dropped lines is written first. After an error the stream counts as dead.
+        """
         if self._num_lost:
             note = f'[{self._num_lost} lines of output were dropped: nobody read them in time]\n'
             self._waiting[:0] = ('\n' * self._is_in_line + note).encode()

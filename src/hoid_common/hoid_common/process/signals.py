@@ -73,7 +73,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
 
 
 def _leave_terminal() -> None:
-    """Redirect stdout and stderr to /dev/null where they are the closed terminal."""
+    """Redirect stdout and stderr to /dev/null if they are a terminal, which has been closed."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for descriptor in (1, 2):
         with suppress(OSError):

@@ -85,7 +85,7 @@ class Diagnostics:
         return watch
 
     def count(self, name: str, number: int = 1) -> None:
-        """Add a number to a counter."""
+        """Add a number to a counter, which begins at 0 and is published with the status."""
         self._counts[name] += number
 
     def set_count(self, name: str, number: int) -> None:
@@ -159,7 +159,7 @@ class Diagnostics:
         )
 
     def _missing_inputs(self) -> dict[str, str]:
-        """Return one line of text by the topic of each missing input."""
+        """Return one line of text about each missing input, by topic."""
         now_s = time.monotonic()
         return {
             watch.topic: watch.missing_message(now_s, self._offered(watch.topic))
@@ -168,7 +168,7 @@ class Diagnostics:
         }
 
     def _other_problems(self) -> dict[str, str]:
-        """Return one line of text by kind of each other problem of the inputs."""
+        """Return one line about each input that loses messages and about the clock, by kind."""
         now_s = time.monotonic()
         texts = {
             f'{watch.topic} loses messages': watch.loss_message(now_s, self._profile)

@@ -104,12 +104,13 @@ class Inputs:
         self.messages(CameraInfo, topics.CAMERA_INFO, named, 'camera infos', is_latched=True)
 
     def with_frame(self, callback: Callback, what: str) -> Callback:
-        """Return a callback that gives the frame of the camera a name that is valid in TF.
+        """Return a callback that makes the frame name of a message valid in TF, and calls another.
 
-        A message without a frame is refused while the parameter `camera_frame` is empty.
+        Leading slashes are removed; an empty name is replaced by the parameter `camera_frame`. If
+        that is empty too, the callback sets a problem in the diagnostics and raises MessageError.
 
         Args:
-            callback: Function that is called with each message.
+            callback: Function that is called with each message and its new frame name.
             what: The messages in the plural, such as "color images".
         """
 

@@ -21,7 +21,7 @@ from launch import LaunchContext, LaunchDescription
 _SWITCH = ('true', 'false', 'True', 'False')
 _LOG_LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
 _RESPAWN_DELAY_S = 0.5  # chosen: a node that fails at once does not take a whole processor
-_REFUSAL_PAUSE_S = 5.0  # chosen: trying again takes a fifth of a processor core
+_REFUSAL_PAUSE_S = 5.0  # chosen: repeated starts then take a fifth of a processor core
 _SLAM = 'rgbd_slam'  # the package of the node that stores its map
 
 

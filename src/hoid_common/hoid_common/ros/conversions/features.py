@@ -14,7 +14,8 @@ from hoid_common.ros.conversions.arrays import byte_array, bytes_field, float_ar
 from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import DESCRIPTOR_BYTES, Features, FeatureVerdicts
 
-# Most features of an image. Chosen: three times the maximum of the filter's parameter.
+# Largest number of features of an image. Chosen: three times the maximum of the filter's parameter
+# for it.
 _MAX_FEATURES = 65_536
 
 
@@ -24,7 +25,7 @@ class FeatureCounts(NamedTuple):
     num_detected: int = 0  # features that were found before filtering
     num_removed: int = 0  # features that were removed as dynamic
     extract_ms: float = 0.0  # processor time of detection and description
-    filter_ms: float = 0.0  # processor time of finding and removing dynamic features
+    filter_ms: float = 0.0  # processor time of classifying and removing dynamic features
 
 
 def features_from_msg(msg: FeaturesMsg) -> Features:

@@ -10,12 +10,12 @@ from hoid_common.values import NS_PER_S
 
 
 def stamp_from_msg(stamp: Time) -> int:
-    """Return the nanoseconds of a stamp."""
+    """Return the stamp in ns of a Time message."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def stamp_to_msg(stamp_ns: int) -> Time:
-    """Return the stamp of nanoseconds."""
+    """Return the Time message of a stamp in ns."""
     sec, nanosec = divmod(stamp_ns, NS_PER_S)
     return Time(sec=sec, nanosec=nanosec)
 
