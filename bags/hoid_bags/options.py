@@ -18,7 +18,7 @@ from hoid_common.values import NS_PER_S, CameraModel
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the camera and the depth units of a TUM folder."""
+    """Declare the options `--camera` and `--depth-factor` (depth units) of a recording."""
     parser.add_argument(
         '--camera',
         metavar='fr1|fr2|fr3|bonn|YAML|DRIVER',
@@ -35,7 +35,10 @@ def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that name the topics of a bag, for a command without `--camera`."""
+    """Declare the options that name the topics of a bag, for a command that reads bags only.
+
+    In such a command, `--camera` names only the driver, and not a camera model.
+    """
     _add_topic_names(parser)
     parser.add_argument(
         '--camera',
@@ -47,7 +50,12 @@ def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
 def add_recording_arguments(
     parser: argparse.ArgumentParser, what: str = 'TUM folder or bag'
 ) -> None:
-    """Declare the argument for a recording, and the options for its topics, camera and units."""
+    """Declare the argument for a recording, and the options for its topics, camera and units.
+
+    Args:
+        parser: The parser.
+        what: Help text of the argument.
+    """
     parser.add_argument('input', metavar='INPUT', type=Path, help=what)
     add_folder_arguments(parser)
     _add_topic_names(parser)

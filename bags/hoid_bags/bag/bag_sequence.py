@@ -126,7 +126,12 @@ class BagSequence:
         problems.finish()
 
     def _frame(self, color_ns: int, color: bytes, depth: bytes) -> RgbdFrame:
-        """Return the frame of two serialized image messages."""
+        """Return the frame of two serialized image messages.
+
+        Raises:
+            InputError: One of them cannot be decoded, or their sizes differ from each other or
+                from that of the camera.
+        """
         topic = self.topics.color
         try:
             image_bgr = decode_color(color, topic)
@@ -141,7 +146,7 @@ class BagSequence:
 
 
 class _Problems:
-    """Images of one reading that could not be used."""
+    """Pairs of images that could not be used in one iteration over a bag."""
 
     def __init__(self, sequence: BagSequence) -> None:
         self._sequence = sequence
@@ -179,7 +184,7 @@ class _Index:
 
     def __init__(self, reader: BagReader, found: RecordedTopics) -> None:
         self._cameras = CameraInfoCheck('give the camera with --camera, or split the recording')
-        self._reported: set[str] = set()  # problems of the camera
+        self._reported: set[str] = set()  # kinds of problems of the camera that were logged
         self._found = found
         self._images: dict[str, list[tuple[int, int]]] = {
             found.color.name: [],

@@ -53,7 +53,7 @@ class RecordedTopics(NamedTuple):
     true_detections: BagTopic | None
 
     def __str__(self) -> str:
-        """Return the chosen topics of the images and the camera."""
+        """Return the names of the topics of color, depth and camera_info as text."""
         info = self.camera_info.name if self.camera_info else 'none'
         return f'color {self.color.name}, depth {self.depth.name}, camera_info {info}'
 

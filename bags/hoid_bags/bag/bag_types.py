@@ -39,7 +39,7 @@ def shared_typestore() -> Typestore:
 
 
 def ensure_type(type_name: str) -> None:
-    """Add a type such as `hoid_msgs/msg/Detection` and the types of its fields to the store.
+    """Add a type such as `hoid_msgs/msg/Detection` and its fields' types to `shared_typestore`.
 
     Raises:
         InputError: There is no .msg file of this name, or it cannot be parsed.

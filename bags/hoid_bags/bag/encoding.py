@@ -36,7 +36,7 @@ _MAX_MM = np.iinfo(np.uint16).max
 
 @dataclass(frozen=True)
 class ColorEncoder:
-    """Encoder of color image files."""
+    """Encoder of color image files as messages of a bag."""
 
     camera: CameraModel
     encoding: str  # RAW, PNG or JPEG
@@ -76,7 +76,7 @@ class ColorEncoder:
 
 @dataclass(frozen=True)
 class DepthEncoder:
-    """Encoder of depth image files: 16UC1 in mm or 32FC1 in m (REP 118, decision 023)."""
+    """Encoder of depth image files as 16UC1 in mm or 32FC1 in m (REP 118, decision 023)."""
 
     camera: CameraModel
     encoding: str  # RAW or PNG
@@ -126,7 +126,7 @@ def mm_from_units(units: DepthUnits, units_per_m: float) -> NDArray[np.uint16]:
 
 
 def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Path | None:
-    """Return the first depth file that 16-bit millimeters cannot represent exactly; None: no file.
+    """Return the first depth file that is not exact in 16-bit millimeters; None: all are exact.
 
     Raises:
         InputError: A file is truncated, or no 16-bit gray image.

@@ -48,7 +48,7 @@ class BagSummary(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """Return the time from the first to the last message."""
+        """Return the time from the first to the last message, by their log times."""
         return (self.end_ns - self.start_ns) / NS_PER_S
 
 

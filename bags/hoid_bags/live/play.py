@@ -38,7 +38,7 @@ _TICK_S = 0.01  # chosen: period in which the keyboard and, in lockstep, odometr
 _CLOCK_PERIOD_S = 0.02
 _SETTLE_S = 0.3  # chosen: a subscriber needs up to this long from matching to receiving
 _SETTLE_LOCKSTEP_S = 1.0  # chosen: longer, because a lost frame would never be answered
-_ACK_LIMIT = Duration(seconds=2)  # chosen: longest wait for subscribers to receive the end
+_ACK_LIMIT = Duration(seconds=2)  # chosen: longest wait for the last messages to be received
 _BAR = '{l_bar}{bar}| {n:.1f}/{total_fmt} s [{elapsed}] {postfix}'
 
 
@@ -133,9 +133,10 @@ class Player:
         self._clock_period_ns = round(_CLOCK_PERIOD_S * config.rate * NS_PER_S)
 
     def wait_for_subscribers(self, minimum: Mapping[str, int]) -> None:
-        """Wait until all topics have enough subscribers, and in lockstep a publisher of odometry.
+        """Wait until there are enough subscribers and, in lockstep, a publisher of odometry.
 
-        After the time limit, playing goes on with a warning if no minimum is given.
+        The wait ends a short time after their number has changed last. If they are missing at the
+        time limit `wait_s`, a warning is logged when no minimum is given.
 
         Args:
             minimum: Least number of subscribers by topic; empty: one subscriber of any topic.
@@ -226,7 +227,8 @@ class Player:
             self._gate.note_published(message)
 
     def _publish_clock(self, time_ns: int) -> None:
-        # Never backwards: a late message lies behind the pacer's time, which was published before.
+        # The clock never goes backwards: the time of a late message is before that of the pacer,
+        # which may have been published already.
         if self._clock is not None and time_ns >= self._clock_ns + self._clock_period_ns:
             self._clock_ns = time_ns
             self._clock.publish(Clock(clock=stamp_to_msg(time_ns)))

@@ -75,7 +75,7 @@ class PlaybackPlan:
 
     @property
     def period_ns(self) -> int:
-        """Return the time from the start of one round to the start of the next."""
+        """Return the time (ns) from the start of one round of a loop to the start of the next."""
         return self.end_ns - self.start_ns + LOOP_GAP_NS
 
     def messages(self, *, loop: bool) -> Iterator[ScheduledMessage]:

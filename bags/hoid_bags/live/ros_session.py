@@ -19,7 +19,7 @@ from hoid_common.process.shared_memory import shared_memory_problem
 from hoid_common.process.signals import interrupt_on_termination
 from hoid_common.ros.run import limit_exit_time
 
-_DEFAULT_DEPTH = 10  # the default of rclpy, for bags without a depth
+_DEFAULT_DEPTH = 10  # queue length for a topic whose profile in the bag has none; rclpy's default
 _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 
 

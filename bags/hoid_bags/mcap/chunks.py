@@ -61,7 +61,7 @@ class DamagedChunk(NamedTuple):
     path: Path
     offset: int  # position in the file
     reason: str
-    num_lost: Mapping[str, int]  # number of messages by topic, as far as the index contains it
+    num_lost: Mapping[str, int]  # lost messages by topic, as far as the index counts them
 
 
 def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:

@@ -253,7 +253,7 @@ class _Scan:
 
     def __init__(self) -> None:
         self.chunks: list[ChunkInfo] = []
-        self.damage: dict[int, tuple[str, Counter[int]]] = {}  # by offset: reason, lost messages
+        self.damage: dict[int, tuple[str, Counter[int]]] = {}  # by offset: reason, lost by channel
         self.type_names: dict[int, str] = {}  # by schema
         self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()  # readable messages by channel
