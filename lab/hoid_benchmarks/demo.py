@@ -1,10 +1,12 @@
-"""`hoid demo`: a scene with people, rendered or recorded, run with and without the filter."""
+"""`hoid demo`: a scene with people, rendered or recorded, run in three configurations."""
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -26,23 +28,34 @@ from hoid_bringup.run.summary import Spread, Summary
 from hoid_common import se3
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.io.trajectory_io import read_tum
-from hoid_common.values import ByteArray, FilterResult, Reason, RgbdFrame
+from hoid_common.values import (
+    ByteArray,
+    CameraModel,
+    Features,
+    FilterResult,
+    FloatArray,
+    Reason,
+    RgbdFrame,
+    Trajectory,
+)
 from hoid_detector.model.model_path import SYNTHETIC
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, draw_points
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
-from rgbd_slam.scene.export import read_ply
 
 _WORKERS = 2
-_FRAMES, _SECONDS = 210, 20.0
+_FRAMES, _SECONDS = 150, 20.0
 _SNAPSHOTS = (0.35, 0.6, 0.85)  # as shares of the recording
 _ANIMATED_EVERY = 10
+_MAPPED_EVERY = 5  # chosen: images whose features the floor plans show
 _ANIMATED_PX = (240, 180)
 # Predicted and remembered objects would clutter the picture.
 _DRAWN = (Reason.PERSON, Reason.HANDLED)
-# The baseline of the paper, and the default configuration.
-_WITHOUT, _WITH = "ORB-SLAM3's rules, no filter", 'HOID'
+# The baseline of the paper, this tracker without a filter, and the default configuration.
+_RULES, _WITHOUT, _WITH = "ORB-SLAM3's rules", 'ours, no filter', 'ours, HOID'
+_FOLDERS = {_RULES: 'orb_slam3_rules', _WITHOUT: 'without', _WITH: 'with_filter'}
+_NO_FILTER = 'none'
 
 
 def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +104,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def demo_command(args: argparse.Namespace) -> None:
-    """Render or record a scene, run it with and without the filter, and draw the comparison."""
+    """Render or record a scene, run it in three configurations, and draw the comparison."""
     from hoid_bringup.live.replay import replay  # needs ROS
 
     bag_path = args.out / 'scene.bag'
@@ -99,25 +112,35 @@ def demo_command(args: argparse.Namespace) -> None:
     if args.camera:
         _record(args, bag_path)
     else:
-        print(f'1/3  rendering {args.frames} frames of three people who walk past the camera')
+        print(f'1/4  rendering {args.frames} images: two people carry a screen past the camera')
         write_bag(_scene(args), bag_path, _WORKERS, show_progress=True)
     bag = BagSequence(bag_path)
     configs = _configs(args)
     print_detection_note(configs[_WITH])
-    print(f'2/3  processing every image offline, without a time limit: {_WITHOUT}')
-    summaries = {_WITHOUT: run_offline(bag, configs[_WITHOUT], args.out / _folder(_WITHOUT))}
-    print(f'3/3  replaying it in real time through the live nodes: {_WITH}')
-    summaries[_WITH] = replay(bag, ReplayConfig(run=configs[_WITH]), args.out / _folder(_WITH))
-    picture, animation = args.out / 'demo.png', args.out / 'demo.gif'
-    frames = _pictures(bag, configs[_WITH])
-    shown = [frames[int(share * len(frames))] for share in _SNAPSHOTS]
-    draw_demo(picture, {label: _run(bag, args.out, label) for label in configs}, shown)
+    summaries: dict[str, Summary] = {}
+    for step, label in ((2, _RULES), (3, _WITHOUT)):
+        print(f'{step}/4  processing every image offline, without a time limit: {label}')
+        summaries[label] = run_offline(bag, configs[label], args.out / _FOLDERS[label])
+    print(f'4/4  replaying it in real time through the live nodes: {_WITH}')
+    summaries[_WITH] = replay(bag, ReplayConfig(run=configs[_WITH]), args.out / _FOLDERS[_WITH])
+    picture, animation = _draw(bag, configs, args.out)
+    print(_table(summaries))
+    print(f'\npicture      {picture}\nanimation    {animation}\nall results  {args.out}')
+
+
+def _draw(bag: BagSequence, configs: Mapping[str, RunConfig], out: Path) -> tuple[Path, Path]:
+    """Draw the picture and the animation of finished runs, and return their paths."""
+    picture, animation = out / 'demo.png', out / 'demo.gif'
+    frames = _filtered(bag, configs[_WITH])
+    everything = _filtered(bag, configs[_WITHOUT], _MAPPED_EVERY)
+    seen = {_RULES: everything, _WITHOUT: everything, _WITH: frames[::_MAPPED_EVERY]}
+    runs = {label: _run(bag, out / _FOLDERS[label], seen[label]) for label in configs}
+    draw_demo(picture, runs, [frames[int(share * len(frames))] for share in _SNAPSHOTS])
     write_animation(
         animation,
         [cv2.resize(f.image_bgr, _ANIMATED_PX) for f in frames[::_ANIMATED_EVERY]],  # type: ignore[misc]
     )
-    print(_table(summaries))
-    print(f'\npicture      {picture}\nanimation    {animation}\nall results  {args.out}')
+    return picture, animation
 
 
 def _record(args: argparse.Namespace, bag_path: Path) -> None:
@@ -125,7 +148,7 @@ def _record(args: argparse.Namespace, bag_path: Path) -> None:
     from hoid_bags.live.record import record  # needs ROS
 
     names = CAMERA_TOPICS[args.camera].topics(args.camera_namespace)
-    print(f'1/3  recording {args.seconds:g} s of {", ".join(names)}: look around')
+    print(f'1/4  recording {args.seconds:g} s of {", ".join(names)}: look around')
     bag_path.parent.mkdir(parents=True, exist_ok=True)
     record(bag_path, names, duration_s=args.seconds, show_progress=True)
     # The camera keeps publishing, so the replay needs its own domain.
@@ -134,34 +157,43 @@ def _record(args: argparse.Namespace, bag_path: Path) -> None:
 
 def _scene(args: argparse.Namespace) -> SceneConfig:
     return SceneConfig(
-        seed=args.seed, num_frames=args.frames, path='xyz', num_people=3, near_m=1.5, together=True
+        seed=args.seed, num_frames=args.frames, path='xyz', near_m=1.5, event='carry_screen'
     )
 
 
 def _configs(args: argparse.Namespace) -> dict[str, RunConfig]:
     """Return the compared configurations by label."""
-    seed_method = {**load_profile('orb_slam3'), STRATEGY: 'none'}
+    rules = {**load_profile('orb_slam3'), STRATEGY: _NO_FILTER}
     model = args.detector or ('' if args.camera else SYNTHETIC)
     ours = RunConfig().updated({'detector.model': model})
     if lacks_model(ours, ()):
         print(NO_DETECTOR)
         ours = ours.updated({STRATEGY: MOTION})
-    return {_WITHOUT: RunConfig().updated(seed_method), _WITH: ours}
+    return {
+        _RULES: RunConfig().updated(rules),
+        _WITHOUT: RunConfig().updated({STRATEGY: _NO_FILTER}),
+        _WITH: ours,
+    }
 
 
-def _folder(label: str) -> str:
-    return 'with_filter' if label == _WITH else 'without'
-
-
-def _pictures(bag: BagSequence, config: RunConfig) -> list[Snapshot]:
-    """Return the images with the decisions of the filter drawn into them."""
+def _filtered(bag: BagSequence, config: RunConfig, every: int = 1) -> list[Snapshot]:
+    """Return every n-th image with the decisions of the filter drawn into it."""
     detect = detection_source(bag, config)
     feature_filter = FeatureFilter(config.filter, bag.camera)
     found = []
-    for frame in bag:
+    for frame in itertools.islice(bag, 0, None, every):
         result = feature_filter.process(frame, detect(frame), for_picture=True)
-        found.append(Snapshot(frame.stamp_ns, _drawn(frame, result)))
+        points_camera_m = _points_camera_m(bag.camera, result.features)
+        found.append(Snapshot(frame.stamp_ns, _drawn(frame, result), points_camera_m))
     return found
+
+
+def _points_camera_m(camera: CameraModel, features: Features) -> FloatArray:
+    """Return the points (N, 3) of the features with depth in the camera frame."""
+    seen = features.select(features.depth_m > 0)
+    z = seen.depth_m[:, None].astype(np.float64)
+    xy = camera.undistort_px(seen.uv_px) - (camera.cx_px, camera.cy_px)
+    return np.hstack([xy / (camera.fx_px, camera.fy_px) * z, z])
 
 
 def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:
@@ -175,11 +207,13 @@ def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:
     return picture
 
 
-def _run(bag: BagSequence, out: Path, label: str) -> DemoRun:
-    """Return trajectory and map of a run, aligned to the ground truth if it is known."""
-    folder = out / _folder(label)
+def _run(bag: BagSequence, folder: Path, seen: Sequence[Snapshot]) -> DemoRun:
+    """Return the trajectory of a run and the features of images where its poses place them.
+
+    Both are aligned to the ground truth if it is known.
+    """
     found = read_tum(folder / outputs.FINAL)
-    points_m = read_ply(folder / outputs.MAP).points_m.astype(np.float64)
+    points_m = _placed_m(found, seen)
     if bag.ground_truth is None:
         return DemoRun(found.stamps_ns, found.T_world_camera, points_m)
     path = align(found, bag.ground_truth)
@@ -192,8 +226,19 @@ def _run(bag: BagSequence, out: Path, label: str) -> DemoRun:
     )
 
 
+def _placed_m(found: Trajectory, seen: Sequence[Snapshot]) -> FloatArray:
+    """Return the features (N, 3) of images in the map frame of a trajectory, in m."""
+    poses = dict(zip(found.stamps_ns.tolist(), found.T_world_camera, strict=True))
+    placed = [
+        se3.transform(poses[image.stamp_ns], image.points_camera_m)
+        for image in seen
+        if image.stamp_ns in poses
+    ]
+    return np.concatenate([np.empty((0, 3)), *placed])
+
+
 def _table(summaries: dict[str, Summary]) -> str:
-    """Return a table with the numbers of both runs side by side."""
+    """Return a table with the numbers of all runs side by side."""
     rows = [('', *summaries)]
     every = list(summaries.values())
     rows.append(('frames tracked', *(f'{s.frames_tracked} of {s.frames_total}' for s in every)))
@@ -201,7 +246,9 @@ def _table(summaries: dict[str, Summary]) -> str:
     rows.append(('ATE RMSE', *(_meters(s.ate_rmse_m) for s in every)))
     rows.append(('time per frame', *(_median_ms(s.stage_ms.get('frame')) for s in every)))
     rows.append(('image to odometry', *(_median_ms(s.latency_ms) for s in every)))
-    return '\n' + '\n'.join(f'{a:20s}{b:>30s}{c:>12s}' for a, b, c in rows)
+    return '\n' + '\n'.join(
+        ''.join([f'{name:17s}', *(f'{text:>19s}' for text in texts)]) for name, *texts in rows
+    )
 
 
 def _meters(value_m: float | None) -> str:

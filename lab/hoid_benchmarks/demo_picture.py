@@ -16,14 +16,14 @@ from PIL import Image
 from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray, Reason
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, Bgr
 
-_SIZE_IN, _DPI = (12.0, 11.0), 100
-_HEIGHTS = (3.2, 5.0, 2.2)
+_SIZE_IN, _DPI = (12.0, 10.5), 100
+_HEIGHTS = (3.3, 4.6, 2.3)
 _TRUTH, _PATH, _MAP = '#111111', '#d1495b', '#8fa3b8'
-_COLORS = ('#d1495b', '#2563a8')
-_LEAST_SHOWN_CM = 0.05
-_SHOWN_M = (0.15, 2.3)  # heights of the map points drawn in the floor plan
+_COLORS = ('#d1495b', '#c27b13', '#2563a8')
+_LEAST_SHOWN_M = 0.0005
+_SHOWN_M = (0.15, 2.3)  # heights of the points drawn in the floor plan
+_PLAN_X_M, _PLAN_Y_M = (-0.5, 7.0), (-0.5, 6.2)
 _SHOWN_ABOUT_CAMERA_M = (-1.0, 1.0)  # the same if the first camera is the origin
-_PATH_LABEL = 'camera, estimated'
 _ANIMATED_MS = 130
 _PALETTE = 48  # colors of the animation
 
@@ -33,20 +33,21 @@ class Snapshot(NamedTuple):
 
     stamp_ns: int
     image_bgr: ByteArray  # (H, W, 3)
+    points_camera_m: FloatArray  # (N, 3) the features that were kept and have depth
 
 
 class DemoRun(NamedTuple):
-    """Trajectory and map of a run, in the frame of the ground truth if it is known."""
+    """Trajectory and points of a run, in the frame of the ground truth if it is known."""
 
     stamps_ns: IntArray  # (N,)
     T_world_camera: FloatArray  # (N, 4, 4)
-    points_world_m: FloatArray  # (M, 3) points of the sparse map
+    points_world_m: FloatArray  # (M, 3) features where the poses of the run place them
     T_world_camera_true: FloatArray | None = None  # (N, 4, 4)
     error_m: FloatArray | None = None  # (N,) distance to the ground truth
 
 
 def draw_demo(path: Path, runs: Mapping[str, DemoRun], shown: Sequence[Snapshot]) -> None:
-    """Write frames, floor plans and errors of two runs of one recording as PNG."""
+    """Write frames, floor plans and errors of runs of one recording as PNG."""
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
     FigureCanvasAgg(figure)
     parts = figure.subfigures(3, 1, squeeze=False, height_ratios=_HEIGHTS)
@@ -55,6 +56,16 @@ def draw_demo(path: Path, runs: Mapping[str, DemoRun], shown: Sequence[Snapshot]
     plans = middle.subplots(1, len(runs), sharex=True, sharey=True)
     for axes, (label, run) in zip(plans, runs.items(), strict=True):
         _draw_plan(axes, label, run)
+        axes.label_outer()
+    handles, labels = plans[-1].get_legend_handles_labels()
+    middle.legend(
+        handles,
+        labels,
+        loc='outside lower center',
+        ncols=len(labels),
+        frameon=False,
+        markerscale=5,
+    )
     _draw_errors(bottom.subplots(), runs)
     figure.savefig(path, format='png', metadata={'Software': None})
 
@@ -85,12 +96,16 @@ def _draw_snapshots(figure: SubFigure, shown: Sequence[Snapshot]) -> None:
 
 
 def _draw_plan(axes: Axes, label: str, run: DemoRun) -> None:
-    """Draw map points and camera trajectory seen from above."""
+    """Draw the points and the trajectory of the camera seen from above."""
     height = run.points_world_m[:, 2]
     lowest, highest = _SHOWN_M if run.error_m is not None else _SHOWN_ABOUT_CAMERA_M
     shown = run.points_world_m[(height > lowest) & (height < highest)]
-    axes.plot(*shown[:, :2].T, '.', color=_MAP, ms=1.5, label='map points')
-    axes.plot(*run.T_world_camera[:, :2, 3].T, color=_PATH, lw=1.8, zorder=4, label=_PATH_LABEL)
+    axes.plot(
+        *shown[:, :2].T, '.', color=_MAP, ms=1.2, label='features used, where the run places them'
+    )
+    axes.plot(
+        *run.T_world_camera[:, :2, 3].T, color=_PATH, lw=1.8, zorder=4, label='camera, estimated'
+    )
     if run.T_world_camera_true is None or run.error_m is None:
         axes.set_title(label, loc='left', fontsize=11)
     else:
@@ -100,22 +115,19 @@ def _draw_plan(axes: Axes, label: str, run: DemoRun) -> None:
             lw=3.0,
             label='camera, ground truth',
         )
-        rmse_cm = 100 * float(np.sqrt(np.mean(run.error_m**2)))
-        axes.set_title(f'{label}: {rmse_cm:.1f} cm RMSE', loc='left', fontsize=11)
-        axes.set(
-            xlabel='x [m]', ylabel='y [m]', aspect='equal', xlim=(-0.5, 7.0), ylim=(-0.5, 6.2)
-        )
+        rmse_m = float(np.sqrt(np.mean(run.error_m**2)))
+        axes.set_title(f'{label}: ATE RMSE {rmse_m:.4f} m', loc='left', fontsize=11)
+        axes.set(xlim=_PLAN_X_M, ylim=_PLAN_Y_M)
     axes.set(xlabel='x [m]', ylabel='y [m]', aspect='equal')
-    axes.legend(loc='upper right', fontsize=8, markerscale=5)
 
 
 def _draw_errors(axes: Axes, runs: Mapping[str, DemoRun]) -> None:
-    """Draw the errors, or without ground truth the distance between the runs."""
+    """Draw the errors, or without ground truth the distance of the others from the last run."""
     for color, (label, stamps_ns, error_m) in zip(_COLORS, _errors(runs), strict=False):
         since_s = (stamps_ns - stamps_ns[0]) / NS_PER_S
-        axes.plot(since_s, 100 * error_m, color=color, lw=1.8, label=label)
-    what = 'error' if all(run.error_m is not None for run in runs.values()) else 'apart'
-    axes.set(xlabel='time [s]', ylabel=f'{what} [cm]', yscale='log', ylim=(_LEAST_SHOWN_CM, None))
+        axes.plot(since_s, error_m, color=color, lw=1.8, label=label)
+    what = 'error' if all(run.error_m is not None for run in runs.values()) else 'distance'
+    axes.set(xlabel='time [s]', ylabel=f'{what} [m]', yscale='log', ylim=(_LEAST_SHOWN_M, None))
     axes.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=len(runs), frameon=False)
     axes.grid(visible=True, color='#e3e5e8', lw=0.7)
 
@@ -124,12 +136,13 @@ def _errors(runs: Mapping[str, DemoRun]) -> Iterator[tuple[str, IntArray, FloatA
     if all(run.error_m is not None for run in runs.values()):
         yield from ((label, r.stamps_ns, r.error_m) for label, r in runs.items())  # type: ignore[misc]
         return
-    one, other = runs.values()
-    stamps_ns, of_one, of_other = np.intersect1d(
-        one.stamps_ns, other.stamps_ns, return_indices=True
-    )
-    apart_m = one.T_world_camera[of_one, :3, 3] - other.T_world_camera[of_other, :3, 3]
-    yield 'distance between the two cameras', stamps_ns, np.linalg.norm(apart_m, axis=1)
+    *others, (last_label, last) = runs.items()
+    for label, run in others:
+        stamps_ns, of_run, of_last = np.intersect1d(
+            run.stamps_ns, last.stamps_ns, return_indices=True
+        )
+        apart_m = run.T_world_camera[of_run, :3, 3] - last.T_world_camera[of_last, :3, 3]
+        yield f'{label}, from {last_label}', stamps_ns, np.linalg.norm(apart_m, axis=1)
 
 
 def _rgb(color: Bgr) -> tuple[float, float, float]:

@@ -44,7 +44,7 @@ class Command:
 COMMANDS = {
     'demo': Command(
         'hoid_benchmarks.demo',
-        'run SLAM with and without the filter, on a rendered scene or a camera',
+        'compare SLAM with and without the filter, on a rendered scene or a camera',
     ),
     'convert': Command('hoid_bags.commands', 'convert a TUM folder to an MCAP bag'),
     'synth': Command('hoid_synth.commands', 'render a bag of a scene with moving people'),
