@@ -1,5 +1,6 @@
 """Say how far ahead of a camera, whose frame is named, people are, and on what floor."""
 
+import signal
 import sys
 
 import rclpy
@@ -24,6 +25,7 @@ def _tell(msg: People) -> None:
 
 
 rclpy.init()
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the program at once
 frames, grids = frame_tree.FrameListener(node := rclpy.create_node('people')), [OccupancyGrid()]
 node.create_subscription(OccupancyGrid, 'grid_map', grids.append, qos.LATCHED)
 node.create_subscription(People, 'people', _tell, 10)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -372,3 +374,30 @@ def test_the_map_of_a_very_different_camera_can_only_be_localized_in(
     refused = peer.set_mode('mapping')
     assert not refused.success
     assert 'differs too much to extend it' in refused.message
+
+
+def test_the_commands_for_running_nodes_save_load_and_switch(begin: Begin, folder: Path) -> None:
+    peer, _ = begin()
+    peer.send(*range(40))
+    assert str(folder / 'home.hoidmap') in hoid('save-map', 'home').stdout
+    assert len(map_file.load(folder / 'home.hoidmap').map) == peer.status[-1].keyframes
+    assert hoid('load-map', 'home').returncode == 0
+    assert hoid('set-mode', 'localization').returncode == 0
+    status = peer.send(30)[-1]
+    assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.LOCALIZATION)
+    shown = hoid('status').stdout.splitlines()
+    assert shown[0] == 'state   tracking, localization'
+    assert shown[-1].startswith(f'map     {status.keyframes} keyframes, ')
+    refused = hoid('load-map', 'missing')
+    assert refused.returncode == 1
+    assert 'service "/rgbd_slam/load_map"' in refused.stderr
+    assert 'missing' in refused.stderr
+    alone = hoid('save-map', 'home', '--namespace', 'nobody', '--wait', '0.5')
+    assert alone.returncode == 1
+    assert 'service "/nobody/rgbd_slam/save_map": not available after 0.5 s' in alone.stderr
+
+
+def hoid(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of hoid to its end."""
+    command = [sys.executable, '-m', 'hoid_bringup', *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)

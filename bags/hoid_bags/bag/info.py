@@ -7,7 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from hoid_bags.bag.bag_reader import BagReader
+from rosbags.interfaces import QosDurability
+
+from hoid_bags.bag.bag_reader import BagReader, BagTopic
 from hoid_common.io.stamps import format_stamp_s
 from hoid_common.values import NS_PER_S
 
@@ -20,7 +22,9 @@ class TopicSummary(NamedTuple):
     name: str
     type_name: str
     num_messages: int
-    rate_hz: float  # 0 with fewer than two messages, or if all have the same log time
+    # Between its messages; of a latched topic, in the whole bag. 0 with fewer than two messages, or
+    # if all have the same log time.
+    rate_hz: float
     size_bytes: int | None = None  # total size of its serialized messages; None: not counted
 
     @property
@@ -69,7 +73,7 @@ def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
                 t.name,
                 t.type_name,
                 t.num_messages,
-                _rate_hz(reader, t.name, t.num_messages),
+                _rate_hz(reader, t),
                 None if size_of is None else size_of[t.name],
             )
             for t in sorted(reader.topics)
@@ -91,8 +95,7 @@ def describe(summary: BagSummary) -> str:
     ]
     rows: list[tuple[str, ...]] = [('topic', 'type', 'messages', 'rate', 'bandwidth')]
     rows += [
-        (t.name, t.type_name, str(t.num_messages), f'{t.rate_hz:.2f} Hz', _bandwidth(t))
-        for t in summary.topics
+        (t.name, t.type_name, str(t.num_messages), _rate(t), _bandwidth(t)) for t in summary.topics
     ]
     if all(t.size_bytes is None for t in summary.topics):
         rows = [row[:-1] for row in rows]
@@ -101,6 +104,10 @@ def describe(summary: BagSummary) -> str:
         right = '  '.join(f'{n:>{w}}' for n, w in zip(numbers, widths[2:], strict=True))
         lines.append(f'{name:<{widths[0]}}  {kind:<{widths[1]}}  {right}')
     return '\n'.join(lines)
+
+
+def _rate(topic: TopicSummary) -> str:
+    return f'{topic.rate_hz:.2f} Hz' if topic.rate_hz else '-'
 
 
 def _bandwidth(topic: TopicSummary) -> str:
@@ -115,8 +122,10 @@ def _sizes_bytes(reader: BagReader) -> Counter[str]:
     return sizes
 
 
-def _rate_hz(reader: BagReader, topic: str, num_messages: int) -> float:
-    first_ns, last_ns = reader.topic_span_ns(topic)
-    if num_messages < 2 or last_ns <= first_ns:
+def _rate_hz(reader: BagReader, topic: BagTopic) -> float:
+    # A recorder receives all old messages of a latched topic at once, when it subscribes.
+    is_latched = topic.qos is not None and topic.qos.durability == QosDurability.TRANSIENT_LOCAL
+    first_ns, last_ns = reader.span_ns if is_latched else reader.topic_span_ns(topic.name)
+    if topic.num_messages < 2 or last_ns <= first_ns:
         return 0.0
-    return (num_messages - 1) * NS_PER_S / (last_ns - first_ns)
+    return (topic.num_messages - 1) * NS_PER_S / (last_ns - first_ns)

@@ -25,9 +25,14 @@ RESULT_TOPICS = (
     topics.ODOM,
     topics.PATH,
     topics.MAP_POINTS,
+    topics.CLOUD_MAP,
+    topics.GRID_MAP,
+    topics.GRID_MAP_UPDATES,
     topics.KEYFRAMES,
     topics.SLAM_STATUS,
     topics.TRACKED_OBJECTS,
+    topics.PEOPLE,
+    topics.OBJECT_MAP,
     *(relative for _, relative in topics.NAMESPACED_TF),
 )
 """Topics that are recorded by default."""

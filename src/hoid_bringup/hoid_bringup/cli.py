@@ -24,6 +24,7 @@ from hoid_common.process.signals import interrupt_on_termination, termination_si
 
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
 _NODES = 'nodes'
+_SERVICES = 'hoid_bringup.live.node_services'
 _FREE_TEXT = ('set',)  # options that name no file
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
@@ -32,7 +33,8 @@ _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 class Command:
     """A sub-command of `hoid`.
 
-    Its module must have the functions `add_<name>_arguments(parser)` and `<name>_command(args)`.
+    Its module must have the functions `add_<name>_arguments(parser)` and `<name>_command(args)`,
+    where hyphens of the name are underscores.
     """
 
     module: str
@@ -54,6 +56,10 @@ COMMANDS = {
     _NODES: Command(
         'hoid_bringup.live.nodes', 'run detector, filter and SLAM nodes on a robot', is_live=True
     ),
+    'status': Command(_SERVICES, 'print the state of the running nodes'),
+    'save-map': Command(_SERVICES, 'have the running nodes save their map'),
+    'load-map': Command(_SERVICES, 'have the running nodes load a saved map'),
+    'set-mode': Command(_SERVICES, 'switch the running nodes to mapping or to localization'),
     'run': Command('hoid_bringup.commands', 'run SLAM on every frame of a recording, offline'),
     'replay': Command(
         'hoid_bringup.commands', 'play a recording in real time to the nodes', is_live=True
@@ -92,7 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check_names(args)
         for line in _abandoned_folders(args):
             sys.stderr.write(f'hoid: {line}\n')
-        getattr(_module(chosen), f'{chosen}_command')(args)
+        getattr(_module(chosen), f'{_identifier(chosen)}_command')(args)
         print(end='', flush=True)  # buffered output may fail to be written
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
@@ -170,7 +176,12 @@ def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:
     Raises:
         InputError: A Python package that the command needs is missing.
     """
-    getattr(_module(command), f'add_{command}_arguments')(parser)
+    getattr(_module(command), f'add_{_identifier(command)}_arguments')(parser)
+
+
+def _identifier(command: str) -> str:
+    """Return the name of a command as part of a function's name."""
+    return command.replace('-', '_')
 
 
 def _module(command: str) -> ModuleType:
