@@ -57,3 +57,16 @@ def test_only_tracked_images_count_and_a_lost_camera_is_silent(clock_s: list[flo
     log = TrackingLog(node)
     track(log, clock_s, [SlamState.TRACKING] * 50 + [SlamState.LOST] * 300, 0.1)
     assert node.lines[2:] == ['tracking, 5.0 Hz, 12 ms, 41 keyframes']
+
+
+@pytest.mark.usefixtures('clock_s')
+def test_a_second_map_waits_for_a_recognized_place() -> None:
+    node: Any = FakeNode()
+    log = TrackingLog(node)
+    for number, maps in enumerate((1, 0, 1, 2), 1):  # the first map was too small to be kept
+        state = SlamState.TRACKING if maps else SlamState.LOST
+        log.update(SlamStatus(state, maps=maps, frames_processed=number, stage_ms=STAGE_MS))
+    assert node.lines[2:] == [
+        'a new map was started',
+        'a new map was started; 2 maps exist until a recognized place joins them',
+    ]

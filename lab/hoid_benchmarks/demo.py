@@ -15,7 +15,7 @@ import numpy as np
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo, write_animation
 from hoid_benchmarks.plan.plan import load_profile
-from hoid_bringup.commands import print_detection_note
+from hoid_bringup.commands import dropped_frames, print_detection_note
 from hoid_bringup.evaluate.evaluation import align
 from hoid_bringup.live.replay_plan import ReplayConfig
 from hoid_bringup.live.ros_domain import VARIABLE
@@ -125,6 +125,8 @@ def demo_command(args: argparse.Namespace) -> None:
     summaries[_WITH] = replay(bag, ReplayConfig(run=configs[_WITH]), args.out / _FOLDERS[_WITH])
     picture, animation = _draw(bag, configs, args.out)
     print(_table(summaries))
+    if dropped := dropped_frames(summaries[_WITH]):
+        print(f'\ndropped      {dropped}')
     print(f'\npicture      {picture}\nanimation    {animation}\nall results  {args.out}')
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from functools import reduce
@@ -219,6 +220,7 @@ def run_report(summary: Summary, out_dir: Path) -> str:
     lines = [
         f'tracked    {s.frames_tracked} of {s.frames_total} frames ({100 * s.coverage:.1f} %)',
         f'processed  {s.frames_processed} frames',
+        *([f'dropped    {dropped}'] if (dropped := dropped_frames(summary)) else []),
         f'map        {s.keyframes} keyframes, {s.map_points} points, {s.loops} loops',
     ]
     if s.frames_in_other_maps:
@@ -242,6 +244,19 @@ def run_report(summary: Summary, out_dir: Path) -> str:
     ]
     lines.append(f'results    {out_dir}')
     return '\n'.join(lines)
+
+
+def dropped_frames(summary: Summary) -> str:
+    """Return how many frames of a replay were dropped, and why; an empty text if none was."""
+    num_dropped = summary.frames_total - summary.frames_processed
+    if num_dropped <= 0 or not summary.cpu_share_by_node:
+        return ''
+    used = sum(summary.cpu_share_by_node.values())
+    return (
+        f'{num_dropped} frames, which arrived while earlier ones were processed: the nodes got '
+        f'{used:.1f} of {os.cpu_count()} cores; stop other programs, or replay with --lockstep '
+        'or a lower --rate'
+    )
 
 
 def evaluation_report(result: Evaluation) -> str:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from subprocess import run
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 from hoid_bringup import cli
+from hoid_bringup.commands import dropped_frames, run_report
 from hoid_bringup.run.outputs import staged, write_outputs
 from hoid_bringup.run.provenance import Provenance, commit
-from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Spread
+from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Spread, summarize
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import read_tum, write_tum
 from hoid_common.values import Trajectory
@@ -180,3 +182,13 @@ def test_a_clone_has_a_commit_that_says_whether_files_differ(tmp_path: Path) -> 
     assert len(clean) >= 7
     (tmp_path / 'file').write_text('two')
     assert commit(tmp_path) == f'{clean}-dirty'
+
+
+def test_a_replay_says_how_many_frames_were_dropped_and_why() -> None:
+    every = summarize(result(spiral(90), None))
+    assert dropped_frames(every) == ''
+    some = replace(every, frames_processed=93, cpu_share_by_node={'a': 0.75, 'b': 0.5})
+    text = dropped_frames(some)
+    assert text.startswith('7 frames, which arrived while earlier ones were processed')
+    assert 'the nodes got 1.2 of ' in text
+    assert f'dropped    {text}' in run_report(some, Path('out')).splitlines()

@@ -204,8 +204,8 @@ class LiveFilter:
         self._unused_detections = _bounded(self._unused_until(stamp_ns))
         self._has_detector_answered = bool(self._unused_detections)
         self._filter.reset()
-        error = MessageError('stamps went back by a second or more: all objects are forgotten')
-        self._diagnostics.report(error, 'times that stamps went back')
+        text = 'the stamps went back, as where a bag starts again: all objects are forgotten'
+        self._diagnostics.note(text, 'times that stamps went back')
 
     def _publish_held(self) -> None:
         """Publish the oldest held image, unless it must wait or publishing is stopped.

@@ -52,6 +52,9 @@ class LiveDiagnostics(Protocol):
     def report(self, error: HoidError, what: str) -> None:
         """Log an error, and count it under the name `what`."""
 
+    def note(self, text: str, what: str) -> None:
+        """Log an event that is no error, and count it under the name `what`."""
+
     def set_problem(self, name: str, text: str, *, severe: bool) -> None:
         """Show a problem until `clear_problem` is called with its name."""
 

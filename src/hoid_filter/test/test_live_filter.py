@@ -116,6 +116,7 @@ class FakeDiagnostics:
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self.problems: dict[str, str] = {}
+        self.notes: list[str] = []
 
     def count(self, name: str, number: int = 1) -> None:
         self.counts[name] = self.counts.get(name, 0) + number
@@ -125,6 +126,10 @@ class FakeDiagnostics:
 
     def report(self, error: HoidError, what: str) -> None:
         del error
+        self.count(what)
+
+    def note(self, text: str, what: str) -> None:
+        self.notes.append(text)
         self.count(what)
 
     def set_problem(self, name: str, text: str, *, severe: bool) -> None:
@@ -227,6 +232,9 @@ def test_images_are_held_again_after_the_stamps_restart() -> None:
     bench.add_image(10 * S, 0.1)
     assert bench.add_image(2, 0.2) == []
     assert bench.counts['times that stamps went back'] == 1
+    assert bench.diagnostics.notes == [
+        'the stamps went back, as where a bag starts again: all objects are forgotten'
+    ]
     assert bench.filter.num_resets == 1
 
 

@@ -139,6 +139,12 @@ class Diagnostics:
             more = f' ({num_suppressed} similar errors not shown)' if num_suppressed else ''
             self._node.get_logger().error(f'{error}{more}')
 
+    def note(self, text: str, what: str) -> None:
+        """Count an event under the name `what`, and log it at most once in five seconds."""
+        self.count(what)
+        if self._throttle.allow(what, time.monotonic()) is not None:
+            self._node.get_logger().info(text)
+
     def status(self) -> DiagnosticStatus:
         """Return the status as it would be published now."""
         return self._status([*self._missing_inputs().values(), *self._other_problems().values()])

@@ -31,10 +31,8 @@ class TrackingLog:
             last = None
         was, now = SlamState.NOT_INITIALIZED if last is None else last.state, status.state
         if last is not None and status.maps > last.maps and was is not SlamState.NOT_INITIALIZED:
-            self._logger.info(
-                f'a new map was started; there are {status.maps} maps until a recognized place '
-                'joins them'
-            )
+            several = f'; {status.maps} maps exist until a recognized place joins them'
+            self._logger.info('a new map was started' + (several if status.maps > 1 else ''))
         elif now is SlamState.TRACKING and was is SlamState.NOT_INITIALIZED:
             self._logger.info('tracking has begun')
         elif now is SlamState.TRACKING and was is SlamState.LOST:
