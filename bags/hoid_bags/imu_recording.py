@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,8 @@ from hoid_bags.bag import bag_types as types
 from hoid_bags.bag.bag_messages import imu_values
 from hoid_bags.bag.bag_reader import BagReader, is_bag
 from hoid_bags.bag.stamps import stamp_ns
+from hoid_bags.tum.tum_folder import ACCELEROMETER, GYRO
+from hoid_common import topics
 from hoid_common.errors import InputError, MessageError
 from hoid_common.io.stamps import in_order
 from hoid_common.io.tum_text import NumberTable, read_numbers, read_rows
@@ -53,6 +56,27 @@ def read_imu(name: str, recording: Path) -> ImuRecording:
     if is_bag(recording) and not Path(name).is_file():
         return read_imu_topic(recording, name)
     return read_imu_file(Path(name))
+
+
+def read_own_imu(recording: Path) -> ImuRecording:
+    """Return the samples that a recording has under the usual names.
+
+    These are the topics `imu` and `imu/accelerometer` of a bag, and the files `gyro.txt` and
+    `accelerometer.txt` of a folder.
+
+    Raises:
+        InputError: The recording has no samples of an IMU, or they cannot be used.
+    """
+    if not is_bag(recording):
+        names = [str(recording / name) for name in (GYRO, ACCELEROMETER)]
+        names = [name for name in names if Path(name).is_file()]
+    else:
+        with BagReader(recording) as reader:
+            found = {item.name for item in reader.topics if item.type_name == types.IMU}
+        names = [name for name in (topics.IMU, topics.ACCELEROMETER) if f'/{name}' in found]
+    if not names:
+        raise InputError(f'{recording}: has no samples of an IMU')
+    return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))
 
 
 def read_imu_file(path: Path) -> ImuRecording:

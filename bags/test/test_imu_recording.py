@@ -8,7 +8,13 @@ import pytest
 from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_types import IMU
 from hoid_bags.bag.bag_writer import BagWriter
-from hoid_bags.imu_recording import ImuRecording, read_imu, read_imu_file, read_imu_topic
+from hoid_bags.imu_recording import (
+    ImuRecording,
+    read_imu,
+    read_imu_file,
+    read_imu_topic,
+    read_own_imu,
+)
 from hoid_common.errors import InputError
 from hoid_common.values import NS_PER_S
 
@@ -85,3 +91,24 @@ def test_a_topic_with_two_sensors_in_turn_is_read(tmp_path: Path) -> None:
         read_imu_topic(bag, 'gyro')
     with pytest.raises(InputError, match='/other has no rates and no accelerations'):
         read_imu_topic(bag, '/other')
+
+
+def test_a_recording_has_an_imu_of_its_own(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='has no samples of an IMU'):
+        read_own_imu(tmp_path)
+    written(tmp_path, 'gyro.txt', '1.0 0.1 0.2 0.3\n')
+    written(tmp_path, 'accelerometer.txt', '1.0 0.1 9.7 0.3\n')
+    of_folder = read_own_imu(tmp_path)
+    bag = tmp_path / 'bag'
+    with BagWriter(bag) as writer:
+        for topic, message in {
+            '/imu': bag_messages.imu(NS_PER_S, rate_radps=np.array([0.1, 0.2, 0.3])),
+            '/imu/accelerometer': bag_messages.imu(NS_PER_S, np.array([0.1, 9.7, 0.3])),
+        }.items():
+            writer.add_topic(topic, IMU)
+            writer.write(topic, NS_PER_S, message)
+    for found in of_folder, read_own_imu(bag):
+        assert found.rates is not None
+        assert found.accelerations is not None
+        np.testing.assert_array_equal(found.rates.values, [[0.1, 0.2, 0.3]])
+        np.testing.assert_array_equal(found.accelerations.values, [[0.1, 9.7, 0.3]])

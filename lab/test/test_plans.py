@@ -42,6 +42,14 @@ def test_an_experiment_overrides_its_profile(tmp_path: Path) -> None:
         load_profile('orb_slam4')
 
 
+def test_a_sequence_with_its_imu_is_the_same_recording(tmp_path: Path) -> None:
+    store = Store(tmp_path, tmp_path / 'made')
+    (tmp_path / 'data' / 'd435_office').mkdir(parents=True)
+    for name in ('turn-1', 'd435_office'):
+        assert store.locate(f'{name}_imu') == store.locate(name) is not None
+    assert '--imu' in scene_options('turn-1')
+
+
 def test_jobs_are_shared_between_experiments_and_no_filter_needs_no_detector(plan: Plan) -> None:
     jobs = plan.jobs()
     assert len(jobs) == 2 + 4 + 2  # none: per seed; hoid2d: x and y; curve adds one setting

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hoid_bags.imu_recording import read_own_imu
 from hoid_bags.sequence import open_sequence
 from hoid_benchmarks.jobs.exact import ExactFilter
 from hoid_benchmarks.jobs.masks import mask_rows
@@ -21,7 +22,7 @@ from hoid_benchmarks.plan.detectors import evaluate_detector
 from hoid_benchmarks.plan.perturb import PerturbedSequence, perturb_detections
 from hoid_benchmarks.plan.plan import EXACT, Job
 from hoid_benchmarks.plan.reference import reference_ms
-from hoid_benchmarks.plan.sequences import Store
+from hoid_benchmarks.plan.sequences import IMU_SUFFIX, Store
 from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_bringup.run.detection_source import detection_source
 from hoid_bringup.run.offline import OfflinePipeline
@@ -131,7 +132,8 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     if job.filter == EXACT:
         masks = store.made / 'masks' / f'{path.name}.npy'
         find_features = ExactFilter(job.sequence, masks, config.filter.extraction).process
-    pipeline = OfflinePipeline(sequence, config, detect, find_features=find_features)
+    imu = read_own_imu(path) if job.sequence.endswith(IMU_SUFFIX) else None
+    pipeline = OfflinePipeline(sequence, config, detect, find_features=find_features, imu=imu)
     verdicts = Verdicts(job.sequence, base.camera) if job.mode == 'verdicts' else None
     lines = ['stamp_ns,features kept']
     for i, frame in enumerate(sequence):

@@ -24,6 +24,8 @@ _SHORT = (
     (r'rgbd_bonn_(\w+)', r'bonn_\1'),
 )
 PEOPLE_SUFFIX = '_people'
+IMU_SUFFIX = '_imu'
+"""Suffix of a sequence that is run with the IMU of its recording."""
 _SYNTH = 'synth-'
 # Recordings whose name does not tell the camera, which `camera.yaml` in the folder has: depth
 # units per meter.
@@ -51,6 +53,7 @@ class Store:
             InputError: The sequence is missing and cannot be made.
 
         """
+        name = name.removesuffix(IMU_SUFFIX)
         path = self.locate(name)
         if path is None:
             raise InputError(f'sequence {name} is missing: {_advice(name)}')
@@ -63,6 +66,7 @@ class Store:
 
     def locate(self, name: str) -> Path | None:
         """Return the path of a sequence, also if it is still to be made; None if it is missing."""
+        name = name.removesuffix(IMU_SUFFIX)
         if options := scene_options(name):
             return self._bag(name, options)
         folder = official_name(name)
@@ -136,6 +140,7 @@ def scene_options(name: str) -> list[str]:
     such as `synth-3-no-people` or `synth-1-path=loop+frames=600`.
     """
     scenes: dict[str, str] = read_yaml(_SCENES)
+    name = name.removesuffix(IMU_SUFFIX)
     if name in scenes:
         return scenes[name].split()
     if not name.startswith(_SYNTH):
