@@ -39,8 +39,9 @@ LAYERS = {
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping
-        < loops < dense < scene < map_io < mapper map_joining < processes < slam_map statistics
-        < robot_frames slam late_verdicts < leveling robot_map < session < ros < node
+        < loops < dense < scene < map_io < mapper map_joining saved_objects < processes
+        < slam_map statistics < robot_frames slam late_verdicts < leveling robot_map < session
+        < ros < node
     """,
     'hoid_bags': """
         images progress < mcap < tum < bag < imu_recording sequence convert < options < live
@@ -51,7 +52,7 @@ LAYERS = {
         < truth static_model < scene < bag room_truth < commands
     """,
     'hoid_bringup': """
-        evaluate < run < live view < commands cli parameter_reference
+        evaluate < run < live view maps < commands cli parameter_reference
         < command_reference message_reference refusal_reference < __main__
     """,
     'hoid_benchmarks': """

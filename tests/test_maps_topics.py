@@ -13,7 +13,8 @@ import numpy as np
 import psutil
 import pytest
 import yaml
-from hoid_msgs.msg import SlamStatus, TrackedObject, TrackedObjectArray
+from hoid_msgs.msg import MappedObject, SlamStatus, TrackedObject, TrackedObjectArray
+from hoid_msgs.srv import FindObjects, ForgetObject
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid
 from people_msgs.msg import People
@@ -34,12 +35,15 @@ from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
 from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
+from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
+from rgbd_slam.saved_objects import saved_objects
 
 pytestmark = pytest.mark.alone
 
 SCENE = SceneConfig(num_frames=150)
 SCENE_NODE = '/rgbd_slam_scene'
+FIND = 'rgbd_slam/find_objects'
 
 
 @pytest.fixture(scope='module')
@@ -104,6 +108,7 @@ def test_the_room_is_mapped_without_its_people(
     check_object_map(peer, truth)
     check_files(peer, tmp_path / 'maps')
     check_run_time(peer)
+    check_object_services(peer, tmp_path / 'maps')
 
 
 def check_cloud(peer: Peer, truth: RoomTruth) -> None:
@@ -148,6 +153,49 @@ def check_object_map(peer: Peer, truth: RoomTruth) -> None:
     assert np.median(scores.seen_center_m) < 0.15
     assert len({detection.id for detection in msg.detections}) == len(found)
     assert all(stamp_of(detection) <= stamp_of(msg) for detection in msg.detections)
+
+
+def check_object_services(peer: Peer, folder: Path) -> None:
+    """Objects are found, exported, saved with the map, loaded with it, and forgotten."""
+    everything = find_objects(peer, state='any')
+    shown = {int(detection.id) for detection in peer.object_maps[-1].detections}
+    assert shown <= {item.id for item in everything}
+    first = everything[0]
+    center = first.pose.position
+    near = find_objects(peer, state='any', near=center, radius=0.5)
+    assert near[0] == first
+    assert len(near) < len(everything)
+    of_class = find_objects(peer, state='any', class_name=first.class_name)
+    assert {item.class_name for item in of_class} == {first.class_name}
+    refused = peer.probe.call(FindObjects, FIND, FindObjects.Request(state='lost'))
+    assert not refused.success
+    assert refused.message.startswith('no state "lost"; use one of present, ')
+
+    assert peer.save('things', 'objects').success
+    document = yaml.safe_load((folder / 'things.yaml').read_text())
+    assert [entry['id'] for entry in document['objects']] == [item.id for item in everything]
+    assert peer.save('room').message.endswith(' MB')
+    saved = map_file.load(folder / 'room.hoidmap')
+    assert {item.object_id for item in saved_objects(saved)} == {item.id for item in everything}
+    assert peer.load('room').success
+    loaded = find_objects(peer, state='any')
+    assert [(o.id, o.class_name) for o in loaded] == [(o.id, o.class_name) for o in everything]
+    assert not any(item.is_new for item in loaded)
+
+    for is_known in (True, False):
+        answer = peer.probe.call(
+            ForgetObject, 'rgbd_slam/forget_object', ForgetObject.Request(id=first.id)
+        )
+        assert answer.success is is_known
+    assert first.id not in {item.id for item in find_objects(peer, state='any')}
+
+
+def find_objects(peer: Peer, **request: Any) -> list[MappedObject]:
+    answer = peer.probe.call(FindObjects, FIND, FindObjects.Request(**request))
+    assert answer.success
+    assert answer.message == f'{len(answer.objects)} objects'
+    assert answer.header.frame_id == 'map'
+    return list(answer.objects)
 
 
 def found_object(detection: Detection3D) -> FoundObject:

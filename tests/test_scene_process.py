@@ -134,7 +134,7 @@ def test_all_services_and_outputs_belong_to_the_slam_node(peer: ScenePeer) -> No
     own = {name.removeprefix('/rgbd_slam/') for name in services}
     assert own >= {
         'reset', 'pause', 'resume', 'set_mode', 'save_map', 'load_map', 'save_trajectory',
-        'save_cloud', 'save_grid',
+        'save_cloud', 'save_grid', 'find_objects', 'forget_object', 'save_objects',
     }  # fmt: skip
     published = dict(node.get_publisher_names_and_types_by_node('rgbd_slam', '/'))
     assert published.keys() >= {

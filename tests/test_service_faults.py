@@ -25,6 +25,7 @@ SERVICES: tuple[tuple[str, type[Any]], ...] = (
     ('save_map', SaveMap),
     ('save_cloud', SaveMap),
     ('save_grid', SaveMap),
+    ('save_objects', SaveMap),
     ('save_trajectory', SaveTrajectory),
     ('load_map', LoadMap),
 )

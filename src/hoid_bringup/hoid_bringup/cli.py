@@ -64,7 +64,8 @@ COMMANDS = {
     'replay': Command(
         'hoid_bringup.commands', 'play a recording in real time to the nodes', is_live=True
     ),
-    'map': Command('hoid_bringup.run.map_command', 'describe saved maps, or join several'),
+    'map': Command('hoid_bringup.maps.map_command', 'describe saved maps, or join several'),
+    'objects': Command('hoid_bringup.maps.objects_command', 'list the objects of a saved map'),
     'evaluate': Command('hoid_bringup.commands', 'compute the errors of a trajectory'),
     'bench': Command('hoid_benchmarks.commands', 'run experiments, or measure a stage'),
     'view': Command('hoid_bringup.view.view', 'show a recording or the results of a run in 3-D'),

@@ -65,6 +65,9 @@ LOAD_MAP = '~/load_map'
 SAVE_TRAJECTORY = '~/save_trajectory'
 SAVE_CLOUD = '~/save_cloud'
 SAVE_GRID = '~/save_grid'
+FIND_OBJECTS = '~/find_objects'
+FORGET_OBJECT = '~/forget_object'
+SAVE_OBJECTS = '~/save_objects'
 
 
 def compressed(topic: str) -> str:

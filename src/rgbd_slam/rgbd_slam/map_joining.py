@@ -15,6 +15,9 @@ from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_state import restore, snapshot
+from rgbd_slam.model.trajectory import keyframe_poses
+from rgbd_slam.scene.objects.object_map import ObjectMap
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 # Chosen: after two maps were joined, every n-th keyframe is compared with the places of the other
 # map as well. These links show how well the maps agree, and correct them along the way.
@@ -74,7 +77,8 @@ def join_maps(contents: Sequence[MapFile], config: SlamConfig) -> JoinedMaps:
     closer = LoopCloser(atlas, camera, config)
     joins = [MapJoin(tuple(_links(atlas, closer, own))) for own in rows[1:]]
     dense, keeps_dense = _joined_dense(contents, [atlas.keyframes.uid[own] for own in rows])
-    content = MapFile(first.camera, *octaves, snapshot(atlas), dense)
+    objects = _joined_objects(contents, [atlas.keyframes.uid[own] for own in rows], atlas)
+    content = MapFile(first.camera, *octaves, snapshot(atlas), dense, objects)
     return JoinedMaps(content, tuple(joins), keeps_dense)
 
 
@@ -99,6 +103,25 @@ def _joined_dense(
             parts.append((dense, np.searchsorted(saved_uids, own)))
         keeps.append(dense is None or fits)
     return SubmapState.joined(parts) if parts else None, tuple(keeps)
+
+
+def _joined_objects(
+    contents: Sequence[MapFile], uids: Sequence[IntArray], atlas: Atlas
+) -> ObjectMapState | None:
+    """Return the objects of all maps; those that are the same thing are one.
+
+    Args:
+        contents: The maps.
+        uids: The (K,) uids that the keyframes of each map have now.
+        atlas: The joined map.
+    """
+    keyframes, objects = keyframe_poses(atlas), ObjectMap(contents[0].camera)
+    objects.correct(keyframes)
+    for content, own in zip(contents, uids, strict=True):
+        if content.objects is not None:
+            objects.load(content.objects, own)
+    objects.join()
+    return objects.export(keyframes.uids) if len(objects) else None
 
 
 def _links(atlas: Atlas, closer: LoopCloser, rows: IntArray) -> Iterator[Join]:

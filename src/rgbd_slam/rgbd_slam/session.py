@@ -198,7 +198,8 @@ class SlamSession:
         map stores the images of other maps until a recognized place merges the maps. Objects are
         tracked in the main map only, because tracks are published at once. They are tracked in
         localization as well, because the present positions of people and objects are not part of
-        the map.
+        the map. The object map is updated then too: it says what has been moved since the map was
+        made.
         """
         slam, reference_uid = self.slam, self.slam.odometry.anchor_uid
         is_measured = result.state is SlamState.TRACKING and not result.is_predicted
@@ -212,13 +213,14 @@ class SlamSession:
         )
         if request is None:
             return None
-        fuse = request.keyframes is not None and slam.map.is_growing
-        track_objects = request.track_objects and slam.odometry.is_in_main_map
-        if not fuse and not track_objects:
+        is_growing, is_in_main_map = slam.map.is_growing, slam.odometry.is_in_main_map
+        fuse = request.is_for_dense_map and is_growing
+        map_objects = request.is_for_object_map and (is_growing or is_in_main_map)
+        track_objects = request.track_objects and is_in_main_map
+        if not (fuse or map_objects or track_objects):
             return None
-        return request._replace(
-            keyframes=request.keyframes if fuse else None, track_objects=track_objects
-        )
+        keyframes = request.keyframes if fuse or map_objects else None
+        return SceneRequest(*request[:3], keyframes, track_objects, map_objects, fuse)
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
         stats = self.slam.stats

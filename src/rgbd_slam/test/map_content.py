@@ -17,7 +17,9 @@ from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import MapState, snapshot
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
+from .object_world import Box, ObjectWorld
 from .ring_world import MODEL, RingWorld, mapped, ring_poses
 
 Members = dict[str, bytes]
@@ -52,11 +54,20 @@ def dense_of(state: MapState, count: int = 3) -> DenseState:
     return DenseState.of_views(views, np.arange(len(state)))
 
 
+def objects_of(state: MapState) -> ObjectMapState:
+    """Return two objects that were seen from the first keyframe."""
+    world = ObjectWorld()
+    cup = Box('cup', (1.9, 0.3, -0.45), (2.0, 0.4, -0.3))
+    vase = Box('vase', (1.9, -0.5, -0.45), (2.05, -0.35, -0.1))
+    world.look(cup, vase, times=4)
+    return world.map.export(np.arange(len(state)))
+
+
 @cache
 def content() -> MapFile:
     """Return the contents of a valid map file; do not change them."""
     state = snapshot(ring())
-    return MapFile(MODEL, SCALE, OCTAVES, state, dense_of(state))
+    return MapFile(MODEL, SCALE, OCTAVES, state, dense_of(state), objects_of(state))
 
 
 @cache

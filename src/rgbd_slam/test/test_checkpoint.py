@@ -23,6 +23,7 @@ from rgbd_slam.map_io import checkpoint, map_parts
 from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.map_io.map_parts import KeyframeCopy
 from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 from .checkpoint_robot import (
     CHANGES,
@@ -30,9 +31,10 @@ from .checkpoint_robot import (
     HEADER,
     Robot,
     change_points,
+    cull,
     extend,
 )
-from .map_content import OCTAVES, SCALE
+from .map_content import OCTAVES, SCALE, objects_of
 from .ring_world import MODEL
 
 
@@ -150,6 +152,29 @@ def test_the_dense_map_adds_only_changed_submaps(robot: Robot) -> None:
     assert stored is not None
     assert stored.content.dense is not None
     assert stored.content.dense.digest() == expected().digest()
+
+
+def test_objects_are_kept_while_they_are_unknown(robot: Robot) -> None:
+    objects = objects_of(snapshot(robot.copy))
+    robot.writer.finish(HEADER, appended(robot), None, 7, objects=objects)
+    assert stored_objects(robot).digest() == objects.digest()
+    extend(robot, 8, 10)
+    robot.writer.finish(HEADER, appended(robot), None, 8, keep_submaps=True)
+    assert stored_objects(robot).digest() == objects.digest()
+    cull(robot)
+    robot.writer.finish(HEADER, appended(robot), None, 9, keep_submaps=True)
+    assert stored_objects(robot).digest() == objects.digest()
+    robot.writer.finish(HEADER, appended(robot), None, 10)
+    stored = robot.folder.read()
+    assert stored is not None
+    assert stored.content.objects is None
+
+
+def stored_objects(robot: Robot) -> ObjectMapState:
+    stored = robot.folder.read()
+    assert stored is not None
+    assert stored.content.objects is not None
+    return stored.content.objects
 
 
 def test_a_dense_map_that_is_written_anew_is_not_lost_while_it_is_unknown(

@@ -38,12 +38,19 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
     assert before.dense is not None
     assert after.dense is not None
     assert after.dense.digest() == before.dense.digest()
+    assert before.objects is not None
+    assert after.objects is not None
+    assert after.objects.digest() == before.objects.digest()
     assert [p.name for p in tmp_path.iterdir()] == ['a']
 
 
-def test_a_map_without_a_dense_one_comes_back(tmp_path: Path) -> None:
-    map_file.save(tmp_path / 'a', content()._replace(dense=None))
-    assert map_file.load(tmp_path / 'a').dense is None
+def test_a_map_without_a_dense_one_and_objects_comes_back(tmp_path: Path) -> None:
+    map_file.save(tmp_path / 'a', content()._replace(dense=None, objects=None))
+    after = map_file.load(tmp_path / 'a')
+    assert after.dense is None
+    assert after.objects is None
+    with np.load(tmp_path / 'a') as arrays:  # as before there were objects
+        assert not [name for name in arrays if name.startswith('objects/')]
 
 
 def test_numpy_opens_a_map_file(path: Path) -> None:

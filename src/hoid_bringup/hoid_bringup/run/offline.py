@@ -27,7 +27,7 @@ from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.floor import NO_FLOOR
 from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneScheduler
+from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
 
@@ -69,13 +69,14 @@ class OfflinePipeline:
             sequence.camera,
             config.slam,
             RobotFrames(T_base_camera),
-            scene_scheduler=SceneScheduler(config.slam.dense.rate_hz if dense else None, None),
+            scene_scheduler=_scheduler(config, dense=dense),
             imu=None if self._imu is None else self._imu.imu,
         )
         self._scene = SceneMapper(
             sequence.camera,
             config.slam.dense,
             config.slam.objects,
+            config.slam.object_map,
             is_map_level=T_base_camera is not None,
         )
         self._features_in = self._features_removed = self._objects_dynamic = 0
@@ -98,17 +99,21 @@ class OfflinePipeline:
         loaded = self._session.robot_map.load(content, extend=not localize)
         if content.dense is not None:
             self._scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
+        if content.objects is not None:
+            self._scene.load_objects(content.objects, loaded.keyframes, loaded.keyframe_uids)
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
     def save_map(self, path: Path) -> None:
-        """Save the map in a file, with the dense map if there is one.
+        """Save the map in a file, with the dense map and the object map if there are any.
 
         Raises:
             HoidError: The file cannot be written.
         """
         content = self._session.robot_map.export()
-        self._scene.correct(self._session.robot_map.keyframes())
-        content = content._replace(dense=self._scene.export())
+        keyframes = self._session.robot_map.keyframes()
+        self._scene.correct(keyframes)
+        objects = self._scene.export_objects(keyframes.uids)
+        content = content._replace(dense=self._scene.export(), objects=objects)
         path.parent.mkdir(parents=True, exist_ok=True)
         map_file.save(path, content)
 
@@ -127,7 +132,7 @@ class OfflinePipeline:
         done = self._session.process(filtered.features)
         track_ms = _MS_PER_S * (time.thread_time() - start_s)
         if done.scene_request is not None:
-            self._scene.fuse(done.scene_request, frame.depth_m, frame.image_bgr, filtered.objects)
+            self._map_scene(done.scene_request, frame, filtered.objects)
         if self._imu is not None:
             for news in self._imu.imu.take_news():
                 _LOG.log(logging.WARNING if news.is_problem else logging.INFO, '%s', news.text)
@@ -136,6 +141,16 @@ class OfflinePipeline:
         if detections is not None:
             self.stage_ms['detect'].append(detect_ms)
         return done
+
+    def _map_scene(
+        self, request: SceneRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
+    ) -> None:
+        if request.track_objects:
+            self._scene.track_objects(request, frame.depth_m, objects)
+        if request.is_for_object_map:
+            self._scene.map_objects(request, frame.depth_m, objects)
+        if request.is_for_dense_map:
+            self._scene.fuse(request, frame.depth_m, frame.image_bgr, objects)
 
     def _count(self, filtered: FilterResult) -> None:
         """Add the features and objects of a frame to the counts of the run."""
@@ -168,7 +183,7 @@ class OfflinePipeline:
         session, scene = self._session, self._scene
         session.slam.map.finish()
         session.close()
-        scene.ledger.correct(session.robot_map.keyframes(), force=True)
+        scene.correct(session.robot_map.keyframes(), force=True)
         cloud = scene.cloud() if scene.num_voxels else None
         grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
@@ -193,6 +208,14 @@ class OfflinePipeline:
             stage_ms=self.stage_ms,
             peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _KIB_PER_MB,
         )
+
+
+def _scheduler(config: RunConfig, *, dense: bool) -> SceneScheduler:
+    """Return the scheduler for the maps that a run makes; the object map needs the tracks."""
+    slam = config.slam
+    rates = (slam.objects.rate_hz, slam.object_map.rate_hz)
+    of_objects = rates if slam.object_map.enabled else (None, None)
+    return SceneScheduler(slam.dense.rate_hz if dense else None, *of_objects)
 
 
 def _map_counts(stats: SlamStats) -> MapCounts:

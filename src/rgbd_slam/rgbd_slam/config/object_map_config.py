@@ -12,7 +12,7 @@ class ObjectMapConfig(Config):
     """The map of what is where: each object at rest once, with its place and its history."""
 
     enabled: bool = param(
-        default=False,  # decision 052: it takes a tenth of a core, and is not saved yet
+        default=False,  # decision 052: it takes a tenth of a core
         description='Whether to keep a map of the objects at rest and to publish it on '
         'object_map. It needs a detector. Set it to true if a node uses the map; it takes about a '
         'tenth of a processor core.',

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -122,16 +121,6 @@ class SubmapState(Record):
             submap.T_anchor_submap = self.T_anchor_submap[row]  # without rounding errors
             out.append(submap)
         return out
-
-    def write(self, path: Path) -> None:
-        """Write the record to a temporary file for another process."""
-        np.savez(path, allow_pickle=False, **self.arrays())
-
-    @classmethod
-    def read(cls, path: Path) -> SubmapState:
-        """Read a file that `write` made."""
-        with np.load(path) as arrays:
-            return cls.of(arrays)
 
 
 DenseMap = SubmapState | DenseState

@@ -38,6 +38,7 @@ from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 from rgbd_slam.map_io.map_parts import KeyframeCopy, MapPart, MapParts
 from rgbd_slam.map_io.segments import Segment
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 # Chosen: after more than ten minutes without SLAM the robot may be anywhere.
 _MAX_AWAY_NS = 600 * NS_PER_S
@@ -117,6 +118,7 @@ class CheckpointWriter:
         self._folder = folder
         self._segments = {name: self._new_segment(name) for name in SEGMENTS}
         self._submaps = _StoredSubmaps()
+        self._objects = _StoredObjects(None, np.empty(0, np.int64))
         self._has_dense = False  # whether the last checkpoint has a dense map
 
     @property
@@ -161,6 +163,7 @@ class CheckpointWriter:
         submaps: SubmapExport | None,
         stamp_ns: int,
         *,
+        objects: ObjectMapState | None = None,
         keep_submaps: bool = False,
     ) -> int:
         """Replace the checkpoint by the map whose parts were appended; return its bytes written.
@@ -170,7 +173,9 @@ class CheckpointWriter:
             keyframes: The keyframes, from the last part.
             submaps: The dense map; None: there is none.
             stamp_ns: Stamp of the last image that was tracked in the map.
-            keep_submaps: Whether the dense map is unknown: keep the one of the last checkpoint.
+            objects: The object map, with rows of these keyframes; None: there is none.
+            keep_submaps: Whether dense map and object map are unknown: keep those of the last
+                checkpoint.
 
         Raises:
             MapFileError: It cannot be written; the old checkpoint is unchanged.
@@ -188,13 +193,16 @@ class CheckpointWriter:
         with self._described_errors():
             before = self.total_bytes
             if not keep_submaps:
+                self._objects = _StoredObjects(objects, columns['uid'])
                 with self._anew_if_missing():
                     self._submaps.append(submaps, self._segments)
             self.num_bytes += self.total_bytes - before
             self._sync()
             with archive.replaced(index) as file:
                 kept = self._submaps.record(columns['uid'])
-                content = CheckpointIndex(header, IndexedKeyframes.of(columns), kept)
+                kept_objects = self._objects.record(columns['uid'])
+                rows = IndexedKeyframes.of(columns)
+                content = CheckpointIndex(header, rows, kept, kept_objects)
                 content.write(file, self._segments)
                 written, self.num_bytes = self.num_bytes + file.tell(), 0
         self._has_dense = len(kept.arrays()['anchor_uid']) > 0
@@ -266,6 +274,21 @@ class CheckpointWriter:
             raise MapFileError(
                 f'{self._folder.path}: cannot be written: {error.strerror}'
             ) from error
+
+
+class _StoredObjects(NamedTuple):
+    """The object map of the last checkpoint that had one."""
+
+    state: ObjectMapState | None
+    keyframe_uids: IntArray  # (K,) of its rows
+
+    def record(self, keyframe_uids: IntArray) -> ObjectMapState | None:
+        """Return the record of the objects whose anchors are among the keyframes (M,)."""
+        if self.state is None:
+            return None
+        rows = np.searchsorted(keyframe_uids, self.keyframe_uids)
+        is_saved = np.isin(self.keyframe_uids, keyframe_uids)
+        return self.state.reanchored(np.where(is_saved, rows, -1))
 
 
 class _StoredSubmap(NamedTuple):

@@ -25,6 +25,7 @@ from rgbd_slam.map_io.segments import Rows, Segment
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import NONE, MapState, rows_of_uids
 from rgbd_slam.records.record import Array, Record, column
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 _FORMAT, _VERSION = 'hoid checkpoint', 1
 
@@ -95,6 +96,7 @@ _SECTIONS: dict[str, type[Record]] = {
     'keyframes': IndexedKeyframes,
     'submaps': IndexedSubmaps,
     'chunks': Chunks,
+    'objects': ObjectMapState,  # only if there are objects
 }
 
 
@@ -113,6 +115,7 @@ class CheckpointIndex(NamedTuple):
     header: MapHeader
     keyframes: IndexedKeyframes
     submaps: IndexedSubmaps
+    objects: ObjectMapState | None = None  # small, and therefore in no segment
 
     def write(self, file: IO[bytes], segments: Mapping[str, Segment]) -> None:
         """Write this index to a file; the rows of the segments must be on the disk already."""
@@ -132,8 +135,17 @@ class CheckpointIndex(NamedTuple):
         chunks = Chunks.of(
             {name: np.array(segment.chunks, np.int64) for name, segment in segments.items()}
         )
-        records = {'keyframes': self.keyframes, 'submaps': self.submaps, 'chunks': chunks}
-        archive.write(file, manifest, records)
+        archive.write(file, manifest, self._records(chunks))
+
+    def _records(self, chunks: Chunks) -> dict[str, Record]:
+        records: dict[str, Record] = {
+            'keyframes': self.keyframes,
+            'submaps': self.submaps,
+            'chunks': chunks,
+        }
+        if self.objects is not None:
+            records['objects'] = self.objects
+        return records
 
 
 def read_checkpoint(path: Path) -> MapFile:
@@ -171,7 +183,12 @@ def _content(reader: archive.Reader, folder: Path) -> MapFile:
     state = map_state(keyframes, rows).moved(np.array(manifest['T_map_core'], np.float64))
     dense = _submap_state(cast('IndexedSubmaps', records['submaps']), keyframes.uid, rows)
     return MapFile(
-        CameraModel(**camera), manifest['scale_factor'], manifest['num_octaves'], state, dense
+        CameraModel(**camera),
+        manifest['scale_factor'],
+        manifest['num_octaves'],
+        state,
+        dense,
+        cast('ObjectMapState | None', records.get('objects')),
     )
 
 

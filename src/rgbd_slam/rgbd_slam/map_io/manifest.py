@@ -12,12 +12,14 @@ from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io.archive import Reader
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.records.record import Record
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 VERSION = 1
 FORMAT = 'hoid map'
 SECTIONS: dict[str, type[Record]] = {
     'map': MapState,
     'submaps': SubmapState,
+    'objects': ObjectMapState,
     'dense': DenseState,  # the images of the dense map, in files of earlier versions
 }
 MAX_DISTORTION = 14  # coefficients of the largest of OpenCV's lens models

@@ -13,6 +13,9 @@ from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.model.map_state import NONE, MapState
 from rgbd_slam.model.points import MAX_POSITION_M
 from rgbd_slam.records.record import Array
+from rgbd_slam.scene.objects.mapped_object import PlaceState
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState, decoded
+from rgbd_slam.scene.objects.voxel_set import NUM_KEYS
 
 _MAX_INTRINSICS = 18  # four, and OpenCV's 14 distortion coefficients
 _MAX_IMAGES = 2.0  # chosen: largest distance of a pixel from the center, in image sizes
@@ -73,6 +76,57 @@ def check_submaps(state: SubmapState, num_keyframes: int) -> None:
     is_first = np.isin(np.arange(total - 1) + 1, np.cumsum(state.num_voxels))
     _require((is_first | (np.diff(state.key) > 0)).all(), 'voxels are not sorted')
     _require(_within(state.weight, _MIN_WEIGHT, _MAX_WEIGHT), 'a weight is invalid')
+
+
+def check_objects(state: ObjectMapState, num_keyframes: int) -> None:
+    """Raise MapFileError if the arrays of an object map break a rule; its text names this rule.
+
+    Args:
+        state: The object map.
+        num_keyframes: Number of keyframes of the map that it belongs to.
+    """
+    _require(_within(state.next_id, 1, _MAX_COUNT), 'the next number of an object is out of range')
+    _require(_within(state.object_id, 1, int(state.next_id[0])), "an object's number is invalid")
+    _require(len(np.unique(state.object_id)) == len(state), 'two objects have the same number')
+    _require(_within(state.anchor, 0, num_keyframes), 'an object has no keyframe')
+    _require(_are_poses(state.T_anchor_object), "an object's pose is invalid")
+    _require(_within(state.state, 0, len(PlaceState)), "an object's state is unknown")
+    for name in ('num_sightings', 'num_visible'):
+        _require(_within(getattr(state, name), 1, _MAX_COUNT), f"an object's {name} is invalid")
+    for name in ('first_ns', 'last_ns', 'left_ns', 'moved_ns'):
+        _require(_within(getattr(state, name), 0, _MAX_STAMP_NS), 'a time stamp is out of range')
+    _require(_within(state.num_through, 0, _MAX_COUNT), "an object's num_through is invalid")
+    _require(_within(state.probability, 0, 1 + _ORTHONORMAL), 'a probability is invalid')
+    _require(_within(state.distance_m, 0, MAX_POSITION_M), "an object's distance is invalid")
+    for vectors in (state.direction_m, state.moved_from_m):
+        _require(_within(np.abs(vectors), 0, MAX_POSITION_M), 'an object has an invalid vector')
+    _check_classes(state)
+    _check_object_voxels(state)
+
+
+def _check_classes(state: ObjectMapState) -> None:
+    _require((state.num_classes > 0).all(), 'an object has no class')
+    total = int(state.num_classes.sum(dtype=np.int64))
+    _require(total == len(state.class_score), 'the numbers of classes do not add up')
+    _require(_within(state.class_score, _MIN_WEIGHT, _MAX_WEIGHT), 'a score is invalid')
+    try:
+        names = [decoded(name) for name in state.class_name]
+    except UnicodeDecodeError:
+        names = ['']
+    _require(all(name.isprintable() and name for name in names), 'the name of a class is invalid')
+
+
+def _check_object_voxels(state: ObjectMapState) -> None:
+    _require((state.num_voxels > 0).all(), 'an object has no voxels')
+    total = int(state.num_voxels.sum(dtype=np.int64))
+    _require(total == len(state.key), 'the numbers of voxels do not add up')
+    _require(_within(state.key, 0, NUM_KEYS), 'a voxel is too far from its object')
+    is_first = np.isin(np.arange(total - 1) + 1, np.cumsum(state.num_voxels))
+    _require((is_first | (np.diff(state.key) > 0)).all(), 'voxels are not sorted')
+    _require(_within(np.abs(state.means_m), 0, MAX_POSITION_M), 'a point of a voxel is invalid')
+    _require(_within(state.readings, _MIN_WEIGHT, _MAX_WEIGHT), 'a number of readings is invalid')
+    for counts in (state.hits, state.misses):
+        _require(_within(counts, 0, _MAX_WEIGHT), 'the evidence of a voxel is invalid')
 
 
 def _require(holds: bool | np.bool_, otherwise: str) -> None:

@@ -39,6 +39,7 @@ class FileKind(NamedTuple):
 MAP = FileKind('a map', 'map', (SUFFIX,))
 TRAJECTORY = FileKind('a trajectory', 'trajectory', ('.txt', '.tum'))
 CLOUD = FileKind('a cloud', 'cloud', ('.ply',))
+OBJECTS = FileKind('a list of objects', 'objects', ('.yaml',))
 GRID = FileKind('a grid', 'grid', ('.yaml', '.pgm'))
 
 

@@ -19,9 +19,10 @@ from rgbd_slam.map_io.manifest import (
     VERSION,
     read_manifest,
 )
-from rgbd_slam.map_io.map_check import check_dense, check_map, check_submaps
+from rgbd_slam.map_io.map_check import check_dense, check_map, check_objects, check_submaps
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.records.record import Record
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 SUFFIX = '.hoidmap'
 _SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
@@ -36,6 +37,7 @@ class MapFile(NamedTuple):
     num_octaves: int
     map: MapState
     dense: DenseMap | None = None
+    objects: ObjectMapState | None = None
 
     def seen_by(
         self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
@@ -133,10 +135,12 @@ def check(content: MapFile) -> None:
             check_submaps(content.dense, len(content.map))
         elif content.dense is not None:
             check_dense(content.dense, len(content.map))
+        if content.objects is not None:
+            check_objects(content.objects, len(content.map))
 
 
 def _write(file: IO[bytes], content: MapFile) -> None:
-    records = [record for record in (content.map, content.dense) if record is not None]
+    records = [part for part in (content.map, content.dense, content.objects) if part is not None]
     manifest = {
         'format': FORMAT,
         'version': VERSION,
@@ -151,7 +155,12 @@ def _read(reader: archive.Reader) -> MapFile:
     manifest = read_manifest(reader)
     records: dict[str, Any] = reader.records(SECTIONS, manifest.lengths)
     content = MapFile(
-        manifest.camera, manifest.scale_factor, manifest.num_octaves, *records.values()
+        manifest.camera,
+        manifest.scale_factor,
+        manifest.num_octaves,
+        records['map'],
+        records.get('submaps', records.get('dense')),
+        records.get('objects'),
     )
     check(content)
     return content

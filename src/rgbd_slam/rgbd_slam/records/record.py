@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args, get_type_hints
 
 import numpy as np
@@ -74,6 +75,16 @@ class Record:
             for axis, length in zip(column.axes, getattr(self, name).shape, strict=True)
             if isinstance(axis, str)
         }
+
+    def write(self, path: Path) -> None:
+        """Write the record to a temporary file for another process."""
+        np.savez(path, allow_pickle=False, **self.arrays())
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file that `write` made."""
+        with np.load(path) as arrays:
+            return cls.of(arrays)
 
     def digest(self) -> str:
         """Return the SHA-256 of all names, shapes and values, in hexadecimal."""

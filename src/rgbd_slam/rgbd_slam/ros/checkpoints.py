@@ -17,7 +17,7 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import NS_PER_S
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
+from rgbd_slam.dense.submap_export import ExportMark
 from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFolder, CheckpointWriter
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_file import SUFFIX
@@ -25,6 +25,7 @@ from rgbd_slam.map_io.map_parts import MapPart
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
+from rgbd_slam.ros.scene.messages import SceneExport
 from rgbd_slam.session import Processed, SlamSession
 
 _FIRST_S = 1.0  # chosen: a young map is written after 1 s, and then at doubling intervals
@@ -39,8 +40,8 @@ _FOUND = 'resumed after a crash: the camera is found in the map from before; map
 _NOT_FOUND = 'not found in the map from before the crash: a new map is started beside it'
 _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
 
-ReceiveSubmaps = Callable[[], SubmapExport | None]
-RequestSubmaps = Callable[[KeyframePoses, ExportMark | None], ReceiveSubmaps | None]
+ReceiveMaps = Callable[[], SceneExport]
+RequestMaps = Callable[[KeyframePoses, ExportMark | None], ReceiveMaps | None]
 
 
 class _Copied(NamedTuple):
@@ -50,7 +51,7 @@ class _Copied(NamedTuple):
     header: MapHeader
     stamp_ns: int  # of the last image that was tracked
     copy_s: float  # time for which the tracker waited
-    receive_submaps: ReceiveSubmaps | None = None  # waits for the dense map; None: it is off
+    receive_maps: ReceiveMaps | None = None  # waits for the maps of the scene; None: all are off
 
 
 class Checkpoints:
@@ -61,8 +62,8 @@ class Checkpoints:
         config: Its parameters.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
-        request_submaps: Requests what has changed in the dense map since a checkpoint; returns a
-            function that waits for it, or None if the dense map is off.
+        request_maps: Requests the object map, and what has changed in the dense map since a
+            checkpoint; returns a function that waits for them, or None if both are off.
     """
 
     def __init__(
@@ -71,11 +72,11 @@ class Checkpoints:
         config: SlamNodeConfig,
         diagnostics: Diagnostics,
         session: Callable[[], SlamSession | None],
-        request_submaps: RequestSubmaps,
+        request_maps: RequestMaps,
     ) -> None:
         self._logger = node.get_logger()
         self._diagnostics = diagnostics
-        self._find_session, self._request_submaps = session, request_submaps
+        self._find_session, self._request_maps = session, request_maps
         self._node_thread = NodeThread(node)
         self._period_s = config.checkpoint_period_s
         # A node that localizes in a given map does not change it, so that a crash loses nothing.
@@ -261,12 +262,12 @@ class Checkpoints:
             return None
         start_s = time.perf_counter()
         robot_map, part = session.robot_map, writer.parts.copy()
-        receive_submaps = None
+        receive_maps = None
         if part.keyframes is not None:
             self._written = part.version
-            receive_submaps = self._request_submaps(robot_map.keyframes(), writer.submaps_since)
+            receive_maps = self._request_maps(robot_map.keyframes(), writer.submaps_since)
         copy_s = time.perf_counter() - start_s
-        return _Copied(part, robot_map.header(), session.stamp_ns, copy_s, receive_submaps)
+        return _Copied(part, robot_map.header(), session.stamp_ns, copy_s, receive_maps)
 
     def _append(self, writer: CheckpointWriter, part: MapPart) -> bool:
         """Write a part; return whether its map is still wanted."""
@@ -287,9 +288,9 @@ class Checkpoints:
             longest_s: The longest time for which the tracker has waited.
             start_s: When the checkpoint was begun (monotonic clock).
         """
-        submaps, are_known = None, True
+        maps, are_known = SceneExport(None, None), True
         try:
-            submaps = copied.receive_submaps() if copied.receive_submaps else None
+            maps = copied.receive_maps() if copied.receive_maps else maps
         except InputError:  # its process has just ended, or is late
             are_known = False
         finish_s = time.monotonic()
@@ -299,7 +300,12 @@ class Checkpoints:
             if writer is not self._writer:
                 return 0.0
             written = writer.finish(
-                copied.header, keyframes, submaps, copied.stamp_ns, keep_submaps=not are_known
+                copied.header,
+                keyframes,
+                maps.submaps,
+                copied.stamp_ns,
+                objects=maps.objects,
+                keep_submaps=not are_known,
             )
         self._diagnostics.set_value(
             _VALUE,

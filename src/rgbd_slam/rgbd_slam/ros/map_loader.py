@@ -37,7 +37,7 @@ class MapLoader:
     Args:
         node: The SLAM node.
         session: Returns the session, or None while there is no session.
-        scene: The scene mapper's process, which gets the dense map.
+        scene: The scene mapper's process, which gets dense map and object map.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class MapLoader:
                 session, lambda: self._begin(session, prepared, results.append), _QUEUE_S
             )
             loaded = self._complete(session, prepared, first_uid, results)
-        return self._load_dense(session, content, loaded)
+        return self._load_scene(session, content, loaded)
 
     def load_first(
         self,
@@ -105,7 +105,7 @@ class MapLoader:
         def complete() -> None:
             try:
                 found = self._complete(session, prepared, first_uid, results)
-                self._load_dense(session, content, found)
+                self._load_scene(session, content, found)
             except HoidError as error:
                 self._logger.warning(f'the map is not loaded completely: {error}')
 
@@ -155,8 +155,8 @@ class MapLoader:
 
         return self._poll(session, loaded, _LOAD_S)
 
-    def _load_dense(self, session: SlamSession, content: MapFile, loaded: LoadedMap) -> str:
-        note, send = self._scene.prepare_dense(content.dense, loaded.keyframe_uids)
+    def _load_scene(self, session: SlamSession, content: MapFile, loaded: LoadedMap) -> str:
+        note, send = self._scene.prepare(content, loaded.keyframe_uids)
 
         def send_if_running() -> None:
             if self._session() is session:

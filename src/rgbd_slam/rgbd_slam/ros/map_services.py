@@ -22,7 +22,6 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.dense.submap_export import SubmapExport
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_collector import MapCollector
@@ -42,6 +41,8 @@ from rgbd_slam.map_io.map_parts import MapPart
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.client import SceneClient
+from rgbd_slam.ros.scene.messages import SceneExport
+from rgbd_slam.ros.scene.object_services import ObjectServices
 from rgbd_slam.ros.service_handlers import ServiceHandlers
 from rgbd_slam.session import SlamSession
 
@@ -91,6 +92,7 @@ class MapServices:
             (SetMode, topics.SET_MODE, self._set_mode),
         ):
             handlers.add(type_, topic, handle)
+        ObjectServices(handlers, scene, config.frames.map, self._new_path)
         self._remove_abandoned()
         self._thread.start(handlers.report_fault)
 
@@ -121,35 +123,36 @@ class MapServices:
 
     def _save(self, request: SaveMap.Request) -> str:
         path = self._new_path(request.name, MAP)
-        content, receive_submaps = self._copied()
-        if receive_submaps is not None:
-            submaps = receive_submaps()
-            content = content._replace(dense=None if submaps is None else submaps.changed)
+        content, receive_maps = self._copied()
+        if receive_maps is not None:
+            submaps, objects = receive_maps()
+            dense = None if submaps is None else submaps.changed
+            content = content._replace(dense=dense, objects=objects)
         size = map_file.save(path, content)
         return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
-    def _copied(self) -> tuple[MapFile, Callable[[], SubmapExport | None] | None]:
-        """Return the map, and a function that waits for its dense map; None: there is none."""
+    def _copied(self) -> tuple[MapFile, Callable[[], SceneExport] | None]:
+        """Return the map, and a function that waits for its scene; None: its maps are off."""
         session = self._node_thread.call(self._session)
         if len(session.slam.map.atlas.keyframes) == 0:
             raise InputError('nothing has been mapped yet: there is nothing to save')
         collector = MapCollector(session.slam.map.atlas)
 
-        def copy() -> tuple[MapPart, Callable[[], SubmapExport | None] | None]:
+        def copy() -> tuple[MapPart, Callable[[], SceneExport] | None]:
             if self._session() is not session:
                 raise InputError('the map was discarded meanwhile: there is nothing to save')
             part = collector.copy()
             if part.keyframes is None:
                 return part, None
-            return part, self._scene.request_submaps(session.robot_map.keyframes())
+            return part, self._scene.request_maps(session.robot_map.keyframes())
 
         while True:
             start_s = time.perf_counter()
-            part, receive_submaps = self._node_thread.call(copy)
+            part, receive_maps = self._node_thread.call(copy)
             copy_s = time.perf_counter() - start_s
             state = collector.add(part)
             if state is not None:
-                return session.robot_map.content_of(state), receive_submaps
+                return session.robot_map.content_of(state), receive_maps
             time.sleep(min(copy_s, _POLL_S))  # tracking has at least half of the time
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
@@ -219,6 +222,8 @@ def _summary(content: MapFile) -> str:
     voxels = 0 if not isinstance(content.dense, SubmapState) else len(content.dense)
     keyframes, points = len(content.map), len(content.map.position_m)
     summary = f'{keyframes} keyframes, {points} points and {voxels} voxels of the dense map'
+    if content.objects is not None:
+        summary += f', {len(content.objects)} objects'
     sizes = np.sort(np.bincount(content.map.map_id))[::-1]
     if len(sizes) > 1:
         summary += (

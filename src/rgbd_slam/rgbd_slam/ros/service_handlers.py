@@ -40,10 +40,22 @@ class ServiceHandlers:
             handle: Called with the request; returns the message of a response with success. If it
                 raises a HoidError, the text of the error is the message of a response without.
         """
+        self.add_with_response(type_, topic, lambda request, _: handle(request))
+
+    def add_with_response(
+        self, type_: type[Any], topic: str, handle: Callable[[Any, Any], str]
+    ) -> None:
+        """Offer a service whose handler fills further fields of the response.
+
+        Args:
+            type_: As in `add`.
+            topic: Name of the service.
+            handle: As in `add`, and called with the response as well.
+        """
 
         def respond(request: Any, response: Any) -> Any:
             try:
-                text, response.success = handle(request), True
+                text, response.success = handle(request, response), True
             except HoidError as error:
                 text, response.success = str(error), False
             except Exception as error:  # noqa: BLE001 - every request gets a response

@@ -70,7 +70,7 @@ class SessionLifecycle:
         self._is_reset = False  # True: the map file to start with is not loaded again
         self.loader = MapLoader(node, lambda: self.session, scene)
         self.checkpoints = Checkpoints(
-            node, config, diagnostics, lambda: self.session, scene.request_submaps
+            node, config, diagnostics, lambda: self.session, scene.request_maps
         )
 
     def require_session(self) -> SlamSession:

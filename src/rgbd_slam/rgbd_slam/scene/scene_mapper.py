@@ -32,6 +32,7 @@ from rgbd_slam.scene.object_sighting import DepthImage
 from rgbd_slam.scene.object_tracker import ObjectTracker, TrackedObject
 from rgbd_slam.scene.objects.mapped_object import MapObject
 from rgbd_slam.scene.objects.object_map import ObjectMap
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.scene.scene_ledger import SceneLedger
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
@@ -153,6 +154,34 @@ class SceneMapper:
     def mapped_objects(self) -> tuple[MapObject, ...]:
         """Return the confirmed objects of the object map, by id; none if there is no such map."""
         return () if self._object_map is None else self._object_map.objects(self._floor)
+
+    def export_objects(self, keyframe_uids: IntArray) -> ObjectMapState | None:
+        """Return the object map for a file; None if it is off, or empty.
+
+        Args:
+            keyframe_uids: (K,) ascending uids of the saved keyframes.
+        """
+        if self._object_map is None or len(self._object_map) == 0:
+            return None
+        return self._object_map.export(keyframe_uids)
+
+    def load_objects(
+        self, state: ObjectMapState, keyframes: KeyframePoses, keyframe_uids: IntArray
+    ) -> None:
+        """Add a saved object map to the object map, if it is on.
+
+        Args:
+            state: The saved object map.
+            keyframes: The present poses of all keyframes, including those of the saved map.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
+        """
+        if self._object_map is not None:
+            self.correct(keyframes)
+            self._object_map.load(state, keyframe_uids)
+
+    def forget_object(self, object_id: int) -> bool:
+        """Remove an object from the object map; return whether it was in it."""
+        return self._object_map is not None and self._object_map.forget(object_id)
 
     @property
     def num_mapped_objects(self) -> int:

@@ -17,11 +17,21 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.large_messages.publisher import OnDemandPublisher
 from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
+from rgbd_slam.dense.submap_export import ExportMark
 from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
+from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
-from rgbd_slam.ros.scene.messages import ClearScene, Output, SceneSetup, Subscribed
+from rgbd_slam.ros.scene.messages import (
+    ClearScene,
+    CommandResult,
+    Output,
+    SavedObjects,
+    SceneCommand,
+    SceneExport,
+    SceneSetup,
+    Subscribed,
+)
 from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_MAP_OUTPUTS, OBJECT_OUTPUTS
 from rgbd_slam.ros.scene.process import SceneProcess
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
@@ -117,21 +127,22 @@ class SceneClient:
         if self._process is not None:
             self._process.send(ClearScene())
 
-    def request_submaps(
+    def request_maps(
         self, keyframes: KeyframePoses, since: ExportMark | None = None
-    ) -> Callable[[], SubmapExport | None] | None:
-        """Request the dense map, relative to keyframes that are saved with it.
+    ) -> Callable[[], SceneExport] | None:
+        """Request dense map and object map, relative to keyframes that are saved with them.
 
         Args:
             keyframes: These keyframes.
-            since: Only the contents that have changed since this export; None: all.
+            since: Only the contents of the dense map that have changed since this export; None:
+                all.
 
         Returns:
-            A function that waits for the dense map and returns it (None: it is empty), or raises
-            InputError. None if the dense map is off.
+            A function that waits for the maps and returns them, or raises InputError. None if
+            both maps are off.
         """
-        process = self._dense_process
-        return None if process is None else process.request_submaps(keyframes, since)
+        process = self._anchored_process
+        return None if process is None else process.request_maps(keyframes, since)
 
     def save(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> str:
         """Write the dense map or the grid to a file; return a message for the user.
@@ -142,7 +153,19 @@ class SceneClient:
         process = self._dense_process
         if process is None:
             raise InputError('the dense map is off here: dense.enabled is false')
-        return process.await_result(process.command(cloud_path=cloud_path, grid_path=grid_path))
+        command = SceneCommand(cloud_path=cloud_path, grid_path=grid_path)
+        return process.await_result(process.command(command)).text
+
+    def ask_objects(self, command: SceneCommand) -> CommandResult:
+        """Execute a command that concerns the object map.
+
+        Raises:
+            InputError: The object map is off, the command failed, or the process has ended.
+        """
+        process = self._process
+        if process is None or not self._config.object_map.enabled:
+            raise InputError('the object map is off here: object_map.enabled is false')
+        return process.await_result(process.command(command))
 
     def use_keyframes(self, loaded: LoadedMap, *, keep: bool) -> None:
         """Use the keyframes of a map that has been loaded.
@@ -158,10 +181,33 @@ class SceneClient:
             process.send(camera)
         process.send(loaded.keyframes)
 
-    def prepare_dense(
+    def prepare(self, content: MapFile, keyframe_uids: IntArray) -> tuple[str, Callable[[], None]]:
+        """Prepare dense map and object map of a loaded map. Any thread may call this.
+
+        Args:
+            content: The loaded map.
+            keyframe_uids: (K,) that the keyframes of the saved map have now.
+
+        Returns:
+            An addition to the response, if something is left out; and a function that sends the
+            maps to their process, after `use_keyframes`.
+        """
+        note, send_dense = self._prepare_dense(content.dense, keyframe_uids)
+        process, objects = self._process, content.objects
+        if objects is None or process is None or not self._config.object_map.enabled:
+            left_out = '' if objects is None else '; the object map is off here'
+            return note + left_out, send_dense
+
+        def send() -> None:
+            send_dense()
+            process.send(SavedObjects(objects, keyframe_uids))
+
+        return note, send
+
+    def _prepare_dense(
         self, dense: DenseMap | None, keyframe_uids: IntArray
     ) -> tuple[str, Callable[[], None]]:
-        """Prepare the dense map of a loaded map. Any thread may call this.
+        """Prepare the dense map of a loaded map.
 
         Args:
             dense: The dense map; None if none was saved with the map.

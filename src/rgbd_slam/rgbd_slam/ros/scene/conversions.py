@@ -5,8 +5,7 @@ from __future__ import annotations
 from array import array
 from typing import NamedTuple
 
-import numpy as np
-from geometry_msgs.msg import Point, Pose, Vector3
+from geometry_msgs.msg import Point, Pose
 from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
 from hoid_msgs.msg import TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
@@ -14,18 +13,17 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from people_msgs.msg import People, Person
 from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from hoid_common.ros import conversions
 from hoid_common.ros.large_messages.serialized import cloud_to_cdr
 from hoid_common.values import ByteArray, FloatArray
 from rgbd_slam.dense.voxel_map import ColoredCloud
+from rgbd_slam.ros.scene.markers import LabeledBox, markers_of, vector_to_msg
 from rgbd_slam.ros.scene.steady_grid import GridPatch
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 
-_MIN_SIZE_M = 0.02  # chosen: RViz does not draw a flat marker
-_LABEL_M = 0.12  # chosen: height of a label, and its distance from the box
 _COLORS = {
     ObjectState.PERSON: ColorRGBA(r=0.9, g=0.2, b=0.2, a=0.5),
     ObjectState.HANDLED: ColorRGBA(r=1.0, g=0.6, b=0.1, a=0.7),
@@ -119,19 +117,7 @@ def people_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> People:
 
 def markers_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> MarkerArray:
     """Return markers that replace all earlier ones: a box and a label per object."""
-    markers = [Marker(header=header, action=Marker.DELETEALL)]
-    for item in objects:
-        box = _marker(item, header, 'objects')
-        box.type = Marker.CUBE
-        box.scale = _vector(np.maximum(item.size_m, _MIN_SIZE_M))
-        label = _marker(item, header, 'labels')
-        label.type = Marker.TEXT_VIEW_FACING
-        label.pose.position.z += float(item.size_m[2]) / 2 + _LABEL_M
-        label.scale.z = _LABEL_M
-        label.color.a = 1.0
-        label.text = f'{item.class_name} {item.track_id}: {item.state.name.lower()}'
-        markers += [box, label]
-    return MarkerArray(markers=markers)
+    return markers_of([_labeled_box(item) for item in objects], header)
 
 
 def _object_to_msg(item: TrackedObject) -> TrackedObjectMsg:
@@ -141,8 +127,8 @@ def _object_to_msg(item: TrackedObject) -> TrackedObjectMsg:
         state=item.state.value,
         score=float(item.score),
         position=_point(item),
-        velocity=_vector(item.velocity_map_mps),
-        size=_vector(item.size_m),
+        velocity=vector_to_msg(item.velocity_map_mps),
+        size=vector_to_msg(item.size_m),
     )
 
 
@@ -156,20 +142,12 @@ def _person_to_msg(item: TrackedObject) -> Person:
     )
 
 
-def _marker(item: TrackedObject, header: Header, namespace: str) -> Marker:
-    marker = Marker(header=header, ns=namespace, id=item.track_id, action=Marker.ADD)
-    marker.pose.position = _point(item)
-    marker.pose.orientation.w = 1.0
-    color = _COLORS[item.state]
-    marker.color = ColorRGBA(r=color.r, g=color.g, b=color.b, a=color.a)
-    return marker
+def _labeled_box(item: TrackedObject) -> LabeledBox:
+    text = f'{item.class_name} {item.track_id}: {item.state.name.lower()}'
+    pose = Pose(position=_point(item))
+    return LabeledBox(item.track_id, pose, item.size_m, text, _COLORS[item.state])
 
 
 def _point(item: TrackedObject) -> Point:
     x, y, z = item.position_map_m.tolist()
     return Point(x=x, y=y, z=z)
-
-
-def _vector(values: FloatArray) -> Vector3:
-    x, y, z = values.tolist()
-    return Vector3(x=float(x), y=float(y), z=float(z))

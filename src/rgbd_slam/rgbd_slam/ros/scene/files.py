@@ -1,4 +1,4 @@
-"""Writes the dense map and the grid to files."""
+"""Writes the dense map, the grid and the list of objects to files."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rgbd_slam.map_io.map_directory import write_whole
 from rgbd_slam.scene.export import write_ply
 from rgbd_slam.scene.floor import NO_FLOOR
 from rgbd_slam.scene.grid import Grid, write_map_server
+from rgbd_slam.scene.objects.object_text import objects_yaml
 from rgbd_slam.scene.scene_mapper import SceneMapper
 
 
@@ -48,6 +49,23 @@ def save_grid(
     write_whole(stem, lambda aside: write_map_server(grid, aside))
     height, width = grid.cells.shape
     return f'{width}x{height} cells written to {stem}.yaml and its picture'
+
+
+def save_objects(scene: SceneMapper | None, path: Path, frame: str) -> str:
+    """Write the object map as a YAML file; return a message for the user.
+
+    Args:
+        scene: The scene mapper; None if there is none.
+        path: The file.
+        frame: Name of the map frame.
+
+    Raises:
+        InputError: It cannot be written.
+    """
+    objects = () if scene is None else scene.mapped_objects()
+    text = objects_yaml(objects, frame)
+    write_whole(path, lambda aside: aside.write_text(text, encoding='utf-8'))
+    return f'{len(objects)} objects written to {path}'
 
 
 def _require_map(scene: SceneMapper | None) -> SceneMapper:

@@ -11,8 +11,11 @@ from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.config.object_map_config import ObjectMapConfig
 from rgbd_slam.dense.stored_view import StoredView, ViewChange
-from rgbd_slam.dense.submap_export import ExportMark
+from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
 from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.scene.objects.mapped_object import MapObject
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
+from rgbd_slam.scene.objects.object_query import ObjectQuery
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 
@@ -47,16 +50,35 @@ class SavedSubmaps(NamedTuple):
     keyframe_uids: IntArray  # (K,) present uids of the keyframes, in the order of the saved map
 
 
-class SceneCommand(NamedTuple):
-    """Asks to write files, and for a `CommandResult` after all earlier messages are processed."""
+class SavedObjects(NamedTuple):
+    """Adds the object map of a saved map, whose keyframes are in the last `KeyframePoses`."""
 
-    number: int  # identifies the command in its result
+    state: ObjectMapState
+    keyframe_uids: IntArray  # (K,) present uids of the keyframes, in the order of the saved map
+
+
+class SceneExport(NamedTuple):
+    """The maps of the scene for a file, relative to keyframes that are saved with them."""
+
+    submaps: SubmapExport | None  # None: there is no dense map
+    objects: ObjectMapState | None  # None: there is no object map
+
+
+class SceneCommand(NamedTuple):
+    """Asks for files or objects; all earlier messages are processed before it."""
+
+    number: int = -1  # identifies the command in its result
     cloud_path: Path | None = None  # the file for the dense map; None: do not write it
     # The YAML file for the grid, beside which its image is written; None: do not write the grid.
     grid_path: Path | None = None
     # The file for the submaps of the dense map; None, or no dense map: do not write it.
     submaps_path: Path | None = None
     submaps_since: ExportMark | None = None  # only what has changed since; None: everything
+    # The file for the object map; None, or no object map: do not write it.
+    objects_path: Path | None = None
+    yaml_path: Path | None = None  # the YAML file for the list of objects; None: do not write it
+    query: ObjectQuery | None = None  # the objects that the result has; None: none
+    forget_id: int | None = None  # number of the object to remove; None: remove none
 
 
 SceneMessage = (
@@ -68,6 +90,7 @@ SceneMessage = (
     | KeyframePoses
     | StoredView
     | SavedSubmaps
+    | SavedObjects
     | SceneCommand
 )
 """A message to the scene process.
@@ -90,6 +113,8 @@ class CommandResult(NamedTuple):
     number: int  # of the command
     success: bool
     text: str
+    objects: tuple[MapObject, ...] = ()  # that were asked for
+    stamp_ns: int = 0  # of the latest image in a map
 
 
 SceneReport = Output | CommandResult | ViewChange

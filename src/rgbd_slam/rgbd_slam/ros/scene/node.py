@@ -29,10 +29,10 @@ from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.dense.stored_view import StoredView
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.ros.scene.files import save_cloud, save_grid
+from rgbd_slam.ros.scene.commands import execute
 from rgbd_slam.ros.scene.messages import (
     ClearScene,
-    CommandResult,
+    SavedObjects,
     SavedSubmaps,
     SceneCommand,
     SceneMessage,
@@ -125,38 +125,32 @@ class SceneNode(Node):
                 self._outputs.subscribed = message.topics
                 self._publish()
             case SceneCommand():
-                self._report(self._execute(message))
-            case KeyframePoses() if self._scene is not None:
-                self._scene.correct(message)
-                self._on_map_change(self._scene)
-            case SavedSubmaps() if self._scene is not None:
-                submaps = SubmapState.read(message.path)
-                self._scene.load(submaps, self._scene.ledger.keyframes, message.keyframe_uids)
-                self._on_map_change(self._scene)
-            case StoredView() if self._scene is not None:
-                self._scene.ledger.restore(message)
-                self._on_map_change(self._scene)
+                result = execute(message, self._scene, self._outputs, self._stamp_ns)
+                self._report(result)
+                self._outputs.note_object_change()
+            case _ if self._scene is not None:
+                self._change(self._scene, message)
+
+    def _change(
+        self, scene: SceneMapper, message: KeyframePoses | SavedSubmaps | SavedObjects | StoredView
+    ) -> None:
+        """Apply a correction, or add a part of a saved scene."""
+        match message:
+            case KeyframePoses():
+                scene.correct(message)
+            case SavedSubmaps(path, uids):
+                scene.load(SubmapState.read(path), scene.ledger.keyframes, uids)
+            case SavedObjects(state, uids):
+                scene.load_objects(state, scene.ledger.keyframes, uids)
+            case StoredView():
+                scene.ledger.restore(message)
+        self._on_map_change(scene)
 
     def _reconfigure(self, dense: DenseConfig) -> None:
         self._setup = self._setup._replace(dense=dense)
         set_period(self._timer, dense.publish_period_s)
         if self._scene is not None and self._scene.reconfigure(dense):
             self._outputs.note_change()
-
-    def _execute(self, command: SceneCommand) -> CommandResult:
-        try:
-            text = ''
-            if command.cloud_path is not None:
-                text = save_cloud(self._scene, command.cloud_path)
-            if command.submaps_path is not None and self._scene is not None:
-                submaps = self._scene.export_since(command.submaps_since)
-                if submaps is not None:
-                    submaps.write(command.submaps_path)
-            if command.grid_path is not None:
-                text = save_grid(self._scene, self._outputs.place_grid, command.grid_path)
-        except HoidError as error:
-            return CommandResult(command.number, False, str(error))
-        return CommandResult(command.number, True, text)
 
     def _on_map_change(self, scene: SceneMapper) -> None:
         self._outputs.note_change()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Point
+from hoid_msgs.msg import MappedObject
 from std_msgs.msg import ColorRGBA, Header
 from vision_msgs.msg import (
     BoundingBox3D,
@@ -12,14 +13,12 @@ from vision_msgs.msg import (
     ObjectHypothesis,
     ObjectHypothesisWithPose,
 )
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from hoid_common.ros import conversions
-from hoid_common.values import FloatArray
+from rgbd_slam.ros.scene.markers import LabeledBox, markers_of, vector_to_msg
 from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
 
-_MIN_SIZE_M = 0.02  # chosen: RViz does not draw a flat marker
-_LABEL_M = 0.12  # chosen: height of a label, and its distance from the box
 _COLORS = {
     PlaceState.AT_REST: ColorRGBA(r=0.3, g=0.7, b=0.3, a=0.4),
     PlaceState.MOVED: ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.5),
@@ -40,21 +39,38 @@ def object_map_to_msg(objects: tuple[MapObject, ...], header: Header) -> Detecti
 
 def object_map_markers_to_msg(objects: tuple[MapObject, ...], header: Header) -> MarkerArray:
     """Return markers that replace all earlier ones: a box and a label per object."""
-    markers = [Marker(header=header, action=Marker.DELETEALL)]
-    for item in objects:
-        box = _marker(item, header, 'objects')
-        box.type = Marker.CUBE
-        box.scale = _vector(np.maximum(item.size_m, _MIN_SIZE_M))
-        label = _marker(item, header, 'labels')
-        label.type = Marker.TEXT_VIEW_FACING
-        label.pose.position.z += float(item.size_m[2]) / 2 + _LABEL_M
-        label.scale.z = _LABEL_M
-        label.color.a = 1.0
-        label.text = f'{item.class_name} {item.object_id}'
-        if item.state is not PlaceState.AT_REST:
-            label.text += f': {item.state.name.lower()}'
-        markers += [box, label]
-    return MarkerArray(markers=markers)
+    return markers_of([_labeled_box(item) for item in objects], header)
+
+
+def mapped_object_to_msg(item: MapObject) -> MappedObject:
+    """Return the message of one object."""
+    x, y, z = np.zeros(3) if item.moved_from_map_m is None else item.moved_from_map_m.tolist()
+    return MappedObject(
+        id=item.object_id,
+        class_name=item.class_name,
+        state=item.state.value,
+        is_new=item.is_new,
+        pose=conversions.pose_to_msg(item.T_map_object),
+        size=vector_to_msg(item.size_m),
+        probability=item.probability,
+        sightings=item.num_sightings,
+        first_seen=conversions.stamp_to_msg(item.first_ns),
+        last_seen=conversions.stamp_to_msg(item.last_ns),
+        person=item.holder_id,
+        was_moved=item.moved_from_map_m is not None,
+        moved_from=Point(x=float(x), y=float(y), z=float(z)),
+        moved_at=conversions.stamp_to_msg(item.moved_ns),
+    )
+
+
+def _labeled_box(item: MapObject) -> LabeledBox:
+    text = f'{item.class_name} {item.object_id}'
+    if item.is_present and item.is_new:
+        text += ': new'
+    elif item.state is not PlaceState.AT_REST:
+        text += f': {item.state.name.lower()}'
+    pose = conversions.pose_to_msg(item.T_map_object)
+    return LabeledBox(item.object_id, pose, item.size_m, text, _COLORS[item.state])
 
 
 def _detection(item: MapObject, header: Header) -> Detection3D:
@@ -69,19 +85,6 @@ def _detection(item: MapObject, header: Header) -> Detection3D:
     return Detection3D(
         header=conversions.header_to_msg(item.last_ns, header.frame_id),
         results=results,
-        bbox=BoundingBox3D(center=pose, size=_vector(item.size_m)),
+        bbox=BoundingBox3D(center=pose, size=vector_to_msg(item.size_m)),
         id=str(item.object_id),
     )
-
-
-def _marker(item: MapObject, header: Header, namespace: str) -> Marker:
-    marker = Marker(header=header, ns=namespace, id=item.object_id, action=Marker.ADD)
-    marker.pose = conversions.pose_to_msg(item.T_map_object)
-    color = _COLORS[item.state]
-    marker.color = ColorRGBA(r=color.r, g=color.g, b=color.b, a=color.a)
-    return marker
-
-
-def _vector(values: FloatArray) -> Vector3:
-    x, y, z = values.tolist()
-    return Vector3(x=x, y=y, z=z)

@@ -89,6 +89,10 @@ class SceneOutputs:
 
     The grid is in a frame of its own, `<map frame>_level`, if the map frame is not level.
 
+    Attributes:
+        frame: Name of the map frame.
+        subscribed: Names of the topics with subscribers.
+
     Args:
         send: Sends a message to the SLAM node, which publishes it.
         setup: The parameters of the scene process.
@@ -96,12 +100,12 @@ class SceneOutputs:
 
     def __init__(self, send: Callable[[Output], None], setup: SceneSetup) -> None:
         self._send = send
-        self._frame, self._is_map_level = setup.map_frame, setup.is_map_level
+        self.frame, self._is_map_level = setup.map_frame, setup.is_map_level
         self._steady = SteadyGrid()
         self._T_map_level: FloatArray | None = None  # as published last
         self._outdated: set[str] = set()  # topics of maps whose last message is not up to date
         self._outdated_objects: set[str] = set()  # the same of the object map
-        self.subscribed: frozenset[str] = frozenset()  # names of the topics with subscribers
+        self.subscribed: frozenset[str] = frozenset()
 
     def note_change(self) -> None:
         """Note that the maps have changed, so that all of them are to be published."""
@@ -123,7 +127,7 @@ class SceneOutputs:
     def publish_objects(self, objects: tuple[TrackedObject, ...], stamp_ns: int) -> None:
         """Publish the tracks of people and objects after an image with this stamp."""
         wanted = [output for output in OBJECT_OUTPUTS if output.name in self.subscribed]
-        self._publish(wanted, objects, header_to_msg(stamp_ns, self._frame))
+        self._publish(wanted, objects, header_to_msg(stamp_ns, self.frame))
 
     def publish_object_map(self, scene: SceneMapper, stamp_ns: int) -> None:
         """Publish the object map to the subscribers that do not have its present state."""
@@ -134,14 +138,14 @@ class SceneOutputs:
         ]
         if wanted:
             self._outdated_objects -= {output.name for output in wanted}
-            header = header_to_msg(stamp_ns, self._frame)
+            header = header_to_msg(stamp_ns, self.frame)
             self._publish(wanted, scene.mapped_objects(), header)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
         """Publish what is due: the cloud and, once a floor is known, the grid."""
         due = self.due
         self._outdated -= due
-        header, cloud = header_to_msg(stamp_ns, self._frame), scene.cloud()
+        header, cloud = header_to_msg(stamp_ns, self.frame), scene.cloud()
         grid = self.place_grid(scene, cloud) if due - {topics.CLOUD_MAP} else None
         if grid is None:
             maps = SceneMaps(cloud, header)
@@ -149,7 +153,7 @@ class SceneOutputs:
             patch = self._steady.take_patch(grid)
             maps = SceneMaps(cloud, header, grid, header, float(grid.T_map_origin[2, 3]), patch)
         else:
-            level_header = header_to_msg(stamp_ns, f'{self._frame}_level')
+            level_header = header_to_msg(stamp_ns, f'{self.frame}_level')
             patch, T_map_level = self._steady.take_patch(grid), self._take_level(grid.T_map_level)
             maps = SceneMaps(cloud, header, grid, level_header, 0.0, patch, T_map_level)
         self._publish([output for output in MAP_OUTPUTS if output.name in due], maps)
@@ -172,7 +176,7 @@ class SceneOutputs:
             return
         self._steady.clear()
         empty = ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
-        header = header_to_msg(stamp_ns, self._frame)
+        header = header_to_msg(stamp_ns, self.frame)
         self._outdated.clear()
         # Late subscribers must not get a map that was discarded.
         self._publish(MAP_OUTPUTS, SceneMaps(empty, header, is_discarded=True))

@@ -15,6 +15,7 @@ from itertools import count
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import RLock, Thread
+from typing import TypeVar
 
 from hoid_common.errors import InputError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
@@ -29,15 +30,20 @@ from rgbd_slam.ros.scene.messages import (
     ClearScene,
     CommandResult,
     Output,
+    SavedObjects,
     SavedSubmaps,
     SceneCommand,
+    SceneExport,
     SceneMessage,
     SceneReport,
     SceneSetup,
     Subscribed,
 )
 from rgbd_slam.ros.scene.node import run_scene_node
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.scene.scene_scheduler import SceneRequest
+
+T = TypeVar('T')
 
 _MAX_WAITING = 30  # chosen: requests in the queue; 2 s at the default rates
 _RESULT_S = 20.0  # chosen: more than rebuilding the dense map takes, for which a command waits
@@ -56,6 +62,7 @@ class _State:
     camera: CameraModel | None = None
     keyframes: KeyframePoses | None = None
     loaded: list[SavedSubmaps] = field(default_factory=list)
+    objects: list[SavedObjects] = field(default_factory=list)  # as loaded, or as saved last
 
 
 class SceneProcess:
@@ -82,6 +89,7 @@ class SceneProcess:
         self._numbers = count()
         self._results: dict[int, SimpleQueue[CommandResult]] = {}  # of the commands in progress
         self._lock = RLock()  # guards `_state` and the start of a process that receives it
+        self._num_cleared = 0  # how often the scene was discarded
         self._is_closed = False
         self._num_soon, self._started_s = 0, time.monotonic()
         self._worker: ChildWorker[SceneMessage, SceneReport] = ChildWorker(
@@ -96,6 +104,7 @@ class SceneProcess:
             | ClearScene
             | DenseConfig
             | KeyframePoses
+            | SavedObjects
             | SavedSubmaps
             | StoredView
             | Subscribed
@@ -121,6 +130,8 @@ class SceneProcess:
                     self._state.keyframes = message
                 case SavedSubmaps():
                     self._state.loaded.append(message)
+                case SavedObjects():
+                    self._state.objects.append(message)
             self._worker.send(message)
 
     def enqueue(self, request: SceneRequest) -> None:
@@ -131,40 +142,45 @@ class SceneProcess:
         else:
             self._worker.send(request)
 
-    def command(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> int:
-        """Send a command, and return its number for `await_result`.
+    def command(self, command: SceneCommand) -> int:
+        """Send a command, and return its number for `await_result`; its own number is ignored."""
+        return self._send_command(command._replace(number=next(self._numbers)))
 
-        It writes the dense map and the grid to the given files; None: does not write it.
-        """
-        return self._send_command(SceneCommand(next(self._numbers), cloud_path, grid_path))
-
-    def request_submaps(
+    def request_maps(
         self, keyframes: KeyframePoses, since: ExportMark | None
-    ) -> Callable[[], SubmapExport | None]:
-        """Request the dense map, relative to keyframes that are saved with it.
+    ) -> Callable[[], SceneExport]:
+        """Request dense map and object map, relative to keyframes that are saved with them.
+
+        The object map that is received is also that of a process that replaces this one.
 
         Args:
             keyframes: These keyframes.
             since: Only the submaps that have changed since this export; None: all.
 
         Returns:
-            A function that waits for the dense map and returns it; None if it is empty. It raises
-            InputError as `await_result` does.
+            A function that waits for the maps and returns them. It raises InputError as
+            `await_result` does.
         """
-        path = self._folder.path / f'saved-{next(self._numbers)}.npz'
+        submaps_path, objects_path = (
+            self._folder.path / f'saved-{next(self._numbers)}.npz' for _ in range(2)
+        )
         with self._lock:
             self.send(keyframes)
-            number = self._send_command(
-                SceneCommand(next(self._numbers), submaps_path=path, submaps_since=since)
+            number = self.command(
+                SceneCommand(
+                    submaps_path=submaps_path, submaps_since=since, objects_path=objects_path
+                )
             )
+            num_cleared = self._num_cleared
 
-        def receive() -> SubmapExport | None:
+        def receive() -> SceneExport:
             self.await_result(number)
-            if not path.exists():
-                return None
-            submaps = SubmapExport.read(path)
-            path.unlink()
-            return submaps
+            submaps = _taken(submaps_path, SubmapExport.read)
+            objects = _taken(objects_path, ObjectMapState.read)
+            with self._lock:
+                if objects is not None and num_cleared == self._num_cleared:
+                    self._state.objects = [SavedObjects(objects, keyframes.uids)]
+            return SceneExport(submaps, objects)
 
         return receive
 
@@ -183,9 +199,11 @@ class SceneProcess:
     def _forget(self) -> None:
         self._views.clear()
         self._state.loaded.clear()
+        self._state.objects.clear()
+        self._num_cleared += 1
 
-    def await_result(self, number: int) -> str:
-        """Wait until a command is completed, and return the text of its result.
+    def await_result(self, number: int) -> CommandResult:
+        """Wait until a command is completed, and return its result.
 
         Raises:
             InputError: The command failed, the process has ended, or it takes too long.
@@ -200,7 +218,7 @@ class SceneProcess:
             del self._results[number]
         if not result.success:
             raise InputError(result.text)
-        return result.text
+        return result
 
     def close(self) -> None:
         """End the process; kill it if it does not end by itself."""
@@ -264,3 +282,14 @@ class SceneProcess:
                 self._worker.send(loaded)
             for view in self._views.views():
                 self._worker.send(view)
+            for objects in self._state.objects:
+                self._worker.send(objects)
+
+
+def _taken(path: Path, read: Callable[[Path], T]) -> T | None:
+    """Return the content of a temporary file, and delete it; None if there is no such file."""
+    if not path.exists():
+        return None
+    content = read(path)
+    path.unlink()
+    return content

@@ -124,22 +124,42 @@ def associate(
     are chosen from the largest score down.
     """
     score = np.zeros((len(segments), len(objects)))
+    if score.size == 0:
+        return {}
+    is_near = _may_touch(segments, objects)
     for o, (item, visibility) in enumerate(zip(objects, seen, strict=True)):  # some tens
-        if not visibility.is_visible.any():
+        candidates = np.flatnonzero(is_near[:, o])
+        if len(candidates) == 0 or not visibility.is_visible.any():
             continue
         uv = visibility.uv_px[visibility.is_visible]
-        for s, segment in enumerate(segments):
-            inside = in_box(uv, segment.box_px)
-            if inside.any():
-                share = item.contains(segment.points_map_m, _MARGIN_M)
-                score[s, o] = np.sqrt(share * inside.mean())
-                score[s, o] *= score[s, o] >= _least(segment.detection.class_name, item)
+        for s in candidates.tolist():
+            score[s, o] = _score(segments[s], item, uv)
     out: dict[int, int] = {}
     while score.size and score.max() > 0:
         s, o = (int(i) for i in np.unravel_index(int(np.argmax(score)), score.shape))
         out[s] = o
         score[s], score[:, o] = 0, 0
     return out
+
+
+def _score(segment: Segment, item: MappedObject, uv_px: FloatArray) -> float:
+    """Return the score of a pair, given the visible voxels (N, 2) of the object; 0: no pair."""
+    inside = in_box(uv_px, segment.box_px)
+    if not inside.any():
+        return 0.0
+    share = item.contains(segment.points_map_m, _MARGIN_M)
+    score = float(np.sqrt(share * inside.mean()))
+    return score if score >= _least(segment.detection.class_name, item) else 0.0
+
+
+def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> BoolArray:
+    """Return the (S, O) mask of the pairs whose bounding spheres touch; others share no point."""
+    low = np.array([segment.points_map_m.min(axis=0) for segment in segments])
+    high = np.array([segment.points_map_m.max(axis=0) for segment in segments])
+    centers = np.array([item.center_map_m() for item in objects])
+    radii = np.array([item.radius_m() for item in objects]) + np.sqrt(3) * _MARGIN_M
+    radii = radii + np.linalg.norm(high - low, axis=1)[:, None] / 2
+    return np.asarray(np.linalg.norm((low + high)[:, None] / 2 - centers, axis=2) <= radii)
 
 
 def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
@@ -165,7 +185,9 @@ def missed_rows(segment: Segment, visibility: Visibility, view: ObjectView) -> I
     du, dv = _MISS_MARGIN * (right - left) + 1, _MISS_MARGIN * (bottom - top) + 1
     is_outside = ((uv < (left - du, top - dv)) | (uv > (right + du, bottom + dv))).any(axis=1)
     col, row = np.rint(uv).astype(np.int64).T
-    is_other = np.isin(row * view.shape[1] + col, segment.others)
+    is_other = np.zeros(view.depth_m.size, np.bool_)
+    is_other[segment.others] = True
+    is_other = is_other[row * view.shape[1] + col]
     return np.asarray(rows[is_outside | is_other])
 
 

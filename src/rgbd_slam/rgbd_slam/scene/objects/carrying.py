@@ -20,6 +20,9 @@ _AWAY_M = 0.3  # a track farther away from its object carries it
 _MIN_THROUGH = 2  # looks through the old place that confirm that somebody handles an object
 _HOLDER_M = 1.2  # a person farther away does not handle it
 _ADOPT_NS = 600 * NS_PER_S  # time after which an object that is gone gets a new number
+# Largest ratio of the sizes of an object of a loaded map and of one that it may have become, as
+# nobody saw it moved.
+_MAX_RATIO = 1.6
 
 
 class Carrying:
@@ -40,25 +43,31 @@ class Carrying:
         for item in objects:
             track = by_id.get(item.track_id)
             if track is not None and item.is_present and item.is_confirmed:
-                self._note_handled(item, track, tracks)
+                self._note_handled(item, track, tracks, stamp_ns)
         return self._joined(objects, stamp_ns)
 
     def _link(self, objects: Sequence[MappedObject], tracks: Sequence[TrackedObject]) -> None:
         """Give each object the number of the settled track at its place."""
+        of_class: dict[str, list[TrackedObject]] = {}
+        for track in tracks:
+            if track.state in SETTLED:
+                of_class.setdefault(track.class_name, []).append(track)
         for item in objects:
-            if not item.is_present:
+            settled = of_class.get(item.class_name)
+            if settled is None or not item.is_present:
                 continue
-            near = [
-                (float(np.linalg.norm(track.position_map_m - item.center_map_m())), track)
-                for track in tracks
-                if track.state in SETTLED and track.class_name == item.class_name
-            ]
-            distance_m, track = min(near, key=lambda pair: pair[0], default=(np.inf, None))
-            if track is not None and distance_m < _SAME_M:
-                item.track_id = track.track_id
+            offsets_m = np.array([track.position_map_m for track in settled]) - item.center_map_m()
+            distances_m = np.linalg.norm(offsets_m, axis=1)
+            nearest = int(np.argmin(distances_m))
+            if distances_m[nearest] < _SAME_M:
+                item.track_id = settled[nearest].track_id
 
     def _note_handled(
-        self, item: MappedObject, track: TrackedObject, tracks: Sequence[TrackedObject]
+        self,
+        item: MappedObject,
+        track: TrackedObject,
+        tracks: Sequence[TrackedObject],
+        stamp_ns: int,
     ) -> None:
         """Mark an object whose track a person moves away while its place is seen empty."""
         away_m = np.linalg.norm(track.position_map_m - item.center_map_m())
@@ -72,7 +81,7 @@ class Carrying:
             if p.state is ObjectState.PERSON
         ]
         distance_m, person_id = min(people, default=(np.inf, -1))
-        item.state = PlaceState.HANDLED
+        item.leave(PlaceState.HANDLED, stamp_ns)
         item.holder_id = person_id if distance_m < _HOLDER_M else -1
 
     def _joined(self, objects: list[MappedObject], stamp_ns: int) -> list[MappedObject]:
@@ -94,7 +103,7 @@ class Carrying:
         stamp_ns: int,
     ) -> MappedObject | None:
         """Return the object that a carried one has become, or None."""
-        if stamp_ns - item.last_ns > _ADOPT_NS:
+        if stamp_ns - item.left_ns > _ADOPT_NS:
             return None
         fitting = [
             other
@@ -104,7 +113,14 @@ class Carrying:
             and other.object_id not in removed
             and other.class_name == item.class_name
             and other.first_ns > item.last_ns
+            and (not item.is_loaded or _is_as_large(item, other))
         ]
         same = [other for other in fitting if other.track_id == item.track_id != -1]
         found = same or fitting
         return min(found, key=lambda other: other.first_ns, default=None)
+
+
+def _is_as_large(first: MappedObject, second: MappedObject) -> bool:
+    """Return whether two objects may be one, by their measured sizes."""
+    small, large = sorted((first.radius_m(), second.radius_m()))
+    return large <= _MAX_RATIO * small

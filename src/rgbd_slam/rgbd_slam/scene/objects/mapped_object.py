@@ -61,6 +61,7 @@ class MapObject:
     holder_id: int = -1  # track of the person who handles or moved it; -1: unknown
     moved_from_map_m: FloatArray | None = None  # (3,) the place before; None: it was not moved
     moved_ns: int = 0  # when it was moved away from there
+    is_new: bool = False  # whether it was not in a map that was loaded before
 
     @property
     def is_present(self) -> bool:
@@ -96,10 +97,16 @@ class MappedObject:
         self.distance_m = 0.0  # sum of the distances from which it was seen
         self.track_id = -1  # of the tracker
         self.holder_id = -1
-        self.moved_from_m: FloatArray | None = None  # (3,) in the map frame
+        self.moved_from_m: FloatArray | None = None  # (3,) the place before, object frame
         self.moved_ns = 0
-        self._box: tuple[FloatArray, FloatArray] | None = None  # cached
-        self._solid: BoolArray | None = None  # cached
+        self.left_ns = 0  # when its place was seen empty
+        self.is_loaded = False  # whether it is from a loaded map
+        # Cached, until the voxels change:
+        self._box: tuple[FloatArray, FloatArray] | None = None
+        self._center_m: FloatArray = np.zeros(3)
+        self._radius_m = 0.0
+        self._solid: BoolArray | None = None
+        self._cells: IntArray | None = None
 
     @property
     def T_map_object(self) -> FloatArray:  # noqa: N802 - a transform's name
@@ -132,7 +139,9 @@ class MappedObject:
                 points = self.voxels.means_m
             ordered = np.sort(points, axis=0)
             first, last = (round(p / 100 * (len(points) - 1)) for p in _PERCENTILES)
-            self._box = ordered[first], ordered[last]
+            low, high = self._box = ordered[first], ordered[last]
+            self._center_m = (low + high) / 2
+            self._radius_m = float(np.linalg.norm(high - low) / 2)
         return self._box
 
     def is_solid(self) -> BoolArray:
@@ -155,13 +164,14 @@ class MappedObject:
 
     def center_map_m(self) -> FloatArray:
         """Return the center (3,) of the measured box in the map frame."""
-        low, high = self.box_m()
-        return np.asarray(se3.transform(self.T_map_object, (low + high)[None] / 2)[0])
+        self.box_m()
+        T = self.T_map_object
+        return np.asarray(T[:3, :3] @ self._center_m + T[:3, 3])
 
     def radius_m(self) -> float:
         """Return the radius of the sphere around the measured box."""
-        low, high = self.box_m()
-        return float(np.linalg.norm(high - low) / 2)
+        self.box_m()
+        return self._radius_m
 
     def contains(self, points_map_m: FloatArray, margin_m: float) -> float:
         """Return the share of points (N, 3) that are in the measured box."""
@@ -173,8 +183,9 @@ class MappedObject:
     def has_surface(self, points_map_m: FloatArray) -> BoolArray:
         """Return the (N,) mask of the points (N, 3) that are in cells of 5 cm with its voxels."""
         points = se3.transform(se3.inverse(self.T_map_object), points_map_m)
-        solid = np.unique(keys_of(self.voxels.means_m[self.is_solid()] / 2))
-        keys = keys_of(points / 2)
+        if self._cells is None:
+            self._cells = np.unique(keys_of(self.voxels.means_m[self.is_solid()] / 2))
+        solid, keys = self._cells, keys_of(points / 2)
         rows = np.minimum(np.searchsorted(solid, keys), max(len(solid) - 1, 0))
         return np.equal(solid[rows], keys) if len(solid) else np.zeros(len(keys), np.bool_)
 
@@ -208,7 +219,7 @@ class MappedObject:
         self._changed()
 
     def _changed(self) -> None:
-        self._box = self._solid = None
+        self._box = self._solid = self._cells = None
 
     def note_missed(self) -> None:
         """Count a look that shows the surface of the object, which was not detected."""
@@ -221,6 +232,10 @@ class MappedObject:
         self.num_through += 1
         self.probability *= 1 - _THROUGH_LOSS
 
+    def is_older_than(self, other: MappedObject) -> bool:
+        """Return whether this object was in a loaded map, or was seen earlier."""
+        return (not self.is_loaded, self.first_ns) < (not other.is_loaded, other.first_ns)
+
     def absorb(self, other: MappedObject) -> None:
         """Add the evidence of another object that is the same thing at the same place."""
         T = se3.inverse(self.T_map_object) @ other.T_map_object
@@ -231,6 +246,7 @@ class MappedObject:
         self.num_visible += other.num_visible
         self.first_ns = min(self.first_ns, other.first_ns)
         self.last_ns = max(self.last_ns, other.last_ns)
+        self.is_loaded |= other.is_loaded
         self.probability = max(self.probability, other.probability)
         self.direction_m = self.direction_m + T[:3, :3] @ other.direction_m
         self.distance_m += other.distance_m
@@ -238,8 +254,10 @@ class MappedObject:
 
     def move_to(self, other: MappedObject) -> None:
         """Take over the place of another object, which is this one after it was carried."""
-        self.moved_from_m, self.moved_ns = self.center_map_m(), self.last_ns
+        before_m, self.moved_ns = self.center_map_m(), self.last_ns
         self.place = other.place
+        T_object_map = se3.inverse(self.T_map_object)
+        self.moved_from_m = np.asarray(se3.transform(T_object_map, before_m[None])[0])
         self.voxels, self.direction_m = other.voxels, other.direction_m
         for name, score in other.scores.items():
             self.scores[name] = self.scores.get(name, 0.0) + score
@@ -253,11 +271,18 @@ class MappedObject:
         self.state = PlaceState.MOVED
         self._changed()
 
-    def value(self, floor: Floor | None) -> MapObject:
+    def leave(self, state: PlaceState, stamp_ns: int) -> None:
+        """Note that the object is not at its place any more: it is handled, or gone."""
+        if self.is_present:
+            self.left_ns = stamp_ns
+        self.state = state
+
+    def value(self, floor: Floor | None, *, is_new: bool = False) -> MapObject:
         """Return the published value.
 
         Args:
             floor: The floor, down to which furniture reaches; None: it is unknown.
+            is_new: Whether a map was loaded that the object was not in.
         """
         low, high = self._full_box(floor)
         T = self.T_map_object.copy()
@@ -275,9 +300,15 @@ class MappedObject:
             self.last_ns,
             self.probability,
             self.holder_id,
-            self.moved_from_m,
+            self._moved_from_map_m(),
             self.moved_ns,
+            is_new,
         )
+
+    def _moved_from_map_m(self) -> FloatArray | None:
+        if self.moved_from_m is None:
+            return None
+        return np.asarray(se3.transform(self.T_map_object, self.moved_from_m[None])[0])
 
     def _full_box(self, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
         """Return the box with the parts that are never seen: the back, and the legs."""

@@ -16,9 +16,11 @@ from hoid_common.values import (
     NS_PER_S,
     PERSON,
     UNKNOWN,
+    BoolArray,
     CameraModel,
     DynamicObject,
     Float32Array,
+    IntArray,
     Reason,
 )
 from rgbd_slam.model.keyframe_poses import NO_KEYFRAMES, KeyframePoses
@@ -35,6 +37,7 @@ from rgbd_slam.scene.objects.association import (
 )
 from rgbd_slam.scene.objects.carrying import Carrying
 from rgbd_slam.scene.objects.mapped_object import MapObject, MappedObject, PlaceState
+from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.scene.objects.object_view import ObjectCamera, ObjectView
 from rgbd_slam.scene.objects.place import Anchor, Place
 from rgbd_slam.scene.objects.segmentation import Segment, segment_all
@@ -69,6 +72,7 @@ class ObjectMap:
         self._next_id = 1
         self._apart: set[tuple[int, int]] = set()  # ids seen as two things in one image
         self._merged_ns = 0
+        self._is_reused = False  # whether a map was loaded
         self._carrying = Carrying()
 
     def __len__(self) -> int:
@@ -81,7 +85,7 @@ class ObjectMap:
             floor: The floor, down to which furniture reaches; None: it is unknown.
         """
         return tuple(
-            item.value(floor)
+            item.value(floor, is_new=self._is_reused and not item.is_loaded)
             for item in sorted(self._objects, key=lambda item: item.object_id)
             if item.is_confirmed and item.place.map_id == self._keyframes.main_map
         )
@@ -119,7 +123,7 @@ class ObjectMap:
         self._note_apart([(near[o], segments[s]) for s, o in pairs.items()])
         people = [item for item in measured if item.class_name == PERSON]
         for o in set(range(len(near))) - set(pairs.values()):
-            self._note_unseen(near[o], seen[o], people, view)
+            self._note_unseen(near[o], seen[o], people, view, stamp_ns)
         left = [segment for s, segment in enumerate(segments) if s not in pairs]
         self._add_new(left, near, anchor, stamp_ns)
         self._objects = self._carrying.follow(self._objects, tracks, stamp_ns)
@@ -132,6 +136,52 @@ class ObjectMap:
         """Apply corrected keyframe poses: each object moves with its keyframe."""
         before, self._keyframes = self._keyframes, keyframes
         self._objects = [item for item in self._objects if item.place.follow(before, keyframes)]
+
+    def export(self, keyframe_uids: IntArray) -> ObjectMapState:
+        """Return all objects for a file, with the (K,) ascending uids of its keyframes."""
+        return ObjectMapState.of_objects(
+            self._objects, keyframe_uids, apart=self._apart, next_id=self._next_id
+        )
+
+    def load(self, state: ObjectMapState, keyframe_uids: IntArray) -> None:
+        """Add the objects of a saved map, whose keyframes are in the last correction.
+
+        They keep their numbers, unless a confirmed object of this map has the same one.
+
+        Args:
+            state: The saved objects.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
+        """
+        loaded = state.objects(self._keyframes, keyframe_uids)
+        self._next_id = max(self._next_id, int(state.next_id[0]))
+        taken = {item.object_id for item in self._objects if item.is_confirmed}
+        new_ids = {item.object_id: self._take_id() for item in loaded if item.object_id in taken}
+        used = {item.object_id for item in loaded} - new_ids.keys()
+        for item in self._objects:
+            if item.object_id in used:  # not confirmed, and therefore not published
+                item.object_id = self._take_id()
+        for item in loaded:
+            item.object_id = new_ids.get(item.object_id, item.object_id)
+            item.is_loaded = True
+        for pair in state.apart.tolist():
+            a, b = sorted(new_ids.get(i, i) for i in pair)
+            self._apart.add((a, b))
+        self._objects += loaded
+        self._is_reused = True
+
+    def join(self) -> None:
+        """Join objects that are the same thing, and keep the number of the older one."""
+        self._merge()
+
+    def forget(self, object_id: int) -> bool:
+        """Remove an object; return whether there was one with this number."""
+        kept = [item for item in self._objects if item.object_id != object_id]
+        is_known, self._objects = len(kept) < len(self._objects), kept
+        return is_known
+
+    def _take_id(self) -> int:
+        self._next_id += 1
+        return self._next_id - 1
 
     def _anchor(self, request: SceneRequest, keyframes: KeyframePoses) -> Anchor | None:
         """Return the keyframe of a request, with the present pose of the image; None: removed."""
@@ -177,12 +227,13 @@ class ObjectMap:
         seen: Visibility,
         people: Sequence[DynamicObject],
         view: ObjectView,
+        stamp_ns: int,
     ) -> None:
         """Note what an image shows of an object that was not detected in it."""
         if seen.through_share >= _THROUGH_SHARE:
             item.note_seen_through()
             if item.num_through >= _MAX_THROUGH and item.state is not PlaceState.HANDLED:
-                item.state = PlaceState.GONE
+                item.leave(PlaceState.GONE, stamp_ns)
         elif seen.visible_share >= _VISIBLE_SHARE:
             uv = seen.uv_px[seen.is_visible]
             boxes = (view.pixels_of(person.box_xyxy_px) for person in people)
@@ -201,8 +252,7 @@ class ObjectMap:
             if segment.detection.is_dynamic or self._is_claimed(segment, near):
                 continue
             place = Place.at(np.median(segment.points_map_m, axis=0), anchor)
-            item = MappedObject(self._next_id, place, stamp_ns)
-            self._next_id += 1
+            item = MappedObject(self._take_id(), place, stamp_ns)
             item.add(segment, stamp_ns, anchor.T_map_camera)
             self._objects.append(item)
 
@@ -228,10 +278,13 @@ class ObjectMap:
         """Merge objects that overlap, unless one image showed both."""
         by_size = sorted(self._objects, key=lambda item: -item.num_sightings)
         gone: set[int] = set()
-        for first, second in combinations(by_size, 2):
+        for i, j in np.argwhere(np.triu(_touch(by_size), 1)).tolist():
+            first, second = by_size[i], by_size[j]
             if first.object_id in gone or second.object_id in gone:
                 continue
             if self._are_one(first, second):
+                if second.is_older_than(first):
+                    first.object_id, second.object_id = second.object_id, first.object_id
                 first.absorb(second)
                 gone.add(second.object_id)
                 self._rename_apart(second.object_id, first.object_id)
@@ -276,6 +329,14 @@ class ObjectMap:
             del self._objects[: len(self._objects) - _MAX_OBJECTS]
         ids = {item.object_id for item in self._objects}
         self._apart = {pair for pair in self._apart if pair[0] in ids and pair[1] in ids}
+
+
+def _touch(objects: Sequence[MappedObject]) -> BoolArray:
+    """Return the (O, O) mask of the pairs whose bounding spheres touch."""
+    centers = np.array([item.center_map_m() for item in objects]).reshape(-1, 3)
+    radii = np.array([item.radius_m() for item in objects])
+    distances = np.linalg.norm(centers[:, None] - centers, axis=2)
+    return np.asarray(distances <= radii[:, None] + radii)
 
 
 def _is_measured(item: DynamicObject) -> bool:

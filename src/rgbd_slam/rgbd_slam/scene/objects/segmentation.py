@@ -175,11 +175,16 @@ def _segment(
         return None
     if detection.class_name != PERSON:
         pixels = _without_planes(pixels, box, view)
-    others = np.setdiff1d(everything, pixels, assume_unique=True)
+    others = everything[~_members(everything, pixels, view)]
     pixels = _part(pixels, box, view, known)
     if len(pixels) < _MIN_READINGS:
         return None
     return Segment(detection, box, pixels, view.points_map_m[pixels], others, known)
+
+
+def _members(pixels: IntArray, of: IntArray, view: ObjectView) -> BoolArray:
+    """Return the (N,) mask of the pixels (N,) that are among others (M,)."""
+    return np.asarray(_mask(of, view).reshape(-1)[pixels])
 
 
 def _without_planes(
@@ -260,7 +265,7 @@ def _part(
     at_place = pixels[known.contains(view.points_map_m[pixels])]
     if len(at_place) < _MIN_READINGS:
         return nearest
-    is_nearest = np.isin(nearest, at_place, assume_unique=True).mean() >= _AT_PLACE_SHARE
+    is_nearest = _members(nearest, at_place, view).mean() >= _AT_PLACE_SHARE
     return nearest if is_nearest else at_place
 
 

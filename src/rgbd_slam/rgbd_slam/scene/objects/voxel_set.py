@@ -8,6 +8,7 @@ from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
 
 VOXEL_M = 0.025  # side of a voxel, as in the dense map
 _BITS, _OFFSET = 10, 512  # cells of each axis in a key: +-12.8 m
+NUM_KEYS = 1 << (3 * _BITS)
 _MAX_VOXELS = 6000  # chosen: a couch has 5000; 140 kB
 _MAX_COUNT = 60.0  # chosen: bounds the evidence, so that a change is seen
 # A voxel is solid from so many looks on, and if it is hit in this share of the looks at it (not

@@ -79,6 +79,8 @@ def _described(path: Path, content: MapFile) -> Sequence[str]:
         f'camera     {camera.width_px}x{camera.height_px}, {lens}',
         f'dense map  {len(content.dense)} {unit}' if content.dense else 'dense map  none',
     ]
+    if content.objects is not None:
+        lines.append(f'objects    {len(content.objects)}, listed by "hoid objects"')
     if len(sizes) > 1:
         lines.append(
             f'apart      {len(sizes)} maps that no recognized place joins, of '

@@ -1,0 +1,1 @@
+"""Commands that read saved maps, without ROS."""

@@ -1,0 +1,112 @@
+"""`hoid run --save-map` saves the object map, and `hoid objects` lists it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hoid_bringup.cli import main
+from hoid_bringup.run.map_files import MapFiles
+from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.run_config import RunConfig
+from hoid_common.values import Detections, RgbdFrame
+from rgbd_slam.map_io import map_file
+
+from .test_offline import PERIOD_NS, WALL_M, WallSequence
+
+
+class WallWithPicture(WallSequence):
+    """A wall with a picture, which a detector takes for a screen."""
+
+    def detect(self, frame: RgbdFrame) -> Detections:
+        x, y = (2 * step for step in self.step(frame.stamp_ns // PERIOD_NS))
+        box = np.array([[160 - x, 90 - y, 240 - x, 150 - y]], np.float32)
+        return Detections(frame.stamp_ns, box, ('tv',), np.array([0.9], np.float32))
+
+
+def save(folder: Path, name: str, *, enabled: bool) -> Path:
+    parameters = {'filter.strategy': 'hoid2d', 'object_map.enabled': enabled}
+    wall, path = WallWithPicture(), folder / name
+    run_offline(
+        wall,
+        RunConfig().updated(parameters),
+        folder / 'out',
+        detect=wall.detect,
+        maps=MapFiles(save=path),
+        show_progress=False,
+    )
+    return path
+
+
+@pytest.fixture(scope='module')
+def maps(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return the files of two maps, with and without objects."""
+    folder = tmp_path_factory.mktemp('maps')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('hoid_bringup.run.outputs.plot_run', lambda *_: None)
+        one, other = (save(folder, f'{on}.hoidmap', enabled=on) for on in (True, False))
+    return one, other
+
+
+def test_the_objects_of_a_map_are_listed_and_exported(
+    maps: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / 'objects.yaml'
+    assert main(['objects', str(maps[0]), '--yaml', str(out)]) == 0
+    header, line = capsys.readouterr().out.splitlines()
+    assert header.split()[:2] == ['id', 'class']
+    assert line.split()[:2] == ['1', 'tv']
+    (entry,) = yaml.safe_load(out.read_text())['objects']
+    width_m, height_m = sorted(entry['size'])[1:][::-1]
+    assert width_m == pytest.approx(80 / 260 * WALL_M, abs=0.08)
+    assert height_m == pytest.approx(60 / 260 * WALL_M, abs=0.08)
+    assert entry['center'][0] == pytest.approx(WALL_M, abs=0.1)  # x is forward
+    assert entry['state'] == 'at_rest'
+
+
+def test_objects_are_listed_by_class_place_and_state(
+    maps: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words, count in (
+        (['--class', 'tv'], 1),
+        (['--class', 'cup'], 0),
+        (['--state', 'gone'], 0),
+        (['--near', '2', '0', '0', '--radius', '0.5'], 1),
+        (['--near', '9', '0', '0', '--radius', '0.5'], 0),
+    ):
+        assert main(['objects', str(maps[0]), *words]) == 0
+        assert len(capsys.readouterr().out.splitlines()) == 1 + count, words
+
+
+def test_a_map_without_objects_is_refused_and_otherwise_the_same(
+    maps: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['objects', str(maps[1])]) == 1
+    assert 'object_map.enabled' in capsys.readouterr().err
+    with_objects, without = (map_file.load(path) for path in maps)
+    assert with_objects.map.digest() == without.map.digest()
+    assert main(['map', 'info', *map(str, maps)]) == 0
+    assert capsys.readouterr().out.count('objects    1, listed by') == 1
+
+
+def test_a_run_with_a_saved_map_finds_the_same_objects(
+    maps: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('hoid_bringup.run.outputs.plot_run', lambda *_: None)
+    wall, again = WallWithPicture(), tmp_path / 'again.hoidmap'
+    run_offline(
+        wall,
+        RunConfig().updated({'filter.strategy': 'hoid2d', 'object_map.enabled': True}),
+        tmp_path / 'out',
+        detect=wall.detect,
+        maps=MapFiles(load=maps[0], localize=True, save=again),
+        show_progress=False,
+    )
+    before, after = (map_file.load(path).objects for path in (maps[0], again))
+    assert before is not None
+    assert after is not None
+    assert after.object_id.tolist() == before.object_id.tolist()
+    assert after.num_sightings[0] > before.num_sightings[0]

@@ -1,0 +1,56 @@
+"""Boxes with labels as markers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from typing import NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import Pose, Vector3
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from hoid_common.values import FloatArray
+
+_MIN_SIZE_M = 0.02  # chosen: RViz does not draw a flat marker
+_LABEL_M = 0.12  # chosen: height of a label, and its distance from the box
+
+
+class LabeledBox(NamedTuple):
+    """A box with a label above it."""
+
+    number: int  # the same for the same thing
+    pose: Pose  # of its center
+    size_m: FloatArray  # (3,)
+    text: str
+    color: ColorRGBA  # of the box
+
+
+def markers_of(boxes: Sequence[LabeledBox], header: Header) -> MarkerArray:
+    """Return markers that replace all earlier ones: a box and a label for each box."""
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for item in boxes:
+        box = _marker(item, header, 'objects')
+        box.type = Marker.CUBE
+        box.scale = vector_to_msg(np.maximum(item.size_m, _MIN_SIZE_M))
+        label = _marker(item, header, 'labels')
+        label.type = Marker.TEXT_VIEW_FACING
+        label.pose.position.z += float(item.size_m[2]) / 2 + _LABEL_M
+        label.scale.z = _LABEL_M
+        label.color.a = 1.0
+        label.text = item.text
+        markers += [box, label]
+    return MarkerArray(markers=markers)
+
+
+def vector_to_msg(values: FloatArray) -> Vector3:
+    """Return the message of a vector (3,)."""
+    x, y, z = values.tolist()
+    return Vector3(x=float(x), y=float(y), z=float(z))
+
+
+def _marker(item: LabeledBox, header: Header, namespace: str) -> Marker:
+    marker = Marker(header=header, ns=namespace, id=item.number, action=Marker.ADD)
+    marker.pose, marker.color = deepcopy(item.pose), deepcopy(item.color)
+    return marker

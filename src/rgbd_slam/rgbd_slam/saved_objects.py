@@ -1,0 +1,44 @@
+"""The objects of a saved map, as the node that saved it published them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.submap_state import SubmapState
+from rgbd_slam.dense.voxel_map import VoxelMap
+from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.model.keyframe_poses import KeyframePoses
+from rgbd_slam.scene.floor import Floor, find_floor
+from rgbd_slam.scene.objects.mapped_object import MapObject
+from rgbd_slam.scene.objects.object_map import ObjectMap
+
+_UP = np.array([0.0, 0.0, 1.0])
+_FLOOR_POINTS = 50_000  # chosen: as many as the scene mapper uses
+
+
+def saved_objects(content: MapFile) -> tuple[MapObject, ...]:
+    """Return the objects of the largest map in a map file, in its map frame; none if it has none.
+
+    Furniture reaches down to the floor of the dense map, if there is one.
+    """
+    if content.objects is None:
+        return ()
+    state, uids = content.map, np.arange(len(content.map))
+    map_ids = state.map_id.astype(np.int64)
+    main_map = int(np.bincount(map_ids).argmax())
+    keyframes = KeyframePoses(1, uids, map_ids, main_map, state.T_map_camera)
+    objects = ObjectMap(content.camera)
+    objects.correct(keyframes)
+    objects.load(content.objects, uids)
+    return objects.objects(_floor(content, keyframes))
+
+
+def _floor(content: MapFile, keyframes: KeyframePoses) -> Floor | None:
+    if not isinstance(content.dense, SubmapState):
+        return None
+    config = DenseConfig(voxel_m=float(content.dense.voxel_m[0]))
+    voxels = VoxelMap(content.camera, config)
+    voxels.load(content.dense, keyframes, keyframes.uids)
+    points_m = voxels.cloud().points_m
+    return find_floor(points_m[:: max(1, len(points_m) // _FLOOR_POINTS)].astype(np.float64), _UP)

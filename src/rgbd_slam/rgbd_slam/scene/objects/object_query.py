@@ -1,0 +1,62 @@
+"""Finds objects of the map by class, place and state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.errors import InputError
+from hoid_common.values import FloatArray
+from rgbd_slam.scene.objects.mapped_object import AT_PLACE, MapObject, PlaceState
+
+_PRESENT, _NEW, _ANY = 'present', 'new', 'any'
+STATES = (_PRESENT, *(state.name.lower() for state in PlaceState), _NEW, _ANY)
+
+
+class ObjectQuery(NamedTuple):
+    """What to look for."""
+
+    class_name: str = ''  # empty: any class
+    near_map_m: FloatArray | None = None  # (3,) None: anywhere
+    radius_m: float = np.inf  # largest distance of the center from `near_map_m`
+    state: str = _PRESENT  # one of STATES
+
+    def check(self) -> None:
+        """Raise InputError if the query makes no sense."""
+        if self.state not in STATES:
+            raise InputError(f'no state "{self.state[:40]}"; use one of {", ".join(STATES)}')
+        near = np.zeros(3) if self.near_map_m is None else self.near_map_m
+        if not np.isfinite(near).all() or np.isnan(self.radius_m) or self.radius_m < 0:
+            raise InputError('the point must be finite, and the radius not negative')
+
+
+def find(objects: Sequence[MapObject], query: ObjectQuery) -> list[MapObject]:
+    """Return the objects that a query describes, the nearest ones first, or by number.
+
+    Raises:
+        InputError: The query makes no sense.
+    """
+    query.check()
+    found = [item for item in objects if _is_meant(item, query)]
+    near_m = query.near_map_m
+    if near_m is None:
+        return found
+    distances_m = [float(np.linalg.norm(item.center_map_m - near_m)) for item in found]
+    order = np.argsort(distances_m, kind='stable').tolist()
+    return [found[i] for i in order if distances_m[i] <= query.radius_m]
+
+
+def _is_meant(item: MapObject, query: ObjectQuery) -> bool:
+    if query.class_name and item.class_name != query.class_name:
+        return False
+    match query.state:
+        case 'present':
+            return item.state in AT_PLACE
+        case 'new':
+            return item.is_new
+        case 'any':
+            return True
+        case name:
+            return item.state.name.lower() == name
