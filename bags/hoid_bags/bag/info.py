@@ -22,8 +22,8 @@ class TopicSummary(NamedTuple):
     name: str
     type_name: str
     num_messages: int
-    # Between its messages; of a latched topic, in the whole bag. 0 with fewer than two messages, or
-    # if all have the same log time.
+    # Between its messages; of a latched topic, in the whole bag. 0 with fewer than two messages,
+    # or if all have the same log time.
     rate_hz: float
     size_bytes: int | None = None  # total size of its serialized messages; None: not counted
 
