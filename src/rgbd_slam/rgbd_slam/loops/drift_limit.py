@@ -1,4 +1,4 @@
-"""How far a loop may move a keyframe: the drift of the visual odometry on the path in between."""
+"""Limits how far a loop may move a keyframe: by the drift on the path between its two ends."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import numpy as np
 
 from rgbd_slam.config.place_config import LoopConfig
 
-# Chosen: the corrections of shorter loops are mostly the error of the match at the place.
+# Chosen: nothing is learned from loops with a shorter path, whose correction is mostly the error
+# of the match at the place.
 _MIN_PATH_M = 20.0
-_MIN_LOOPS = 3  # chosen: fewer do not tell how much the drift varies
-# Chosen: drift beyond so many times the largest drift so far is unusual.
+_MIN_LOOPS = 3  # chosen: fewer loops do not show how much the drift varies
+# Chosen: a drift per length of the path is unusual above this multiple of the largest one so far.
 _FACTOR = 5.0
 # Chosen: a drift of 0.5 % of the path is usual for every camera.
 _USUAL_SHARE = 0.005
 
 
 class DriftLimit:
-    """Tells from the length of the path between two keyframes which drift is possible.
+    """Decides which drift is possible on a path between two keyframes, and which is usual.
 
     Args:
-        config: The largest drift of any camera.
+        config: Parameters, which contain the largest drift that is possible with any camera.
     """
 
     def __init__(self, config: LoopConfig) -> None:
@@ -27,20 +28,29 @@ class DriftLimit:
         self._shares: list[float] = []  # correction / path of the long loops closed so far
 
     def explains(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
-        """Return whether a camera can have drifted by a rotation and a distance on a path."""
+        """Return whether a camera can have drifted by this rotation and distance on a path.
+
+        The limits grow linearly with the length `path_m`, which is infinite between maps.
+        """
         limit = self._config
         max_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
         max_m = limit.drift_m + limit.drift_share * path_m
         return bool(distance_m <= max_m and turn_rad <= max_rad)
 
     def is_usual(self, path_m: float, distance_m: float) -> bool:
-        """Return whether the loops so far let expect such a drift; True if they are too few."""
+        """Return whether a drift of `distance_m` is usual, compared with the loops closed so far.
+
+        It is always usual before three long loops have been closed.
+        """
         if len(self._shares) < _MIN_LOOPS:
             return True
         share = max(_USUAL_SHARE, _FACTOR * max(self._shares))
         return distance_m <= self._config.drift_m + share * path_m
 
     def add(self, path_m: float, distance_m: float) -> None:
-        """Learn from a loop that is closed: the length of its path, and its correction."""
+        """Learn from a loop that is closed: the length of its path, and its correction [m].
+
+        Loops with a path shorter than 20 m are ignored.
+        """
         if _MIN_PATH_M <= path_m < np.inf:
             self._shares.append(distance_m / path_m)

@@ -1,8 +1,7 @@
 """The essential graph of ORB-SLAM: the pose graph of keyframes that distributes a loop's error.
 
 Its edges are the spanning tree, pairs of keyframes that share many points, and the loops closed so
-far (Mur-Artal et al., T-RO 2015, sec. VII). Poses have no scale, because depth makes it
-observable.
+far (Mur-Artal et al., T-RO 2015, sec. VII). Scale is not estimated, because depth measures it.
 """
 
 from __future__ import annotations
@@ -21,15 +20,17 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_change import Move
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
-_MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
-# Not tuned: standard deviations of an edge's translation (a constant and a share of its length)
-# and rotation, as good visual odometry has. Only their ratios matter: long edges and edges with
-# few shared points absorb most of the correction.
+# ORB-SLAM3, KeyFrame.cc, UpdateConnections: number of shared points that connects two keyframes.
+_MIN_SHARED = 15
+# Not tuned: standard deviations of the translation of an edge (a constant [m], plus a share of its
+# length) and of its rotation [rad], as good visual odometry has. Only their ratios matter: long
+# edges and edges with few shared points absorb most of the correction.
 _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
 _STRONG_SHARED = 100  # Mur-Artal et al., T-RO 2015: shared points of a strong edge (theta)
-# Not tuned: factor on the standard deviations of a recognized place, and the errors added to them.
+# Not tuned: factor on the standard deviations of the pose at a recognized place, and the standard
+# deviations of the errors that are added to them.
 _LINK_FACTOR = 3.0
 _LINK_SIGMA_M = 0.002
 _LINK_SIGMA_RAD = 0.001
@@ -42,25 +43,26 @@ class Loop(NamedTuple):
     uid_a: int
     uid_b: int
     T_a_b: FloatArray  # (4, 4)
-    covariance: FloatArray  # (6, 6) in the frame of b, rotation first [rad^2, m^2]
+    covariance: FloatArray  # (6, 6) in the camera frame of b, rotation first [rad^2, m^2]
 
 
 def link_covariance(match: PlaceMatch) -> FloatArray:
-    """Return the (6, 6) covariance of the relative pose of a recognized place, rotation first.
+    """Return the (6, 6) covariance of a loop in the frame of the matched camera, rotation first.
 
-    It is larger than the covariance of the match, which holds for independent errors only: the
-    points of the place share errors of the map.
+    Units are rad^2 and m^2. It is larger than the covariance of the match, which holds for
+    independent errors only: the points of the place share errors of the map.
     """
     constant = np.square([_LINK_SIGMA_RAD] * 3 + [_LINK_SIGMA_M] * 3)
     return np.asarray(_LINK_FACTOR**2 * match.covariance + np.diag(constant))
 
 
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
-    """Return the length [m] of the shortest path between two keyframes in the covisibility graph.
+    """Return the length [m] of the shortest path from keyframe to keyframe between two of them.
 
-    The drift between the keyframes grows with this length and not with time, because no drift is
-    added in known places. Rotations along the path add 0.3 m per rad. The length is infinite
-    between different maps (Dijkstra's algorithm).
+    A path leads along keyframes that share at least 15 points, or are parent and child in the
+    spanning tree; rotations along it add 0.3 m per rad (Dijkstra's algorithm). The drift between
+    the two grows with this length and not with time, because no drift is added in known places.
+    The length is infinite between different maps.
 
     Args:
         atlas: The map.
@@ -76,13 +78,15 @@ def closed_poses(
     """Return the rows (N,) of the keyframes of a region, and their poses after closing loops.
 
     The poses are T_map_camera (N, 4, 4); the map itself is not changed. The keyframes at the
-    border of the region and the first keyframe of the map keep their poses. Edges of the pose
-    graph are the present relative poses of keyframes, and the measured ones of loops.
+    border of the region and the first keyframe of the map keep their poses. The pose graph has
+    two kinds of edges: the present relative poses of connected keyframes, and the relative poses
+    that were measured for the loops.
 
     Args:
         atlas: The map.
         region: The keyframes whose poses are corrected.
-        loops: All closed loops; those with an end outside the region have no effect.
+        loops: All closed loops; a loop has no effect if one of its keyframes is neither in the
+            region nor at its border.
         min_shared: Number of shared points from which two keyframes are connected by an edge.
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
@@ -113,7 +117,11 @@ def closed_poses(
 def _constraints(
     pairs: Edges, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, float, float]]:
-    """Yield for each pair of groups its present relative pose, sigma [rad] and sigma [m]."""
+    """Yield (a, b, T_a_b, sigma_rad, sigma_m) for each connected pair of groups a and b.
+
+    T_a_b (4, 4) is the present relative pose of their heads, and the sigmas are the standard
+    deviations of its rotation and of its translation.
+    """
     T_a_b = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, _MIN_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
@@ -125,7 +133,11 @@ def _constraints(
 def _links(
     atlas: Atlas, loops: list[Loop], group_of: IntArray, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
-    """Yield for each loop its two groups, the relative pose of their heads, and its covariance."""
+    """Yield (g, h, T_g_h, covariance) for each loop between two groups g and h.
+
+    T_g_h (4, 4) is the relative pose of their heads by the loop, and the covariance (6, 6) is that
+    of the loop. A loop within a group, or with a keyframe outside of the graph, is left out.
+    """
     keyframes = atlas.keyframes
     for loop in loops:
         a, b = keyframes.index_of(loop.uid_a), keyframes.index_of(loop.uid_b)
@@ -140,7 +152,9 @@ def _links(
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
-    """Return the pairs of different groups that edges connect, each with its strongest edge only.
+    """Return the pairs of different groups that edges connect, with group numbers as the ends.
+
+    The first group has the lower number. `shared` is that of the strongest edge between the two.
 
     Args:
         edges: Edges between keyframes, possibly several for the same pair of groups.
@@ -158,9 +172,10 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 
 
 def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
-    """Return the pairs of `rows` that are parent and child, or share at least `min_shared` points.
+    """Return the pairs of keyframes that are parent and child, or share `min_shared` points.
 
-    `shared` is 0 for a parent and child that share no points.
+    At least one keyframe of a pair is in `rows`; the other one may be outside. The first one has
+    the lower row. `shared` is 0 for a parent and child that share no points.
     """
     keyframes = atlas.keyframes
     pairs = atlas.edges()
@@ -178,6 +193,6 @@ def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
 def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> Move:
     """Move keyframes (N,) to new poses T_map_camera (N, 4, 4), and their points with them.
 
-    Returns the motion of each keyframe.
+    A point moves with its reference keyframe. Returns the motion of each keyframe.
     """
     return atlas.move(rows, T_map_camera @ se3.inverse(atlas.keyframes.T_map_camera[rows]))

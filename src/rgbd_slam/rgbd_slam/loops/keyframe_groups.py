@@ -1,9 +1,10 @@
 """Groups of keyframes: the nodes of the pose graph of a large map.
 
-The time of a pose graph grows with its nodes. In a map of more than `_MAX_NODES` keyframes, the
-keyframes are therefore grouped along the spanning tree, the pose graph holds one keyframe of each
-group, its head, and the corrections of the heads are interpolated for the others. A correction is
-spread over the whole loop, so that it changes slowly from group to group.
+The time to optimize a pose graph grows with its nodes. In a map of more than `_MAX_NODES`
+keyframes, the keyframes are therefore grouped along the spanning tree. The pose graph holds one
+keyframe of each group, its head, and the corrections of the heads are interpolated for the other
+keyframes. This is accurate because a correction is spread over the whole loop, so that it changes
+slowly from group to group.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from hoid_common.values import FloatArray, IntArray
 
 # Chosen: up to this number, the pose graph takes less time than moving the points.
 _MAX_NODES = 500
-_NEAR_M = 1e-6  # chosen: keeps the weights of a head itself finite
+_NEAR_M = 1e-6  # chosen: keeps the weight finite at the head itself, where the distance is 0
 _TURN_M = 1.0  # chosen: a rotation of 1 rad from a head counts as this distance
 
 
@@ -29,7 +30,9 @@ class KeyframeGroups(NamedTuple):
 
 
 def keyframe_groups(parents: IntArray) -> KeyframeGroups:
-    """Return N keyframes in groups along the spanning tree; in a small map, each is a group.
+    """Group N keyframes along the spanning tree; in a small map, each keyframe is a group.
+
+    A group is connected in the spanning tree, and its head is nearest to the root.
 
     Args:
         parents: (N,) position of each keyframe's parent; -1 for a root.
@@ -100,14 +103,14 @@ def spread_corrections(
 
 
 def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
-    """Combine each keyframe with the pairs of groups of which the first one is its own.
+    """Combine each keyframe with those pairs of groups whose first group is the keyframe's own.
 
     Args:
         group: (N,) group of each keyframe.
         own: (E,) first group of each pair, ascending.
 
     Returns:
-        (M,) keyframes and (M,) pairs.
+        The M combinations: (M,) positions of keyframes, and (M,) positions of pairs.
     """
     starts = np.searchsorted(own, group)
     counts = np.searchsorted(own, group, side='right') - starts

@@ -27,11 +27,11 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
-_AROUND = 10  # not tuned: neighbors of both keyframes of a loop whose points are fused
+_AROUND = 10  # not tuned: neighbors of each of the two keyframes of a loop whose points are fused
 _NO_MAP = -1
-# Chosen: number of keyframes whose poses are corrected around a loop with hardly any drift. No
-# recording of a room has as many; in a building such a loop takes the same time whatever the size
-# of the map.
+# Chosen: largest number of keyframes whose poses are corrected around a loop with hardly any
+# drift. No recording of a room has as many; in a building, the limit keeps the time of such a loop
+# independent of the size of the map.
 _SMALL_LOOP = 200
 
 _logger = logging.getLogger(__name__)
@@ -47,16 +47,19 @@ class LoopEvent(Enum):
 
 
 class Join(NamedTuple):
-    """A recognized place, for the log; evaluation compares it with the ground truth."""
+    """A loop or merge by a recognized place: logged, and compared with ground truth in evaluation.
+
+    The keyframe is the new one, and the place is the camera of an earlier keyframe.
+    """
 
     event: LoopEvent
     stamp_ns: int  # of the keyframe
     place_stamp_ns: int  # of the earlier keyframe at the same place
-    T_place_camera: FloatArray  # (4, 4)
+    T_place_camera: FloatArray  # (4, 4) measured pose of the keyframe, relative to the earlier one
     place_uid: int  # of the earlier keyframe
-    num_points: int  # of the place that the keyframe observes
-    # Distance [m] and rotation [rad] of the keyframe from its pose by the recognized place; None
-    # between two maps, whose relative pose was unknown.
+    num_points: int  # map points of the place that the keyframe observes
+    # Distance [m] and rotation [rad] between the keyframe's pose in the map before the correction
+    # and its pose by the recognized place; None between two maps, whose relative pose was unknown.
     correction: tuple[float, float] | None
 
     def __str__(self) -> str:
@@ -113,7 +116,8 @@ class LoopCloser:
     def process(self, i: int) -> LoopEvent:
         """Correct the map if the new keyframe `i` shows a known place; return what was done.
 
-        Also applies a finished global adjustment to the map.
+        Also applies a finished global adjustment to the map, even if closing loops is switched
+        off.
         """
         self.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
@@ -153,11 +157,12 @@ class LoopCloser:
         return self._adjuster.is_running
 
     def settle(self, limit_s: float) -> None:
-        """Adjust the map once more if keyframes were added since the last global adjustment.
+        """Repeat the last global adjustment if keyframes have been added to its map since then.
 
-        It covers the part of the map around the newest keyframe, or the whole map if this is
-        small. Waits up to `limit_s` for a global adjustment that is running, and as long for the
-        repeated one, which may continue in the background.
+        The repetition covers the part of that map around its newest keyframe, or the whole map if
+        this is small. Waits up to `limit_s` for a global adjustment that is running; if it does
+        not end, nothing is repeated. Waits as long again for the repetition, which then continues
+        in the background.
         """
         self._adjuster.poll(limit_s)
         if self._has_grown and not self._adjuster.is_running:
@@ -173,8 +178,8 @@ class LoopCloser:
     def _close(self, i: int, c: int, match: PlaceMatch, T_c_i: FloatArray) -> LoopEvent:
         """Close a loop from keyframe `i` to keyframe `c` by pose graph optimization.
 
-        Points of both ends are fused. A global adjustment follows unless the loop is short and
-        has hardly any drift.
+        The map points around both keyframes are fused. A global adjustment follows unless the loop
+        is short and has hardly any drift.
 
         Args:
             i: Row of the new keyframe.

@@ -1,9 +1,9 @@
 """Loop detection: whether a keyframe shows a known place.
 
-The place index proposes places, which geometry verifies. In addition, other keyframes must confirm
-the place, and the correction must not exceed the drift that the path between both explains,
-because identical furniture stands in several places. Finally, what is around must not contradict
-the place: rooms that look alike have different neighbors.
+The place index proposes keyframes, and geometry verifies them. Identical furniture may stand in
+several places. Therefore other keyframes must confirm the place, and the correction must not
+exceed the drift that the length of the path between the two keyframes explains. Finally, the
+surroundings must not contradict the place: rooms that look alike have different neighbors.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 class _Detection(NamedTuple):
     """A verified place of a keyframe."""
 
-    uid: int  # the keyframe
-    map_id: int  # the map of the place
-    T_camera_place: FloatArray  # (4, 4) pose of the keyframe in that map
+    uid: int  # of the keyframe
+    map_id: int  # the map that the place belongs to
+    T_camera_place: FloatArray  # (4, 4) T_camera_map of the keyframe in that map, by the place
 
 
 class LoopDetector:
@@ -63,7 +63,8 @@ class LoopDetector:
         """Return the confirmed place that keyframe `i` shows again, or None if there is none.
 
         The place is outside the neighborhood of the keyframe, or in another map. Places that are
-        verified but not confirmed are remembered, so that later keyframes may confirm them.
+        verified but not confirmed are remembered, so that later keyframes may confirm them; they
+        are all forgotten once a place is confirmed.
         """
         keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
@@ -106,7 +107,10 @@ class LoopDetector:
         self._detections = [*self._detections[1 - _MAX_DETECTIONS :], detection]
 
     def _support_in_time(self, i: int, c: int, match: PlaceMatch) -> int:
-        """Return how many earlier keyframes showed the map of `c` at a pose consistent with `i`.
+        """Return how many remembered detections of earlier keyframes support the match of `i`.
+
+        A detection supports it if its keyframe is in the map of `i`, its place is in the map of
+        `c`, and its pose there is the one that follows from the match.
 
         Args:
             i: Row of the keyframe.
@@ -126,7 +130,8 @@ class LoopDetector:
     def _support_around(self, i: int, c: int, match: PlaceMatch) -> int:
         """Return how many neighbors of `i` show the place of `c` at the expected pose.
 
-        Neighbors that `_support_in_time` counts are left out.
+        Neighbors with a remembered detection are left out, since `_support_in_time` evaluates
+        these.
         """
         keyframes = self._atlas.keyframes
         counted = {detection.uid for detection in self._detections}
@@ -141,7 +146,13 @@ class LoopDetector:
         return support
 
     def _expected(self, n: int, i: int, match: PlaceMatch) -> FloatArray:
-        """Return T_camera_place (4, 4) of keyframe `n` if the match of keyframe `i` is right."""
+        """Return T_camera_map (4, 4) that keyframe `n` has at the place if the match is right.
+
+        Args:
+            n: Row of another keyframe in the map of `i`.
+            i: Row of the keyframe.
+            match: The verified pose of keyframe `i` at the place.
+        """
         poses = self._atlas.keyframes.T_map_camera
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
@@ -151,8 +162,9 @@ class LoopDetector:
 
         The drift between different maps is unknown: two maps are merged only if more points are
         found, and if their surroundings do not differ. Within a map, the surroundings are compared
-        before a keyframe is moved far. If it would be moved farther than the drift measured so far
-        explains, then views along more than a room must agree as well.
+        before a keyframe is moved by more than 0.5 m. If it would be moved farther than the drift
+        measured so far explains, then agreeing views must also be farther apart than a room is
+        long.
         """
         keyframes = self._atlas.keyframes
         if keyframes.map_id[i] != keyframes.map_id[c]:

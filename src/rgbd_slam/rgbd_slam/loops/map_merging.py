@@ -13,7 +13,8 @@ from rgbd_slam.model.map_change import Move
 def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
     """Move the newer of two maps into the frame of the older one, which is already in use.
 
-    Returns the motion of the newer map.
+    The newer map is the one with the larger id; its keyframes and points get the id of the older
+    one. Returns the motion of its keyframes.
 
     Args:
         atlas: The maps.
@@ -28,7 +29,7 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
 
 
 def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> Move:
-    """Move the map of keyframe `guest` into the map of keyframe `host`; return its motion.
+    """Move the map of keyframe `guest` into the map of keyframe `host`; return the motion.
 
     `host` becomes the parent of `guest` in the spanning tree.
     """

@@ -15,17 +15,18 @@ class Region(NamedTuple):
     """Connected keyframes of one map."""
 
     rows: IntArray  # (N,) ascending
-    # (M,) ascending: keyframes outside the region that share points with one inside, or are parent
-    # or child of one inside in the spanning tree. A correction of the region does not move them.
+    # (M,) ascending: keyframes outside the region that share at least 15 points with one inside,
+    # or are its parent or child in the spanning tree. A correction of the region does not move
+    # them.
     border: IntArray
 
 
 def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
     """Return the region of at most `limit` keyframes that are nearest to given keyframes.
 
-    Near keyframes are found by breadth-first search: each step leads to keyframes that share
-    points, to the parent or to the children in the spanning tree. The region is therefore the
-    whole map if this has no more than `limit` keyframes.
+    Near keyframes are found by breadth-first search: each step leads to keyframes that share at
+    least 15 points, to the parent or to the children in the spanning tree. The region is therefore
+    the whole map if this has no more than `limit` keyframes.
 
     Args:
         atlas: The map.

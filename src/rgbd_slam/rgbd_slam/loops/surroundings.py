@@ -1,4 +1,4 @@
-"""The surroundings of a recognized place, which tell it from a place that looks the same.
+"""The surroundings of a recognized place, which distinguish it from a place that looks the same.
 
 Rooms that look alike have different neighbors (decision 047).
 """
@@ -16,28 +16,31 @@ from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
 from rgbd_slam.places.place_finder import NEAR_SHARED
 
 _AROUND = 10  # not tuned: neighbors of a keyframe whose points are searched in the same view
-_SURROUNDINGS_M = 8.0  # not tuned: the drift up to this distance is within the search windows
+# Not tuned: radius of the surroundings of a keyframe. The drift over this distance displaces
+# points by less than the windows in which they are searched.
+_SURROUNDINGS_M = 8.0
 _ROOM_M = 8.0  # chosen: the diagonal of a room
-# Chosen: views of two keyframes that show mostly the same.
+# Chosen: largest distance and angle between two keyframes that show mostly the same.
 _SAME_VIEW_M = 0.7
 _SAME_VIEW_RAD = 0.4
-# Chosen: a view is compared if so many points are expected in it. It contradicts a place if at
-# most the first share of them is found, as by chance at another place, and agrees with it from the
-# second one on.
+# Chosen: a view is evaluated if at least this number of points is expected in it. It contradicts
+# the place if less than the first share of them is found, as happens by chance at another place,
+# and agrees with it if at least the second share is found.
 _MIN_EXPECTED = 40
 _CONTRADICTING_SHARE = 0.15
 _AGREEING_SHARE = 0.5
-# Chosen: so many views, and this share of all, must contradict: in a known place, furniture is
-# moved too.
+# Chosen: the surroundings differ if at least this number of views contradicts the place, and at
+# least this share of the evaluated views. Fewer may do so at the right place, where furniture was
+# moved.
 _MIN_CONTRADICTING = 2
 _MAX_CONTRADICTING_SHARE = 0.1
 
 
 class Comparison(NamedTuple):
-    """What the keyframes around a new keyframe see of the surroundings of a place."""
+    """The result of comparing the keyframes around a new keyframe with those around a place."""
 
-    are_others: bool  # too many of them see something else
-    agree_beyond_a_room: bool  # those that see the same are farther apart than a room is long
+    are_others: bool  # True: the surroundings differ, since too many views contradict the place
+    agree_beyond_a_room: bool  # True: two agreeing views are farther apart than a room is long
 
 
 class Surroundings:
@@ -53,10 +56,11 @@ class Surroundings:
         self._verifier = verifier
 
     def compare(self, i: int, c: int, match: PlaceMatch) -> Comparison:
-        """Compare the surroundings of keyframe `i` with those of keyframe `c`.
+        """Compare the surroundings of keyframe `i` with those of keyframe `c`; the map stays.
 
-        The keyframes around `i` are moved with it to the place. Those that then have the view of a
-        keyframe around the place should find its points.
+        Poses are computed that the keyframes around `i` would have if they were moved with it to
+        the place. Those with nearly the view of a keyframe around the place should then find its
+        points.
 
         Args:
             i: Row of the new keyframe.
@@ -95,8 +99,9 @@ class Surroundings:
         keyframes = self._atlas.keyframes
         own, place = self._visit(i), self._around(c)
         if keyframes.map_id[i] == keyframes.map_id[c]:
-            # The place is the part of the map that is nearer in time to `c`. Keyframes that share
-            # points with it are already where they belong.
+            # Keyframes that are nearer to `c` than to `i` in order of insertion belong to the
+            # place, and the others to `i`. Of these, keyframes that share points with the place
+            # are left out: they are at the right pose already.
             is_new = 2 * keyframes.uid > keyframes.uid[i] + keyframes.uid[c]
             own, place = own & is_new, place & ~is_new
             for row in np.flatnonzero(place).tolist():
@@ -104,10 +109,11 @@ class Surroundings:
         return np.flatnonzero(own), np.flatnonzero(place)
 
     def _visit(self, i: int) -> BoolArray:
-        """Return the mask of the keyframes since the camera came to the surroundings of `i`.
+        """Return the mask of the keyframes since the camera came into the surroundings of `i`.
 
-        The camera has not left the surroundings in between: a room may be seen for any time before
-        a place in it is recognized, and what tells it from others is in front of its door.
+        The camera has not left these since then. There is no limit of time: the camera may be
+        in a room for long before a place in it is recognized, and the views that distinguish this
+        room from others that look alike are those in front of its door.
         """
         keyframes = self._atlas.keyframes
         around = self._around(i)
@@ -117,7 +123,7 @@ class Surroundings:
         return np.asarray(around & (keyframes.uid > last_away))
 
     def _around(self, i: int) -> BoolArray:
-        """Return the mask of the keyframes of the same map within the surroundings of `i`."""
+        """Return the mask of the keyframes in the map of `i` within 8 m of it, `i` included."""
         keyframes = self._atlas.keyframes
         T = keyframes.T_map_camera
         near = np.linalg.norm(T[:, :3, 3] - T[i, :3, 3], axis=1) < _SURROUNDINGS_M
@@ -128,8 +134,8 @@ def pose_distances(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray
     """Return the (N, M) distances [m] and angles [rad] between the views of two sets of poses.
 
     Args:
-        a: (N, 4, 4) poses of cameras, whose views are along z.
-        b: (M, 4, 4) poses in the same frame.
+        a: (N, 4, 4) poses T_map_camera; the angle is that between the optical axes (z).
+        b: (M, 4, 4) poses T_map_camera in the same frame.
     """
     distance_m = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=2)
     cosine = a[:, :3, 2] @ b[:, :3, 2].T
