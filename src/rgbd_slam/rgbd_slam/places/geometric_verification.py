@@ -2,8 +2,8 @@
 
 RANSAC over descriptor matches with the keyframe gives a pose. The points around the keyframe are
 then searched where that pose predicts them (loop verification of ORB-SLAM2, Mur-Artal and Tardos,
-T-RO 2017). Finally, enough of the expected points must have been found. Where a point was not
-found, depth readings must not lie behind it.
+T-RO 2017). Finally, enough of the expected points must have been found, and depth readings may lie
+behind only few of the points that were not found: a surface behind a point contradicts the point.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from rgbd_slam.optimize.alignment import align_image
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, covariance, optimize_pose
 from rgbd_slam.places.visibility import detection_probability, visibility
 
-# Not tuned: factors on the search windows of ORB-SLAM3, first for the error of a RANSAC pose, then
-# for that of an optimized one.
+# Not tuned: factors on the search windows of ORB-SLAM3, in the first search for the error of a
+# RANSAC pose, and in the second search for that of an optimized pose.
 _SEARCH_RADII = (4.0, 2.0)
-_MIN_MATCHES = 10  # not tuned: matches below which no pose is optimized
+_MIN_MATCHES = 10  # not tuned: number of matches below which no pose is optimized
 
 
 class PlaceMatch(NamedTuple):
@@ -41,8 +41,8 @@ class PlaceMatch(NamedTuple):
 
     T_camera_map: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
-    k: IntArray  # (M,) features of the image
-    j: IntArray  # (M,) points that they observe
+    k: IntArray  # (M,) features of the image that fit the pose
+    j: IntArray  # (M,) rows of the map points that they observe
 
     @property
     def T_map_camera(self) -> FloatArray:  # noqa: N802
@@ -56,11 +56,13 @@ class PlaceMatch(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """How well an image agrees with the points that are expected in it."""
+    """How well an image agrees with the map points that are expected in it."""
 
-    num_expected: float  # points, each weighted with the probability that it is detected
-    found_share: float  # of them
-    contradicted_share: float  # of the points in view that depth readings lie behind
+    # Sum over the observable points of the probability that an image finds the point.
+    num_expected: float
+    found_share: float  # number of observable points that were found, divided by num_expected
+    # Share of the points in view that were not found and behind which all depth readings lie.
+    contradicted_share: float
 
 
 class PlaceVerifier:
@@ -102,7 +104,7 @@ class PlaceVerifier:
     def search(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceMatch | None:
-        """Return the pose of a frame if it shows the place of (K,) keyframes, else None.
+        """Return the pose of a frame if it shows the place of K keyframes, else None.
 
         Args:
             frame: The frame.
@@ -119,11 +121,11 @@ class PlaceVerifier:
         return found if is_same else None
 
     def compare(self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray) -> Evidence:
-        """Return how well a frame agrees with the points around (K,) keyframes at about a pose.
+        """Return how well a frame near a given pose agrees with the points of K keyframes.
 
         Args:
             frame: The frame.
-            T_camera_map: (4, 4) pose, which is refined if enough points are found.
+            T_camera_map: (4, 4) given pose, which is refined if enough points are found.
             keyframes: (K,) rows of the keyframes whose points are searched.
         """
         points = self._atlas.points_of(keyframes)
@@ -135,7 +137,11 @@ class PlaceVerifier:
     def _found(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray
     ) -> PlaceMatch | None:
-        """Return the points (P,) that a frame observes and its pose; None if they are too few."""
+        """Search points (P,) in a frame, and return its refined pose and the points that fit it.
+
+        The pose is refined after each of two searches. None is returned if one of them finds fewer
+        than 10 points.
+        """
         for radius in _SEARCH_RADII:
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
             matches = match_by_projection(
@@ -155,9 +161,13 @@ class PlaceVerifier:
     def _evidence(
         self, frame: Frame, T_camera_map: FloatArray, found: IntArray, points: IntArray
     ) -> Evidence:
-        """Return which share of the points (P,) is found, and which is contradicted.
+        """Return how many of the points (P,) are expected, and the found and contradicted shares.
 
-        A point is contradicted if depth readings around its pixel lie behind it.
+        Args:
+            frame: The frame.
+            T_camera_map: (4, 4) pose of the frame.
+            found: (F,) rows of the points that were found in it.
+            points: (P,) rows of the points.
         """
         table = self._atlas.points
         view = visible_points(self._atlas, self._camera, T_camera_map, points, 1.0)
@@ -171,10 +181,11 @@ class PlaceVerifier:
         return Evidence(expected, found_share, contradicted_share)
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
-        """Return matches of the O observations of a keyframe with the features of a frame.
+        """Match the O observations of a keyframe with the features of a frame, by descriptor.
 
-        The (O,) rows of the observed points are returned as well; the queries of the matches are
-        numbers of observations.
+        Returns:
+            The matches, whose queries `q` are positions among the observations; and the (O,) rows
+            of the observed points.
         """
         keyframes, config = self._atlas.keyframes, self._config
         observing = np.flatnonzero(keyframes.point_of_feature[candidate] != NO_POINT)

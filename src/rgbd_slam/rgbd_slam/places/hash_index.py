@@ -2,9 +2,9 @@
 
 Each hash table uses a fixed subset of the descriptor bits as its key, so that similar descriptors
 often have the same key (Indyk and Motwani, STOC 1998; for ORB: Rublee et al., ICCV 2011). No
-vocabulary is needed. Every vote is a descriptor match checked by its distance: the right place has
-several times as many votes as the others, where scores of bags of words differ by a few percent
-(docs/results/places_and_loops.md).
+vocabulary is needed. Every vote is a descriptor match whose Hamming distance was checked. The
+right place has several times as many votes as the others, whereas scores of bags of words differ
+by a few percent (docs/results/places_and_loops.md).
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ from rgbd_slam.places.place_index import PlaceVotes
 
 _REMOVED = -1
 _HASH_SEED = 12345  # chosen: the bits of the keys are the same in all runs
-# Not tuned: with a smaller share, adding takes longer, with a larger one queries do.
+# Not tuned: a segment is merged with the one before it once it is larger than this share of that
+# one. With a smaller share, adding takes longer; with a larger one, there are more segments, and
+# queries take longer.
 _MERGE_SHARE = 1 / 16
 _ROW_BITS = np.uint64(32)
 _ROW_MASK = np.uint64(0xFFFFFFFF)
-_BLOCK = 256  # chosen: descriptors whose unpacked bits fit into the cache
+_BLOCK = 256  # chosen: number of descriptors whose unpacked bits fit into the cache
 
 KeyArray = NDArray[np.uint64]
 
@@ -37,7 +39,7 @@ class HashIndex:
 
     All descriptors are rows of one array, the pool. A segment holds, for each of T hash tables,
     the sorted numbers `key << 32 | pool row` of some descriptors. New descriptors become a new
-    segment. A segment that is not much smaller than the one before it is merged with that, so that
+    segment. A segment that is not much smaller than the one before it is merged with it, so that
     there are few segments and adding is cheap on average.
     """
 
@@ -51,11 +53,11 @@ class HashIndex:
             self._weights[order[: config.key_bits], t] = 2.0 ** np.arange(config.key_bits)
         self._members: IntArray = np.empty(0, np.int64)  # (K,) uids, ascending
         self._pending: list[tuple[int, ByteArray]] = []
-        self._num_rows = 0  # of the pool that are in use
+        self._num_rows = 0  # number of rows of the pool that are in use
         self._pool: ByteArray = np.empty((_BLOCK, DESCRIPTOR_BYTES), np.uint8)
         # uid of the keyframe of each row of the pool, or _REMOVED
         self._uid: IntArray = np.full(_BLOCK, _REMOVED)
-        self._rows: dict[int, slice] = {}  # of the pool, by uid
+        self._rows: dict[int, slice] = {}  # rows of the pool, by the uid of their keyframe
         self._segments: list[KeyArray] = []  # from the largest to the smallest
 
     def update(self, atlas: Atlas) -> None:
@@ -76,7 +78,10 @@ class HashIndex:
         self._insert_pending()
 
     def add(self, uid: int, descriptors: ByteArray) -> None:
-        """Add a keyframe with its (N, 32) descriptors, thinned evenly to `max_features`."""
+        """Add a keyframe that is not in the index, with its (N, 32) descriptors.
+
+        If these are more than `max_features`, evenly spaced ones are indexed.
+        """
         self._members = np.union1d(self._members, [uid])
         self._append(uid, descriptors)
 
@@ -90,7 +95,8 @@ class HashIndex:
     def query(self, descriptors: ByteArray) -> PlaceVotes:
         """Return the keyframes that match descriptors (N, 32) of an image, with most votes first.
 
-        Keyframes with equal votes are sorted by uid.
+        Keyframes with equal votes are sorted by uid. If there are more than `max_features`
+        descriptors, evenly spaced ones are looked up.
         """
         self._insert_pending()
         descriptors = self._thinned(descriptors)
@@ -100,7 +106,7 @@ class HashIndex:
         uid = self._uid[row]
         near = hamming(descriptors[query], self._pool[row]) <= self._config.max_hamming
         near &= uid != _REMOVED
-        # A pair found in two tables counts once.
+        # A descriptor has one vote for a keyframe, even if it was found there several times.
         pairs = np.unique(uid[near] * len(descriptors) + query[near])
         uids, votes = np.unique(pairs // max(len(descriptors), 1), return_counts=True)
         order = np.argsort(-votes, kind='stable')
@@ -115,7 +121,7 @@ class HashIndex:
         return descriptors[rows]
 
     def _keys(self, descriptors: ByteArray) -> KeyArray:
-        """Return the (T, N) keys of descriptors (N, 32), in the bits above those of pool rows."""
+        """Return the (T, N) keys of descriptors (N, 32) in the 32 upper bits; the others are 0."""
         keys = np.empty((self._config.num_tables, len(descriptors)), np.uint64)
         for start in range(0, len(descriptors), _BLOCK):
             part = slice(start, start + _BLOCK)
@@ -126,14 +132,15 @@ class HashIndex:
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
         """Return all pairs of a descriptor and a pool row of a segment that have the same key.
 
-        Pairs whose key is too common are left out.
+        Pairs whose key is too common (`max_bucket`) are left out. A pair is repeated for each
+        table in which its keys are equal.
 
         Args:
             segment: The segment.
             keys: (T, N) keys of the descriptors.
 
         Returns:
-            The (C,) numbers of the descriptors, and the (C,) pool rows.
+            The (C,) positions of the descriptors in `keys`, and the (C,) pool rows.
         """
         ends = keys + (np.uint64(1) << _ROW_BITS)
         tables = range(len(keys))

@@ -16,14 +16,16 @@ from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
 from rgbd_slam.places.place_index import PlaceIndex, make_place_index
 from rgbd_slam.places.pose_hint import PoseHint
 
-NEAR_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
+# ORB-SLAM3, KeyFrame.cc, UpdateConnections: number of shared points from which keyframes are
+# neighbors.
+NEAR_SHARED = 15
 _AMBIGUOUS_M = 0.3  # not tuned: verified poses farther apart than this are two places
 
 
 class FoundPlace(NamedTuple):
     """A verified place, and the candidate keyframe that was verified."""
 
-    keyframe: int  # row
+    keyframe: int  # row of the candidate
     match: PlaceMatch
 
 
@@ -45,21 +47,27 @@ class PlaceFinder:
         self.verifier = PlaceVerifier(atlas, camera, config.verification, seed)
 
     def index_of(self, atlas: Atlas) -> PlaceIndex:
-        """Return the place index of another map, ready to be queried. Any thread may call this."""
+        """Return a new place index of another map, ready to be queried.
+
+        Any thread may call this, as long as nothing changes that map meanwhile.
+        """
         index = make_place_index(self._index_config.method, self._index_config)
         index.update(atlas)
         return index
 
     def use_index(self, index: PlaceIndex) -> None:
-        """Use the index of a map that has replaced the map."""
+        """Use an index that `index_of` made, because its map has replaced the map."""
         self._index = index
 
     def index_places(self) -> None:
-        """Index all keyframes that are not indexed yet; `candidates` does it as well."""
+        """Index new keyframes, and remove those that are gone; `candidates` does it as well."""
         self._index.update(self._atlas)
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
         """Return the rows of the keyframes most similar to an image, one for each place.
+
+        They are at most `max_candidates`, the most similar first. A keyframe is left out if it has
+        fewer than `min_votes` votes, or shares at least 15 points with a more similar one.
 
         Args:
             descriptors: (N, 32) descriptors of the image.
@@ -97,11 +105,12 @@ class PlaceFinder:
         return self._unambiguous_place(frame, excluded)
 
     def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
-        """Return the place of a frame near a given pose in the main map; None if it is not there.
+        """Return the place of a frame near a given pose in the main map; None if none is found.
 
         First, map points are searched where the given pose predicts them, which works if the pose
         is accurate to one or two degrees. If that fails, the place index is queried, but only for
-        keyframes near the given pose, because other places may look the same.
+        keyframes near the given pose, because other places may look the same. The pose that is
+        found must also be near the given one (`PoseHint.reaches`).
         """
         keyframes = self._atlas.keyframes
         rows = keyframes.indices()
@@ -136,7 +145,10 @@ class PlaceFinder:
         return None if is_ambiguous else best
 
     def _are_ambiguous(self, a: FoundPlace, b: FoundPlace) -> bool:
-        """Return whether `a` has about as many inliers as `b`, at another pose in the same map."""
+        """Return whether `a` has about as many inliers as `b`, the place with most of them.
+
+        The places must be in the same map, at positions that are more than 0.3 m apart.
+        """
         map_id = self._atlas.keyframes.map_id
         if a is b or map_id[a.keyframe] != map_id[b.keyframe]:
             return False

@@ -35,15 +35,16 @@ class PlaceIndex(Protocol):
     def update(self, atlas: Atlas) -> None:
         """Add the new keyframes of a map, and remove those that are no longer in it.
 
-        Afterwards, `query` takes no longer for the first image than for others.
+        All work for new keyframes is done here, so that the next `query` takes no longer than
+        others.
         """
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
-        """Return the keyframes that resemble an image with descriptors (N, 32)."""
+        """Return the keyframes that resemble an image with descriptors (N, 32), with votes."""
 
 
 def make_place_index(name: str, config: IndexConfig) -> PlaceIndex:
-    """Return an empty place index of a kind: built in, or added by another package.
+    """Return an empty place index of a kind that is built in, or that another package adds.
 
     Args:
         name: Name of the kind, as in the parameter `places.index.method`.

@@ -10,8 +10,9 @@ from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray
 
 _NUM_SIGMAS = 3.0  # chosen: 99.7 % of a normal distribution
-# Not tuned: a click on a map in RViz is no more accurate than this, whatever its covariance says,
-# and views that differ by a larger rotation have little in common.
+# Not tuned: smallest distance and rotation within which the camera is searched. A click on a map
+# in RViz is no more accurate than this distance, whatever its covariance is, and views that differ
+# by a larger rotation have little in common.
 _MIN_REACH_M = 1.5
 _MIN_REACH_RAD = np.pi / 3
 
@@ -21,7 +22,7 @@ class PoseHint:
     """An approximate pose and its uncertainty, which limit where the camera is searched.
 
     Attributes:
-        T_map_camera: (4, 4) pose in the main map.
+        T_map_camera: (4, 4) pose of the camera in the core's frame of the main map.
         sigma_m: Standard deviation of its position.
         sigma_rad: Standard deviation of its rotation.
     """
@@ -31,7 +32,11 @@ class PoseHint:
     sigma_rad: float = 0.0
 
     def reaches(self, T_map_camera: FloatArray) -> BoolArray:
-        """Return the (N,) mask of poses (N, 4, 4) that are consistent with the hint."""
+        """Return the (N,) mask of camera poses (N, 4, 4) that are consistent with the hint.
+
+        They differ from it by at most three standard deviations, or 1.5 m and 60 degrees if these
+        are more.
+        """
         distance_m, turn_rad = self.distances(T_map_camera)
         reach_m = max(_NUM_SIGMAS * self.sigma_m, _MIN_REACH_M)
         reach_rad = max(_NUM_SIGMAS * self.sigma_rad, _MIN_REACH_RAD)

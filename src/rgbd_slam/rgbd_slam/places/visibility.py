@@ -2,8 +2,8 @@
 
 In a second place with identical furniture, many points are found, but more are missing, because
 the walls differ. Therefore the number of found points is compared with the expected number, to
-which each point contributes the share of frames that found it before. Points without features
-around them (masked people, blank walls) and points behind an occluding object do not count.
+which each point contributes the probability that a frame finds it. Points without features around
+them (masked people, blank walls) and points behind an occluding object do not count.
 """
 
 from __future__ import annotations
@@ -19,22 +19,25 @@ from rgbd_slam.model.points import PointTable
 
 # Not tuned.
 _WINDOW_PX = 12.0  # half side of the window around a point in which features are compared
-_MIN_READINGS = 2  # a single reading may be wrong at a depth edge
-# Two depths differ if they do so by more than noise and parallax within the window explain: a
-# constant part and a share of the depth.
+_MIN_READINGS = 2  # readings that contradict a point; a single one may be wrong at a depth edge
+# A reading lies behind or in front of a point if their depths differ by more than noise and the
+# slope of surfaces within the window explain: a constant part plus a share of the point's depth.
 _DEPTH_TOLERANCE_M = 0.10
 _DEPTH_TOLERANCE_SHARE = 0.12
 
 
 class Visibility(NamedTuple):
-    """How the features of an image support or contradict N points in its view."""
+    """Which of N points in the view of an image could be found in it, and which it contradicts."""
 
-    observable: BoolArray  # (N,) features are near the point's pixel, and do not occlude the point
-    contradicted: BoolArray  # (N,) all depth readings near the point's pixel lie behind the point
+    # (N,) there are features near the point's pixel, and not all of their depth readings lie in
+    # front of the point, which would be occluded then.
+    observable: BoolArray
+    # (N,) there are at least two depth readings near the point's pixel, and all lie behind it.
+    contradicted: BoolArray
 
 
 def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> Visibility:
-    """Return how the features near the projections of points support or contradict the points.
+    """Return which points are observable, and which are contradicted, by the features near them.
 
     Args:
         projection_px: (3, N) predicted u, v, u_right of the points.
