@@ -1,4 +1,4 @@
-"""Where the mapper runs: in the tracker's process or in one of its own.
+"""Runs the mapper in the tracker's process or in a separate process.
 
 Steps of mapping do not belong here; see `rgbd_slam.mapper`.
 """

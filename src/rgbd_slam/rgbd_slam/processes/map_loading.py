@@ -1,8 +1,8 @@
-"""A saved map on its way into the running one, which tracker and mapper restore at the same time.
+"""A saved map that is being loaded: the mapper and the tracker's process restore it in parallel.
 
-The mapper restores the map in its process, and another thread restores it in an atlas of its own
-for the tracker, from the same file in shared memory. Both calculate the same, so that neither has
-to send its result to the other. The tracker then exchanges its map for the new one at once.
+The mapper restores the map in its process, and another thread restores it in a separate atlas for
+the tracker, from the same file in shared memory. Both calculate the same, so that neither has to
+send its result to the other. The tracker then exchanges its map for the new one at once.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ from rgbd_slam.records.shared_record import SharedRecord
 class MapLoading:
     """A saved map that replaces the running one.
 
-    Any thread may make this object and call `restore`; the tracker uses the result when there is
-    one.
+    Any thread may make this object and call `restore`. Afterwards `atlas` is the restored map for
+    the tracker; it is None before that, and if `restore` has failed.
 
     Args:
         state: The saved map.
         camera: The camera with its configured noise.
         config: Parameters of the core.
-        prepare: Called with the restored map before the tracker uses it; None: nothing is.
+        prepare: Called by `restore` with the restored map, before the tracker uses it; None: no
+            function is called.
     """
 
     def __init__(
@@ -52,12 +53,16 @@ class MapLoading:
         return len(self.state)
 
     def request(self, first_uid: int) -> Load:
-        """Return the request to the mapper."""
+        """Return the request to the mapper to replace its map by this one.
+
+        Args:
+            first_uid: Uid of the first keyframe of the saved map; the others get the next ones.
+        """
         source = self.state if self._shared is None else self._shared.location
         return Load(source, first_uid, keep=False)
 
     def restore(self, first_uid: int) -> None:
-        """Restore the map for the tracker; its keyframes get the uids from `first_uid` on."""
+        """Restore the map for the tracker, with the `first_uid` that `request` was called with."""
         try:
             atlas = Atlas(*self._octaves)
             restore(atlas, self.state, self._camera, first_uid, keep=False)
@@ -68,5 +73,5 @@ class MapLoading:
             self._is_restored.set()
 
     def wait(self, limit_s: float) -> bool:
-        """Wait until `restore` has ended; return whether it has."""
+        """Wait up to `limit_s` until `restore` has ended or failed; return whether it has."""
         return self._is_restored.wait(limit_s)

@@ -17,7 +17,7 @@ class MapperClient(Protocol):
 
     @property
     def loops(self) -> LoopCounts:
-        """Return how many loops have been closed and how many maps merged so far."""
+        """Return the numbers of loops closed and of maps merged so far."""
 
     @property
     def num_restarts(self) -> int:
@@ -51,7 +51,11 @@ class MapperClient(Protocol):
         """
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
-        """Remove the observations of a keyframe's features that turned out to be dynamic."""
+        """Request to remove the observations of a keyframe's features that are dynamic.
+
+        Args:
+            verdicts: Which features of the keyframe with this stamp turned out to be dynamic.
+        """
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
         """Load a saved map, and wait until it is loaded.
@@ -66,21 +70,22 @@ class MapperClient(Protocol):
         """
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Start to replace the map by a saved one, without waiting for the end.
+        """Start to replace the running map by a saved one, without waiting for the end.
 
-        The first `update` after that replaces the tracker's map.
+        Once both the mapper and the other thread have restored it, the next `update` replaces the
+        tracker's map.
 
         Args:
             loading: The saved map, which another thread restores for the tracker.
-            first_uid: Uid of its first keyframe; the others follow.
+            first_uid: Uid of its first keyframe; the others get the next ones.
         """
 
     @property
     def is_loading(self) -> bool:
-        """Return whether a saved map is on its way into the tracker's map."""
+        """Return whether `begin_load` was called and has not replaced the tracker's map yet."""
 
     def update(self) -> None:
-        """Apply the mapper's finished changes to the tracker's map, without waiting for others."""
+        """Apply the changes that the mapper has finished to the tracker's map, without waiting."""
 
     def settle(self) -> None:
         """Request a final global adjustment; poll `is_settled` for its end.
@@ -100,7 +105,7 @@ class MapperClient(Protocol):
 
 
 class InlineMapper(Mapper):
-    """A mapper that completes each request before the call returns, so that runs repeat."""
+    """A mapper that completes each request before the call returns: runs are repeatable."""
 
     queue_length = 0
     waiting_s = 0.0
@@ -109,14 +114,14 @@ class InlineMapper(Mapper):
     is_loading = False
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Load a saved map in place of the map."""
+        """Replace the running map by the saved one before the call returns."""
         self.load(loading.state, first_uid, keep=False)
 
     def update(self) -> None:
         """Do nothing: the tracker and the mapper share one map."""
 
     def settle(self) -> None:
-        """Adjust the map once more if keyframes were added since the last global adjustment."""
+        """Repeat the last global adjustment if keyframes have been added to the map since then."""
         self.finish_adjustment(0.0)
 
     def finish(self) -> None:

@@ -5,8 +5,8 @@ mapping process owns the map. The tracker sends it keyframes, receives the rows 
 applies these to its own copy between two frames. That copy is complete: when the process dies, a
 new one continues with it, and only the keyframe that it was working on is lost.
 
-Requests wait in the tracker's process, and few are sent ahead. If the mapper is late for long,
-some of the waiting keyframes can therefore be removed again (`_thin_out`).
+Requests wait in a queue of the tracker's process, and at most eight are sent ahead. If the mapper
+is late for long, some of the waiting keyframes can therefore be removed again (`_thin_out`).
 """
 
 from __future__ import annotations
@@ -42,11 +42,13 @@ from rgbd_slam.processes.mapper_worker import (
     run_mapper,
 )
 
-# Chosen: many times the usual durations, so that they expire only on a machine that is overloaded.
-_START_S = 30.0  # a new process loads its libraries in about 1 s
-_WORK_S = 60.0  # the longest request, and the start of a replacement process before it
-_LOAD_S = 600.0  # loading the largest map
-_SETTLE_S = 20.0  # global adjustment at the end; 4.7 s for 309 keyframes (places_and_loops.md)
+# Chosen: time limits of many times the usual durations, so that they expire only on a machine that
+# is overloaded.
+_START_S = 30.0  # for the start of the process, which loads its libraries in about 1 s
+_WORK_S = 60.0  # for one request, and for the start of a replacement process before it
+_LOAD_S = 600.0  # for loading the largest map
+# For the global adjustment at the end, of 4.7 s for 309 keyframes (places_and_loops.md).
+_SETTLE_S = 20.0
 
 # Chosen: number of requests that are sent to the process at once, so that it need not wait for the
 # next one; and number of requests in the queue above which waiting keyframes are removed.
@@ -73,13 +75,18 @@ class MapperWorker(Protocol):
         """Queue a request."""
 
     def receive(self, timeout_s: float) -> Ready | MapperReport:
-        """Return the next report."""
+        """Return the next report.
+
+        Raises:
+            ChildEndedError: The process has ended.
+            ChildTimeoutError: No report has arrived within `timeout_s`.
+        """
 
     def restart(self) -> str:
-        """Replace the process, and return how the old one ended."""
+        """Replace the process, and return how the old one ended, such as "signal 9"."""
 
     def close(self) -> str:
-        """End the process, and return how it ended."""
+        """End the process, and return how it ended, such as "exit code 1"."""
 
 
 class MapperProcess:
@@ -90,11 +97,12 @@ class MapperProcess:
         atlas: The tracker's copy of the map.
         config: Parameters of the core.
         worker: Handle of the mapping process; None: start one.
-        clock: Returns the time [s] by which a late mapper is reported.
+        clock: Returns the time [s] of a monotonic clock, for `waiting_s`.
 
     Raises:
-        MapperStoppedError: The process does not start. Every method raises it as well, once the
-            process cannot be kept running.
+        MapperStoppedError: The process does not start. Methods that receive reports (`update`,
+            `wait`, `load` and `finish`) raise it too, if the process ends again at its start, or
+            if a report is late.
     """
 
     def __init__(
@@ -108,7 +116,8 @@ class MapperProcess:
     ) -> None:
         self._atlas = atlas
         self.loops = LoopCounts()
-        self._queue: deque[Request] = deque()  # not answered yet; the first ones have been sent
+        # Requests that are not completed yet; the first `_num_sent` of them have been sent.
+        self._queue: deque[Request] = deque()
         self._num_sent = self._num_done = 0
         self._sent_s = 0.0  # when the first request of the queue became the next to be answered
         self._is_settled = True
@@ -170,10 +179,10 @@ class MapperProcess:
         self._append(verdicts)
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map, as `MapperClient.load` says, and wait until the process has it.
+        """Load a saved map as described at `MapperClient.load`, and wait until it is loaded.
 
         Raises:
-            MapperStoppedError: The process takes too long.
+            MapperStoppedError: The process takes too long, or cannot be kept running.
         """
         if keep:
             self._append(Load(state, first_uid, keep))
@@ -184,26 +193,28 @@ class MapperProcess:
         self.wait(_LOAD_S)
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Request a saved map in place of the map. `update` exchanges the tracker's map for it.
+        """Request that a saved map replaces the running one; do not wait for the end.
 
-        Requests that follow apply to the new map.
+        Once it is restored on both sides, `update` exchanges the tracker's map for it. Requests
+        that follow apply to the new map.
 
         Args:
             loading: The saved map, which another thread restores for the tracker (`restore`).
-            first_uid: Uid of its first keyframe; the others follow.
+            first_uid: Uid of its first keyframe; the others get the next ones.
         """
         self._loading = loading
         self._append(loading.request(first_uid))
 
     @property
     def is_loading(self) -> bool:
-        """Return whether a saved map is on its way into the tracker's map."""
+        """Return whether `begin_load` was called and has not replaced the tracker's map yet."""
         return self._loading is not None
 
     def update(self) -> None:
-        """Apply the reports that have arrived to the tracker's map.
+        """Apply the reports that have arrived to the tracker's map, and replace a loaded map.
 
-        While the tracker's copy of a loaded map is incomplete, later reports wait.
+        If the mapper has loaded a map that is not restored for the tracker yet, later reports are
+        left for a later call.
         """
         while self._adopt(0.0) and self._worker.has_report:
             self._receive(0.0)
@@ -219,6 +230,9 @@ class MapperProcess:
         """Wait until all queued requests are completed, up to `limit_s` for each of them.
 
         Their changes are applied to the tracker's map.
+
+        Raises:
+            MapperStoppedError: A request takes longer, or the process cannot be kept running.
         """
         while self._queue:
             self._receive(limit_s)
@@ -227,7 +241,7 @@ class MapperProcess:
     def finish(self) -> None:
         """Do the same as `settle`, then wait until all requests and the adjustment have ended.
 
-        After the time limit of the adjustment, a warning is logged.
+        If the adjustment does not end within its time limit, a warning is logged.
         """
         self._append(Settle(_SETTLE_S))
         self.wait()
@@ -250,7 +264,7 @@ class MapperProcess:
         self._send_ahead()
 
     def _send_ahead(self) -> None:
-        """Send requests until the process has as many as it can have."""
+        """Send requests until the process has eight that are not completed, or all of them."""
         while self._num_sent < min(_MAX_SENT, len(self._queue)):
             request = self._queue[self._num_sent]
             if isinstance(request, KeyframeRequest):
@@ -323,7 +337,8 @@ class MapperProcess:
     def _adopt(self, limit_s: float) -> bool:
         """Exchange the tracker's map for the loaded one, if the mapper has loaded it.
 
-        Returns whether further reports may be applied: the tracker has its copy of that map.
+        Waits up to `limit_s` until the map is restored for the tracker. Returns whether further
+        reports may be applied to the tracker's map: False while a loaded map is not restored yet.
 
         Raises:
             MapperStoppedError: The map could not be restored.
@@ -340,7 +355,7 @@ class MapperProcess:
         return True
 
     def _complete_request(self) -> None:
-        """Remove the completed request from the queue, and send the next one."""
+        """Remove the first request, which is completed, from the queue, and send the next ones."""
         request = self._queue.popleft()
         self._num_sent -= 1
         self._num_done += 1
@@ -350,10 +365,13 @@ class MapperProcess:
         self._send_ahead()
 
     def _restart(self) -> None:
-        """Replace the process, unless it ended before it completed a single request.
+        """Replace the process, and let the new one continue with the tracker's copy of the map.
 
         The request that the process was working on is not sent again, because it may be the reason
-        of the failure. An exception are `Start` and `Load`, without which there would be no map.
+        of the failure. Exceptions are `Start` and `Load`, without which there would be no map.
+
+        Raises:
+            MapperStoppedError: The process ended before it completed a single request.
         """
         if self._num_done == 0:
             self._give_up()

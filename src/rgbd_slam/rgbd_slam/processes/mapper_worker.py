@@ -49,8 +49,8 @@ class Settle(NamedTuple):
 class Load(NamedTuple):
     """Request: load a saved map."""
 
-    state: MapState | RecordLocation  # or where it is stored
-    first_uid: int  # uid of its first keyframe; the others follow
+    state: MapState | RecordLocation  # the saved map, or its location in shared memory
+    first_uid: int  # uid of its first keyframe; the others get the next ones
     keep: bool  # True: keep the running map beside it; False: discard the running map
 
 
@@ -62,10 +62,10 @@ class Ready(NamedTuple):
 
 
 class Loaded(NamedTuple):
-    """A saved map has replaced the map; the tracker restores it itself."""
+    """In a report: a saved map has replaced the mapper's map, and is restored for the tracker."""
 
-    version: int  # of the map since then
-    first_point_uid: int  # of its points
+    version: int  # version of the new map, after which the tracker needs the changes
+    first_point_uid: int  # uid of its first point; the others have the next ones
 
 
 class MapperReport(NamedTuple):
@@ -74,14 +74,14 @@ class MapperReport(NamedTuple):
     It is sent after each request and after each background adjustment.
     """
 
-    change: MapChange | Loaded
-    loops: LoopCounts
+    change: MapChange | Loaded  # `Loaded` after a `Load` that discards the running map
+    loops: LoopCounts  # the numbers of loops and merges so far
     completes_request: bool  # False: the report follows from a background adjustment
     is_settled: bool  # whether no adjustment is running in the background
 
 
 class MapperServer:
-    """Carries out a tracker's requests with a mapper; it does not matter in which process.
+    """Carries out the requests of a tracker with a mapper, in the process that calls it.
 
     Args:
         camera: The camera with its configured noise.
@@ -94,7 +94,7 @@ class MapperServer:
     ) -> None:
         self.map = Atlas(config.camera.scale_factor, config.camera.num_octaves)
         self._mapper = Mapper(camera, self.map, config, background=background)
-        self._version = 0  # of the map at the last report
+        self._version = 0  # version of the map at the last report
 
     def serve(self, request: Request) -> MapperReport:
         """Carry out a request, and return the report of the changes that it caused."""
@@ -150,7 +150,10 @@ class MapperServer:
 def run_mapper(
     requests: Connection, reports: Connection, camera: StereoCamera, config: SlamConfig
 ) -> None:
-    """Serve requests until the pipe closes; the main function of the process."""
+    """Serve requests until a pipe closes; the main function of the process.
+
+    The first report is `Ready`.
+    """
     os.nice(_NICE)
     server = MapperServer(camera, config)
     reports.send(Ready())
