@@ -10,10 +10,12 @@ from hoid_common.config import Config, param
 
 @dataclass(frozen=True)
 class ConsensusConfig(Config):
-    """Estimation of an image's pose from well-observed map points (decision 026).
+    """Estimation of an image's pose, in which well-observed map points decide (decision 026).
 
-    A point is well observed if several keyframes have observed it. The cost of a pose is the sum
-    of its squared residuals in units of the measured noise.
+    A map point is well observed once at least `min_observations` keyframes have observed it. The
+    matches of these points decide between pose hypotheses. The other matches refine the pose, as
+    long as they do not contradict them. The cost of a pose is the sum of the squared residuals of
+    its matches, each divided by its measured variance.
     """
 
     enabled: bool = param(
@@ -29,16 +31,18 @@ class ConsensusConfig(Config):
         'little time where nothing moves. It has no effect without tracking.consensus.enabled.',
     )
 
-    # Decision 026: with fewer keyframes, fr1_xyz_people has 0.013 m instead of 0.009 m.
-    min_observations: ClassVar[int] = 3  # keyframes that have observed a well-observed point
+    # Number of keyframes that have observed a well-observed point. Decision 026: with fewer,
+    # the error on fr1_xyz_people is 0.013 m instead of 0.009 m.
+    min_observations: ClassVar[int] = 3
     # Not tuned; below this number of matches of well-observed points, all matches count alike.
     min_well_observed: ClassVar[int] = 40
-    # Decision 026. A pose is rejected if it costs the far or the near half of the well-observed
-    # points more than their own pose by this share. The share is not tuned.
+    # Decision 026. A pose is rejected if the far or the near half of the well-observed points has
+    # a cost that is higher by this share than with the pose that fits this half. Not tuned.
     max_cost_increase: ClassVar[float] = 0.15
-    # Decision 036: a region biases the pose if the other points fit better without it by this
-    # share of their cost. With 1 % and 5 %, `slow-6` is worse.
+    # Decision 036: a region biases the pose if the cost of the other points falls by this share
+    # when the pose is estimated without it. With 1 % and 5 %, `slow-6` is worse.
     min_cost_decrease: ClassVar[float] = 0.025
-    # Not tuned: a difference in cost that never counts; 52 are the most that a region changes on
-    # fr1_xyz, where nothing moves (decision 036).
+    # Not tuned: a constant that the difference of two costs must exceed in addition to either of
+    # these shares. On fr1_xyz, where nothing moves, leaving a region out changes the cost by at
+    # most 52 (decision 036).
     cost_margin: ClassVar[float] = 25.0

@@ -38,8 +38,9 @@ class GridConfig(Config):
         minimum=0.05,
         read_only=False,
     )
-    # Chosen: a little more than a table, under which the floor is seen before its top. The space
-    # above a cell must be seen empty up to this height before the cell is free.
+    # Height above the floor (m) up to which the space above a cell must have been seen empty
+    # before the cell counts as free. Chosen: a little more than the height of a table, since the
+    # floor below a table is often seen before its top.
     clear_height_m: ClassVar[float] = 0.8
 
     def __post_init__(self) -> None:
@@ -89,8 +90,9 @@ class DenseConfig(Config):
     pixel_stride: int = param(
         2,  # chosen: at 3.5 m two pixels of a 640-pixel image are 1.3 cm apart, half a voxel
         'Step between the rows and columns of the depth image that are fused (pixels); 1 uses '
-        'all pixels. A larger step saves time and leaves holes in distant surfaces. The dense '
-        'map of a saved map can be loaded only with the step that it was made with.',
+        'all pixels. A larger step saves time and leaves holes in distant surfaces. A dense map '
+        'in the format of earlier versions can be loaded only with the step that it was made '
+        'with.',
         minimum=1,
         maximum=8,
         internal=True,
@@ -116,8 +118,8 @@ class DenseConfig(Config):
 
     # Not tuned: pixels this near to the box of a dynamic object are not fused.
     mask_margin_px: ClassVar[int] = 16
-    # Chosen: two voxels; free space ends this far before the measured surface, so that the noise
-    # of depth does not carve the surface itself.
+    # Chosen: two voxels. Space counts as free up to this distance before the measured surface, so
+    # that the noise of depth does not remove voxels of the surface itself.
     carve_margin_m: ClassVar[float] = 0.05
     # Not tuned: a voxel is published only if its hits are at least this share of the images that
     # measured static surface near it. A hit is an image that measured the surface within half a

@@ -14,8 +14,8 @@ class ImuConfig(Config):
     gyro: bool = param(
         default=True,
         description='Whether a gyro predicts how the camera turns, and continues its pose for up '
-        'to 1.5 s while images show nothing. Set it to false if the gyro is useless; the suite '
-        'ignores by itself one that contradicts the images.',
+        'to 1.5 s while images show too few map points. Set it to false if the gyro is useless; a '
+        'gyro that contradicts the images is ignored in any case.',
         expert=True,
     )
     level: bool = param(
@@ -28,7 +28,8 @@ class ImuConfig(Config):
     calibration: str = param(
         '',
         'File camchain-imucam.yaml of Kalibr, whose T_cam_imu and timeshift_cam_imu of cam0 are '
-        'used. If it is empty, the rotation is that of /tf_static, and is estimated from the '
-        'images if there is none or if the images contradict it, as is the time offset.',
+        'used at first. If it is empty, the rotation is read from /tf_static. In both cases the '
+        'time offset is then estimated from the images; so is the rotation, if none is given or '
+        'if the images contradict the given one.',
         expert=True,
     )

@@ -55,8 +55,8 @@ class FrameConfig(Config):
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
         'Time by which map -> odom is dated into the future while frames.publish_odom_to_base is '
         'false (s). Set a longer time if other nodes report that map -> odom is too old when '
-        'images are missing; a correction of the map, or of a slip of the wheels, then takes '
-        'effect later by as much.',
+        'images are missing; the correction of a map error or of wheel slip then takes effect '
+        'later by this time.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -67,7 +67,7 @@ class FrameConfig(Config):
         description='Whether to publish the pose of the base on the plane z = 0, without roll '
         'and pitch, as odometry and on /tf; path, map and saved trajectories stay in 3-D. Set it '
         'to true for a robot on wheels on a level floor. It needs frames.base and has no effect '
-        'without it.',
+        'without it. An accelerometer then does not level the map frame (imu.level).',
     )
 
 

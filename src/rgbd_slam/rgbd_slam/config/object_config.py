@@ -37,23 +37,25 @@ class ObjectTrackerConfig(Config):
     min_sightings: ClassVar[int] = 3
     # Chosen, to bound the memory: number of tracks beyond which those unseen for longest end.
     max_objects: ClassVar[int] = 200
-    # Distance between a detection and the nearest track beyond which it starts a new track, and
-    # the same distance for objects at rest.
+    # Distance from a detection to the predicted position of the nearest track beyond which the
+    # detection starts a new track; and the same distance if object and track are at rest.
     gate_m: ClassVar[float] = 0.7
     rest_gate_m: ClassVar[float] = 0.35
     measurement_sigma_m: ClassVar[float] = 0.08  # standard deviation of a measured center
-    # Process noise of the Kalman filter: standard deviation of the acceleration along each axis,
-    # of everything that is not at rest. Chosen for people.
+    # Process noise of the Kalman filter: standard deviation of the acceleration along each axis of
+    # people and of objects that are not at rest. Chosen for people.
     acceleration_sigma_mps2: ClassVar[float] = 3.0
-    # Times without a detection after which a track ends: of people, handled objects and tracks
-    # that are not published yet, and of objects at rest.
+    # Times without a detection after which a track ends. The first holds for people, objects in
+    # motion and tracks that are not published yet, the second for objects at rest.
     forget_moving_s: ClassVar[float] = 1.0
     forget_resting_s: ClassVar[float] = 600.0
-    # Time for which an object that was carried out of sight is recognized when it is put down.
+    # Time since its last detection for which an object that was taken away (carried out of sight,
+    # or gone from its place of rest) keeps its track, so that it is recognized when it is put down
+    # elsewhere.
     forget_taken_s: ClassVar[float] = 60.0
-    # Distance beyond which an object counts as moved: from its place of rest, to become handled
-    # and, once put down, MOVED instead of AT_REST; from where it last stood still, to count as
-    # still being carried.
+    # Distance beyond which an object counts as moved. Farther from its place of rest, it becomes
+    # handled and, once put down, MOVED instead of AT_REST. Farther from where it last stood still,
+    # it counts as still being carried.
     moved_m: ClassVar[float] = 0.12
     # Distance over the floor up to which a person can handle an object (m). A larger value marks
     # more objects near people as handled (chosen: the reach of an arm and a step).

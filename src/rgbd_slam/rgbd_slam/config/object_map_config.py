@@ -9,7 +9,7 @@ from hoid_common.config import Config, param
 
 @dataclass(frozen=True)
 class ObjectMapConfig(Config):
-    """The map of what is where: each object at rest once, with its place and its history."""
+    """The map of the objects at rest: each object once, with its place and its history."""
 
     enabled: bool = param(
         default=False,  # decision 052: it takes a tenth of a core

@@ -33,9 +33,10 @@ class IndexConfig(Config):
         maximum=30,
         internal=True,
     )
-    # Not tuned: number of features of a keyframe that are indexed and looked up.
+    # Not tuned: largest number of features of a keyframe or image that are indexed or looked up.
     max_features: ClassVar[int] = 400
-    # Not tuned: number of descriptors with one key beyond which the key is ignored as too common.
+    # Not tuned: number of indexed descriptors with the same key beyond which the key is ignored as
+    # too common.
     max_bucket: ClassVar[int] = 200
     # Not tuned; ORB-SLAM3's strict limit is 50 (ORBmatcher.cc, TH_LOW).
     max_hamming: ClassVar[int] = 40  # largest distance of two matching descriptors [bits]
@@ -52,21 +53,23 @@ class VerificationConfig(Config):
     max_candidates: ClassVar[int] = 3  # places that are verified for one image
     min_votes: ClassVar[int] = 10  # matching features that make a keyframe a candidate
     max_hamming: ClassVar[int] = 60  # largest distance of two matching descriptors [bits]
-    # Largest share of the points in view that depth readings behind them contradict.
+    # Largest share of the points in view that may be contradicted: all depth readings around such
+    # a point lie behind it.
     max_contradicted_share: ClassVar[float] = 0.1
-    # A second place may have at most this share of the points found at the best place.
+    # A recognized place is ambiguous if more than this share of its number of found points is
+    # found at a second place.
     max_second_place_share: ClassVar[float] = 0.6
     # Number of keyframes around a candidate place whose points are matched as well. A larger
     # number finds places that are seen from farther away and takes more time.
     neighbors: ClassVar[int] = 6
     # Largest ratio of the best to the second best descriptor distance of a match with a
-    # candidate place, as a share.
+    # candidate place.
     ratio: ClassVar[float] = 0.85
     # Number of map points that must be found at a recognized place. A larger number rejects more
     # false places and more true ones.
     min_inliers: ClassVar[int] = 40
-    # Share of the points expected in view that must be found. It distinguishes a place from one
-    # with identical furniture.
+    # Smallest ratio of the number of points found to the number expected in view. It distinguishes
+    # a place from one with identical furniture.
     min_found_share: ClassVar[float] = 0.5
 
 
@@ -85,19 +88,21 @@ class LoopConfig(Config):
     # three consistent groups of keyframes.
     min_support: ClassVar[int] = 2
     merge_inliers: ClassVar[int] = 60  # points that must be found to merge two maps
-    # A loop that would correct more drift than this is rejected: a constant part and one that
-    # grows with the length of the path, for position and heading.
+    # A loop that would correct more drift than this is rejected, in position and in rotation: a
+    # constant part, plus a part that is proportional to the length of the path between its ends.
     drift_m: ClassVar[float] = 0.1
     drift_share: ClassVar[float] = 0.04
     drift_deg: ClassVar[float] = 4.0
     drift_deg_per_m: ClassVar[float] = 1.0
-    # Shared points that make an edge of the essential graph (Mur-Artal et al., T-RO 2015, theta).
+    # Number of points that two keyframes must share for an edge of the essential graph (Mur-Artal
+    # et al., T-RO 2015, theta).
     essential_shared: ClassVar[int] = 100
     # Distance and angle: a short loop whose correction is smaller than both needs no global
     # adjustment.
     small_m: ClassVar[float] = 0.03
     small_deg: ClassVar[float] = 1.5
-    # Length of a loop from which the map around it is adjusted even if its ends already fit.
+    # Length of the path between the ends of a loop from which the map around it is adjusted
+    # globally even if the correction is small.
     long_path_m: ClassVar[float] = 5.0
 
 
@@ -109,10 +114,10 @@ class PlaceConfig(Config):
         3.0,  # not tuned
         'Longest time for which the camera is lost before a new map is started (s); a gap between '
         'two images counts as at most 0.5 s. The camera waits this long while something covers '
-        'the view, such as a person or a hand, or while few features have depth; where it sees '
-        'new ground, a new map is started after 0.4 s. Raise it if needless maps are started that '
-        'have to be merged later; lower it if poses are missing for too long after a loss. In the '
-        'mode localization, no new map is started.',
+        'the view, such as a person or a hand, or while few features have depth. Where it sees '
+        'surfaces that are not in the map, a new map is started after 0.4 s at the earliest. '
+        'Raise it if needless maps are started that have to be merged later; lower it if poses '
+        'are missing for too long after a loss. In the mode localization, no new map is started.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

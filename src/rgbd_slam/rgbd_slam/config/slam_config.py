@@ -42,28 +42,29 @@ class CameraConfig(Config):
     )
     scale_factor: float = param(
         1.2,  # as extraction.scale_factor of the filter
-        'Ratio of the scales of two successive octaves (without unit). Set it to '
-        'extraction.scale_factor of the filter. A saved map can be loaded only with the value '
-        'that it was made with.',
+        'Ratio of the scales of two successive levels of the image pyramid, which are called '
+        'octaves (without unit). Set it to extraction.scale_factor of the filter. A saved map can '
+        'be loaded only with the value that it was made with.',
         minimum=1.01,
         maximum=2.0,
     )
     num_octaves: int = param(
         8,  # as extraction.num_levels of the filter
-        'Number of octaves. Set it to extraction.num_levels of the filter or more: an image with '
-        'features of a higher octave is refused. A saved map can be loaded only with the number '
-        'that it was made with.',
+        'Largest number of levels of the image pyramid (octaves) from which features come. Set it '
+        'to extraction.num_levels of the filter or more: an image with features of a higher '
+        'octave is refused. A saved map can be loaded only with the number that it was made with.',
         minimum=1,
         maximum=16,
     )
 
-    # Baseline of the virtual stereo camera that stands for the depth camera (m) (a Kinect's
-    # distance of projector and camera (0.077 in ORB-SLAM3's TUM1.yaml)).
+    # Baseline (m) of the virtual stereo camera that stands for the depth camera: the distance
+    # between projector and camera of a Kinect (0.077 in ORB-SLAM3's TUM1.yaml).
     baseline_m: ClassVar[float] = 0.075
     # ORB-SLAM3, TUM1.yaml, Stereo.ThDepth: number of baselines up to which a depth reading alone
     # creates a map point. Points that are farther away are noisy.
     close_baselines: ClassVar[float] = 40.0
-    # Not tuned: standard deviation of the scale of depth readings, as a share of the disparity.
+    # Not tuned: part of the standard deviation of a depth reading, converted to disparity, that is
+    # proportional to the disparity (see disparity_noise_px).
     relative_depth_noise: ClassVar[float] = 0.03
 
     @property
@@ -87,8 +88,9 @@ class TrackingConfig(Config):
     few_points: int = param(
         100,  # ORB-SLAM3, in localization (Tracking.cc, UpdateLastFrame)
         'If the last frame observed fewer map points than this, its other features with depth '
-        'are matched as well. A larger number uses these features more often; some of them may '
-        'be on a moving object that is not in the map.',
+        'are matched as well from the first search on; otherwise only if map points alone give no '
+        'convincing pose. A larger number uses these features more often; some of them may be on '
+        'a moving object that is not in the map.',
         minimum=0,
         maximum=5000,
         internal=True,
@@ -139,17 +141,18 @@ class TrackingConfig(Config):
     local_map_ratio: ClassVar[float] = 0.8
     max_hamming: ClassVar[int] = 100  # ORB-SLAM3, ORBmatcher.cc, TH_HIGH [bits]
     # Chosen: largest speeds of the camera that a pose by the reference keyframe may imply: twice
-    # the speed of walking, and a hand-held camera that is turned as fast as possible.
+    # the speed of walking, and that of a hand-held camera that is turned as fast as possible.
     max_speed_mps: ClassVar[float] = 3.0
     max_turn_dps: ClassVar[float] = 400.0
     # Not tuned: matches with the reference keyframe are used only if the last frame was tracked at
-    # most this long ago. The motion since then may exceed that at the above speeds by a constant
-    # distance and angle.
+    # most this long ago. The constants `jump_m` and `jump_deg` are added to the distance and the
+    # rotation that these speeds allow since then.
     reference_within_s: ClassVar[float] = 0.4
     jump_m: ClassVar[float] = 0.1
     jump_deg: ClassVar[float] = 10.0
-    # Number of inliers below which a frame is not tracked. A larger number gives up earlier, a
-    # smaller one accepts worse poses (ORB-SLAM3, Tracking.cc, TrackLocalMap).
+    # Number of inliers below which a frame is not tracked; fewer are enough for a pose that agrees
+    # with a gyro (`Odometry.min_inliers`). With a larger number the camera is lost earlier, with a
+    # smaller one worse poses are accepted (ORB-SLAM3, Tracking.cc, TrackLocalMap).
     min_inliers: ClassVar[int] = 30
 
 
@@ -227,8 +230,8 @@ class KeyframeConfig(Config):
         internal=True,
     )
 
-    # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of near features without a map point above
-    # which a keyframe can add many points.
+    # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: a keyframe can add many points if it has more near
+    # features without a map point than this number.
     min_close_new: ClassVar[int] = 70
 
 
@@ -337,7 +340,7 @@ class SlamConfig(Config):
 
     seed: int = param(
         0,
-        'Seed of the random samples with which poses are searched for (RANSAC), a number. Runs '
+        'Number that seeds the random samples of RANSAC, which estimates poses from matches. Runs '
         'with the same seed have the same samples; change it to see how much the results depend '
         'on them.',
         minimum=0,
