@@ -1,4 +1,4 @@
-"""The stream of images: how many are missing in it, and which ones are copies.
+"""Finds missing images and copies of images in a stream.
 
 A driver that is set to 30 Hz sends a color image twice when the camera needs a long exposure in
 the dark and takes only 15 per second. Each copy has a new stamp, and comes with a new depth image.
@@ -21,14 +21,15 @@ from hoid_common.values import NS_PER_S, Features, IntArray
 _logger = logging.getLogger(__name__)
 
 # Chosen, not tuned.
-_WINDOW = 31  # intervals whose mean is the period of the stream: one second at 30 Hz
-_MIN_INTERVALS = 5  # intervals from which on the period is known
-# Number of equal gaps in a row from which they show a lower rate, as of a camera in the dark.
+_WINDOW = 31  # number of intervals whose mean is the period of the stream: one second at 30 Hz
+_MIN_INTERVALS = 5  # number of intervals from which on the period is known
+# If so many successive gaps have the same number of missing images, the stream has a lower rate,
+# such as that of a camera in the dark.
 _NEW_RATE = 15
 _PAUSE_NS = NS_PER_S  # a longer gap is a pause of the camera or the bag, in which no image is lost
 # Chosen: an image is a copy if more than this share of its features have exactly the positions of
-# features of the original. The noise of a camera moves all features by fractions of a pixel. Not
-# all are equal in a copy, because the filter may remove other ones.
+# features of the original. In an image that is no copy, the noise of the camera moves all features
+# by fractions of a pixel. In a copy, some differ because the filter may remove other ones.
 _MIN_SHARE = 0.5
 _NOTE = (
     'a color image was received twice under two stamps: the camera takes fewer images than its '
@@ -47,8 +48,8 @@ class DroppedFrameCounter:
         self.num_dropped = 0
         self._last_ns: int | None = None
         self._intervals_ns: deque[float] = deque(maxlen=_WINDOW)
-        self._num_missing = 0  # images missing before the last one
-        self._num_equal = 0  # successive gaps with this number of missing images
+        self._num_missing = 0  # number of images that are missing before the last one
+        self._num_equal = 0  # number of successive intervals with this number of missing images
 
     def add(self, stamp_ns: int) -> None:
         """Add the stamp of the next image, and count the images that are missing before it.
@@ -78,7 +79,7 @@ class DroppedFrameCounter:
 
 
 class Repetition(Enum):
-    """What an image repeats of the image before."""
+    """Which parts of an image are copies of the latest image that was no copy."""
 
     NOTHING = 'nothing'
     COLOR = 'color'  # the depth image is new
@@ -89,7 +90,7 @@ class RepeatedImages:
     """Recognizes copies by their features, which are at exactly the same pixels."""
 
     def __init__(self) -> None:
-        self.num_repeated = 0  # color images
+        self.num_repeated = 0  # color images that were copies with a new depth image
         self._original: Features | None = None
 
     @property
@@ -98,7 +99,11 @@ class RepeatedImages:
         return None if self._original is None else self._original.stamp_ns
 
     def add(self, features: Features) -> Repetition:
-        """Return what the next image repeats of the latest image that was no copy."""
+        """Return which parts of the next image are copies of the latest image that was no copy.
+
+        An image more than 250 ms later than that one is never a copy. The first copy with a new
+        depth image is logged.
+        """
         original = self._original
         if original is None or not 0 <= features.stamp_ns - original.stamp_ns <= MAX_COPY_AGE_NS:
             self._original = features

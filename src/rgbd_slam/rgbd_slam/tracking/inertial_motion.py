@@ -19,10 +19,11 @@ _SOURCE = 'the gyro'
 
 
 class InertialMotion:
-    """Predicts the motion of the camera by a gyro, and bridges up to 1.5 s without images.
+    """Predicts the motion of the camera by a gyro, and bridges up to 1.5 s without tracking.
 
-    The velocity decays to zero with a time constant of 0.4 s, as an Ornstein-Uhlenbeck process.
-    Its spread is learned, and gives the covariance of the position.
+    The rotation is measured. The position follows from the velocity, which decays to zero with a
+    time constant of 0.4 s (an Ornstein-Uhlenbeck process). The variance of the velocity is learned
+    from the tracked motion, and gives the covariance of the position.
 
     Args:
         imu: The IMU, which learns from the tracked motion.
@@ -35,15 +36,18 @@ class InertialMotion:
         self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
 
     def start(self, stamp_ns: int) -> None:
-        """Predict motions relative to the frame with this stamp."""
+        """Set the stamp of the tracked frame from which `predict` and `bridge` give the motion."""
         self._start_ns = self._stamp_ns = stamp_ns
 
     def advance(self, stamp_ns: int) -> None:
-        """Predict the motion up to the image with this stamp."""
+        """Set the stamp of the image up to which `predict` and `bridge` give the motion."""
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        """Learn the velocity; the IMU learns how it is mounted."""
+        """Learn the velocity, and let the IMU learn its mounting, time offset and biases.
+
+        Nothing is learned if the stamp of the image is not later than that given to `start`.
+        """
         elapsed_s = self._elapsed_s
         if elapsed_s <= 0:
             return
@@ -56,17 +60,22 @@ class InertialMotion:
         self._imu.observe(self._start_ns, self._stamp_ns, T_last_camera)
 
     def reset(self) -> None:
-        """Keep the velocity: it decays by itself, and the gyro goes on measuring."""
+        """Do nothing: the velocity decays by itself, and the gyro measures on."""
 
     def predict(self) -> FloatArray | None:
-        """Return the predicted motion T_camera_last (4, 4), or None without a usable gyro."""
+        """Return the predicted motion T_camera_last (4, 4).
+
+        None is returned if the gyro has no rotation for it (`Imu.rotation`), or if the stamp of
+        the image is not later than that given to `start`.
+        """
         rotation = self._rotation()
         return None if rotation is None else se3.inverse(self._motion(rotation))
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the same motion with its covariance, or None without a usable gyro.
+        """Return the inverse motion T_last_camera with its covariances.
 
-        None is also returned once the camera has not been tracked for 1.5 s.
+        None is returned if `predict` returns None, and once the camera has not been tracked for
+        1.5 s.
         """
         rotation = self._rotation() if self._elapsed_s <= _MAX_BRIDGE_S else None
         if rotation is None:
@@ -96,7 +105,10 @@ class InertialMotion:
         return T
 
     def _position_variance_m2(self, elapsed_s: float) -> float:
-        """Return the variance of the position along each axis (Ornstein-Uhlenbeck process)."""
+        """Return the variance of the position along each axis after a time of prediction.
+
+        It is that of the integral of an Ornstein-Uhlenbeck process that starts at a known value.
+        """
         kept = np.exp(-elapsed_s / _DECAY_S)
         spread_s2 = 2 * _DECAY_S * elapsed_s - _DECAY_S**2 * (3 - 4 * kept + kept**2)
         return float(self._variance_m2ps2 * max(spread_s2, 0.0))

@@ -15,34 +15,36 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.tracking.tracker import TrackerOutput
 
-# ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations (one with depth counts twice)
-# from which a point of the reference keyframe counts as confirmed; a smaller number in a map of at
-# most two keyframes. In such a map, `reference_share` is replaced by the share that ORB-SLAM3 uses
-# for a map of one keyframe.
+# ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations from which a point of the
+# reference keyframe counts as confirmed (an observation with depth counts twice); the second
+# number is that in a map of at most two keyframes. In such a map, `reference_share` is replaced by
+# the share that ORB-SLAM3 uses for a map of one keyframe.
 _MIN_WEIGHT = 3
 _MIN_WEIGHT_NEW_MAP = 2
 _NEW_MAP_KEYFRAMES = 2
 _NEW_MAP_SHARE = 0.4
-_NUM_NEIGHBORS = 24  # not tuned: covisible keyframes that may show the view of a frame
+_NUM_NEIGHBORS = 24  # not tuned: covisible keyframes whose views are compared with that of a frame
 # Decision 004: the points of a keyframe have been confirmed or culled once so many keyframes have
 # followed it.
 _SETTLED_AGE = 10
 # Decision 004: the largest difference of two views that count as the same one: rotation [rad] plus
 # distance over median depth.
 _SAME_VIEW_RAD = 0.2
-# The same, from which a further keyframe is requested while one is pending. Chosen: the usual
-# difference between two keyframes of a drive while the mapper is in time.
+# Difference of two views, of the same kind, from which a further keyframe is requested while one
+# is pending. Chosen: the usual difference between two keyframes of a drive while the mapper is in
+# time.
 _PENDING_VIEW_RAD = 0.1
 # Not tuned: side of the cells of the image. In a known view, a feature without a map point has
 # newly appeared only if no map point is expected in its cell.
 _CELL_PX = 40
-_ROW = 1 << 16  # chosen: more cells than a row has
+_ROW = 1 << 16  # chosen: more than the number of cells in a row of the image
 
 
 class KeyframePolicy:
     """Selects a frame as a keyframe once it tracks clearly fewer map points than before.
 
-    It is compared with the frames since the last keyframe and with its reference keyframe.
+    The number is compared with that of the frames since the last keyframe and with the number of
+    points of the reference keyframe. A frame with few near points is selected as well.
 
     Args:
         atlas: The map.
@@ -72,9 +74,9 @@ class KeyframePolicy:
     def wants(self, tracking: TrackerOutput) -> bool:
         """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
-        No keyframe is requested soon after the last one while tracking is good. While the mapper
-        has not inserted the last one, only a change of the view counts. The result is False if
-        the reference keyframe is no longer in the map.
+        While tracking is good, no keyframe is requested within `min_gap_s` of the last one. While
+        the mapper has not inserted the last one, only a change of the view counts. The result is
+        False if the reference keyframe is no longer in the map.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
@@ -109,7 +111,10 @@ class KeyframePolicy:
         return bool(self._view_differences(tracking, T_map_pending[None])[0] > _PENDING_VIEW_RAD)
 
     def _lacks_close_points(self, tracking: TrackerOutput) -> bool:
-        """Return whether few close points are tracked and many could be created."""
+        """Return whether few close points are tracked, and many could be created.
+
+        A close point is one whose depth reading alone creates a map point (`close_px`).
+        """
         frame, points = tracking.tracked.frame, tracking.tracked.points
         close = self._is_close(frame.measurement_px.T)
         tracked = np.count_nonzero(close & (points != NO_POINT))
@@ -140,9 +145,10 @@ class KeyframePolicy:
         return bool(appeared <= self._config.min_close_new)
 
     def _view_differences(self, tracking: TrackerOutput, poses: FloatArray) -> FloatArray:
-        """Return the (N,) differences [rad] between a frame's view and those from (N, 4, 4) poses.
+        """Return the (N,) differences [rad] of a frame's view from those of poses T_map_camera.
 
-        A difference is the rotation plus the distance over the frame's median depth.
+        A difference is the rotation plus the distance over the frame's median depth; without any
+        depth it is the rotation alone. `poses` are (N, 4, 4).
         """
         frame = tracking.tracked.frame
         T = se3.inverse(tracking.tracked.T_map_camera) @ poses

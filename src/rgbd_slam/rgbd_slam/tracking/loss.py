@@ -1,4 +1,4 @@
-"""A lost camera: for how long it has been lost, and when it starts a new map."""
+"""Measures for how long the camera has been lost, and decides when it starts a new map."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame
 
-# Chosen: the part of a gap between two images that counts; during a longer one, no image was there
-# in which the camera could have been found.
+# Chosen: of a gap between two images, at most this time counts as lost; in a longer gap there was
+# no image in which the camera could have been found.
 _MAX_GAP_NS = NS_PER_S // 2
-# Chosen: time and number of images after which a lost camera that sees new ground starts a new
-# map. Most blurs are shorter.
+# Chosen: time and number of images after which a lost camera starts a new map where it sees "new
+# ground", that is, surfaces that are not in the map. Most blurs are shorter.
 _NEW_GROUND_S = 0.4
 _NEW_GROUND_IMAGES = 5
-# Chosen: a map in which fewer images were tracked was started too early. The next one then waits
-# twice as long, so that a stretch of useless images does not make a map every 0.4 s.
+# Chosen: a map in which fewer images were tracked was started too early. The camera then waits
+# twice as long for the next map, so that useless images do not start a map every 0.4 s.
 _MIN_TRACKED = 15
-_MIN_NEW_GROUND = 100  # chosen: features with depth that new ground must show
-# Chosen: and, within this time, this share of those of the images tracked last. A blurred image
-# has fewer, and a map that starts in a blur is lost again. Later, the view itself has few.
+_MIN_NEW_GROUND = 100  # chosen: number of features with depth that new ground must show
+# Chosen: within the time [s] after a loss, new ground must also show this share of the number of
+# features with depth in the images that were tracked last. A blurred image has fewer, and a map
+# that starts in a blur is lost again. After this time, few features are not due to a blur.
 _SHARP_SHARE, _MAX_BLUR_S = 0.8, 1.0
-_USUAL_GAIN = 0.1  # chosen: the usual number follows an average over about 10 images
+_USUAL_GAIN = 0.1  # chosen: gain of an exponential average, over about 10 images (`_usual`)
 _CELL_PX = 80.0  # chosen: side of the cells of the image in which depths are compared
-# Chosen: a surface hides map points that are farther away by a quarter. That is more than a camera
-# moves between two images.
+# Chosen: a surface hides a map point if the point is farther away than the surface by more than a
+# quarter. The motion of a camera between two images changes depths by less.
 _HIDDEN_RATIO = 1.25
 _COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden in a covered view
 
@@ -38,7 +39,7 @@ _COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden 
 class LossTimer:
     """Measures for how long images have arrived in which the camera was not found.
 
-    Stamps of images may jump, repeat or start again.
+    Stamps of images may jump, repeat or start again (jump back by more than a second).
     """
 
     def __init__(self) -> None:
@@ -48,7 +49,8 @@ class LossTimer:
     def add(self, stamp_ns: int) -> bool:
         """Add the stamp of the next image, and return whether the stamps have started again.
 
-        If they have, the measured time is set to zero.
+        They have if this one is more than a second older than the newest one. The measured time
+        is then set to zero.
         """
         newest_ns = self._newest_ns
         if newest_ns is None or stamp_ns < newest_ns - RESTART_NS:
@@ -73,10 +75,10 @@ class NewMapPolicy:
     """Decides when a lost camera starts a new map.
 
     If something covers the view, such as a person or a hand, it is better to wait: the map is
-    behind it. If the camera was lost in a blur and then sees new ground, it is better to start a
-    new map at once. Whether a surface hides the map is judged from the last known pose, which is
-    reliable only for the first image after the loss. Therefore, a view counts as covered only if
-    it was covered in that image and still is.
+    behind it. If the camera was lost in a blur and then sees surfaces that are not in the map, it
+    is better to start a new map at once. Whether a surface hides the map is evaluated at the last
+    known pose, which is accurate only for the first image after the loss. Therefore, a view counts
+    as covered only if it was covered in that image and still is.
 
     Args:
         atlas: The map.
@@ -88,20 +90,23 @@ class NewMapPolicy:
         self._atlas, self._camera = atlas, camera
         self._max_keyframes = config.tracking.max_local_keyframes
         self._wait_s = _NEW_GROUND_S
-        self._num_tracked = 0  # images since the last map was started
-        self._num_lost = 0  # images since the camera was lost
-        self._usual = 0.0  # features with depth in the images that were tracked last
-        # Whether the view was covered in the first one of them, by the last map that was tracked
-        # for long enough.
+        self._num_tracked = 0  # number of images tracked since the last map was started
+        self._num_lost = 0  # number of images since the camera was lost
+        self._usual = 0.0  # mean number of features with depth in the images tracked last
+        # Whether the view was covered in the first image after a loss. This is updated only if the
+        # map in which the camera was lost has had `_MIN_TRACKED` tracked images.
         self._was_covered = False
 
     def started(self) -> None:
-        """Note that a map was started, in which images have to be tracked now."""
+        """Register that a map was started.
+
+        The wait for the next map is doubled; it is reset once 15 images were tracked in this one.
+        """
         self._num_tracked = self._num_lost = 0
         self._wait_s *= 2
 
     def found(self, frame: Frame) -> None:
-        """Note that an image was tracked."""
+        """Register that an image was tracked."""
         number = _num_seeds(frame)
         self._usual += _USUAL_GAIN * (number - self._usual) if self._usual else number
         self._num_lost = 0
@@ -116,7 +121,7 @@ class NewMapPolicy:
 
         Args:
             frame: A frame in which the camera was not found.
-            last: The last tracked frame; None if there is none.
+            last: The last tracked frame; None: there is none, and only `limit_s` decides.
             lost_s: Time (s) for which the camera has been lost.
             limit_s: Time (s) after which a map is started whatever the view.
         """
@@ -132,7 +137,7 @@ class NewMapPolicy:
         return bool(has_features and not is_blur and not (self._was_covered and is_covered))
 
     def _is_covered(self, frame: Frame, last: TrackedFrame) -> bool:
-        """Return whether a surface hides most map points in view, as seen from the last pose."""
+        """Return whether a surface in the frame hides most map points in view of the last pose."""
         atlas, T_camera_map = self._atlas, last.current_pose(self._atlas)
         seen = last.current_points(atlas)
         local_map = find_local_map(
@@ -155,12 +160,15 @@ class NewMapPolicy:
         return bool(is_hidden.sum() > _COVERED_SHARE * len(view.points))
 
     def _cells(self, pixels: FloatArray) -> IntArray:
-        """Return the index of the cell of the undistorted image of each of (2, N) pixels."""
+        """Return the (N,) indices of the cells of the undistorted image for (2, N) pixels.
+
+        A pixel beyond the left or upper border is assigned to the first column or row.
+        """
         left, top, right, _ = self._camera.bounds_px
         column, row = np.maximum((pixels - np.array([[left], [top]])) // _CELL_PX, 0.0)
         return np.asarray(row * np.ceil((right - left) / _CELL_PX + 1) + column, np.int64)
 
 
 def _num_seeds(frame: Frame) -> int:
-    """Return the number of features that can become map points at once."""
+    """Return the number of features with depth that may create map points."""
     return int(np.count_nonzero(frame.has_depth & frame.may_seed))

@@ -1,7 +1,7 @@
 """Motion sources, which predict the motion of the camera between images.
 
-A further source, such as an IMU, is a class that implements `MotionSource`, and an entry in
-`MOTION_SOURCES`.
+A further source is a class that implements `MotionSource`, and an entry in `MOTION_SOURCES`. The
+gyro (`InertialMotion`) is not made there, because it needs an `Imu`; `Odometry` receives it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
 
-_HORIZON_S = 0.25  # not tuned: a hand-held camera keeps its velocity for no longer
-# Not tuned: time over which the errors of external odometry against the camera are averaged.
+# Not tuned: longest time for which a constant velocity is extrapolated; a hand-held camera keeps
+# its velocity for no longer.
+_HORIZON_S = 0.25
+# Not tuned: time over which the differences between external odometry and tracking are averaged.
 _AVERAGING_S = 2.0
 # Not tuned: standard deviation of the velocity of external odometry before it has been compared
 # with the camera [rad/s, m/s].
@@ -29,12 +31,13 @@ class BridgedMotion(NamedTuple):
     """The camera motion since the last tracked frame, measured without images."""
 
     T_last_camera: FloatArray  # (4, 4)
-    covariance: FloatArray  # (6, 6) in the camera frame, rotation first
-    image_covariance: FloatArray  # (6, 6) part whose errors differ from image to image
-    elapsed_s: float
-    source: str = 'the wheel odometry'  # what measured it, for the status
-    # Whether it is bridged for a moment only, in which the pose is as good as a tracked one: it
-    # then belongs to the trajectory.
+    covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
+    # (6, 6) part of `covariance` whose errors differ from image to image.
+    image_covariance: FloatArray
+    elapsed_s: float  # time since the last tracked frame
+    source: str = 'the wheel odometry'  # name of the sensor in the status
+    # Whether the source bridges a short time only, in which its poses are as accurate as tracked
+    # ones, so that they are recorded in the trajectory.
     is_short: bool = False
 
 
@@ -42,10 +45,10 @@ class MotionSource(Protocol):
     """Predicts the motion of the camera since the last tracked frame."""
 
     def start(self, stamp_ns: int) -> None:
-        """Predict motions relative to the frame with this stamp, which has been tracked."""
+        """Set the stamp of the tracked frame from which `predict` and `bridge` give the motion."""
 
     def advance(self, stamp_ns: int) -> None:
-        """Predict the motion up to the image with this stamp from now on."""
+        """Set the stamp of the image up to which `predict` and `bridge` give the motion."""
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:
         """Learn from the motion (4, 4) that the tracker measured up to the current image.
@@ -57,7 +60,11 @@ class MotionSource(Protocol):
         """
 
     def reset(self) -> None:
-        """Discard the velocity, because the camera is lost or the stamps have started again."""
+        """Discard a velocity that was learned from tracking, which is not valid any more.
+
+        This is the case when the camera is lost, or the stamps have started again. Sources that
+        measure the motion do nothing.
+        """
 
     def predict(self) -> FloatArray | None:
         """Return the predicted motion T_camera_last (4, 4), or None if it is unknown.
@@ -66,25 +73,25 @@ class MotionSource(Protocol):
         """
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the same motion if it was measured, so that it can replace the tracker.
+        """Return the inverse motion T_last_camera with covariances, to replace a tracked motion.
 
-        None is returned if it was not measured, but only extrapolated.
+        None is returned if the motion was not measured, but only extrapolated.
         """
 
 
 class ConstantVelocity:
-    """Predicts that the camera keeps its last observed velocity (decision 006)."""
+    """Predicts that the camera keeps its last observed velocity for 0.25 s (decision 006)."""
 
     def __init__(self) -> None:
         self._start_ns = self._stamp_ns = 0
         self._twist: FloatArray = np.zeros(6)
 
     def start(self, stamp_ns: int) -> None:
-        """Measure the elapsed time from this stamp on."""
+        """Set the stamp from which the elapsed time is measured."""
         self._start_ns = self._stamp_ns = stamp_ns
 
     def advance(self, stamp_ns: int) -> None:
-        """Measure the elapsed time up to this stamp."""
+        """Set the stamp up to which the elapsed time is measured."""
         self._stamp_ns = stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
@@ -96,7 +103,7 @@ class ConstantVelocity:
         self._twist = np.zeros(6)
 
     def predict(self) -> FloatArray:
-        """Return the predicted motion T_camera_last (4, 4)."""
+        """Return the predicted motion T_camera_last (4, 4), which stops after 0.25 s."""
         elapsed_s = S_PER_NS * (self._stamp_ns - self._start_ns)
         return se3.exp(min(max(elapsed_s, 0.0), _HORIZON_S) * self._twist)
 
@@ -109,8 +116,8 @@ class ExternalOdometry:
     """Reads the motion from external odometry, such as that of the wheels, and learns its error.
 
     Args:
-        lookup: Returns the motion of the camera between two stamps; None if there is no external
-            odometry.
+        lookup: Returns the motion of the camera between two stamps; None: there is no external
+            odometry, and no motion is known.
     """
 
     def __init__(self, lookup: MotionLookup | None) -> None:
@@ -120,7 +127,7 @@ class ExternalOdometry:
         self._T_last_camera: FloatArray | None = None
 
     def start(self, stamp_ns: int) -> None:
-        """Measure the motion from the frame with this stamp on."""
+        """Set the stamp of the tracked frame from which the motion is measured."""
         self._start_ns = self._stamp_ns = stamp_ns
         self._T_last_camera = np.eye(4)
 
@@ -143,7 +150,7 @@ class ExternalOdometry:
             self._variance_per_s2 += weight * (np.square(error) - self._variance_per_s2)
 
     def reset(self) -> None:
-        """Keep the measured motion: it does not depend on the tracked velocity."""
+        """Do nothing: the measured motion does not depend on the tracked velocity."""
 
     def predict(self) -> FloatArray | None:
         """Return the measured motion T_camera_last (4, 4), or None if it is unknown."""
@@ -175,7 +182,7 @@ MOTION_SOURCES: dict[str, Callable[[MotionLookup | None], MotionSource]] = {
     'constant_velocity': lambda _: ConstantVelocity(),
     'external_odometry': ExternalOdometry,
 }
-"""A factory of each motion source, the most reliable source first.
+"""A factory of each motion source; while the camera is tracked, the first one is most reliable.
 
 The argument is the lookup of external odometry, or None if there is none.
 """

@@ -25,34 +25,38 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 # Chosen: standard deviations [rad, m] of a pose in a map that is not connected with the main one:
 # nothing is known of the motion of the camera while it was lost.
 _UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
-# Chosen: a pose of which the gyro measures the rotation needs this many inliers. Its rotation
-# differs by less than this, and its position by less than this beyond three standard deviations.
+# Chosen: number of inliers that is enough for a pose that agrees with the motion predicted by the
+# gyro; other poses need `TrackingConfig.min_inliers`. It agrees if its rotation differs from the
+# predicted one by less than _AGREED_RAD, and its position from the predicted one by less than
+# _AGREED_M plus _AGREED_SIGMAS standard deviations of the prediction.
 _FEW_INLIERS, _AGREED_RAD, _AGREED_M, _AGREED_SIGMAS = 12, np.deg2rad(1.5), 0.02, 3.0
 _NOTE = 'too few map points are seen; the pose follows {}, for {:.1f} s and {:.2f} m'
 
 
 class Bridge(NamedTuple):
-    """The pose of an image that could not be tracked, from external odometry."""
+    """The pose of an image that could not be tracked, from external odometry or the gyro."""
 
     T_map_camera: FloatArray  # (4, 4)
-    covariance: FloatArray  # (6, 6) in the camera frame, rotation first
-    image_covariance: FloatArray  # (6, 6) part whose errors differ from image to image
+    covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
+    # (6, 6) part of `covariance` whose errors differ from image to image.
+    image_covariance: FloatArray
     note: str  # for the status
     T_last_camera: FloatArray  # (4, 4) motion since the last tracked frame
-    is_short: bool  # whether the pose belongs to the trajectory
+    is_short: bool  # whether the pose is recorded in the trajectory; see `BridgedMotion`
 
 
 class Odometry:
     """Accumulates the motions between tracked frames, as the pose `T_odom_camera`.
 
-    Corrections of the map do not change this pose. Motion sources (constant velocity and external
-    odometry, see `MOTION_SOURCES`) predict the motion up to the next image. External odometry also
-    replaces the tracker while the camera is lost, which is called bridging here.
+    Corrections of the map do not change this pose. Motion sources (the gyro, constant velocity and
+    external odometry, see `MOTION_SOURCES`) predict the motion up to the next image. The gyro, for
+    up to 1.5 s, and external odometry also replace the tracker while the camera is lost, which is
+    called bridging here.
 
     Args:
         atlas: The map, which determines the current pose of the last frame.
         wheels: External odometry; None if there is none.
-        gyro: A motion source that is more reliable than all others; None if there is none.
+        gyro: The motion source of a gyro, whose predictions come first; None if there is none.
     """
 
     def __init__(
@@ -66,8 +70,8 @@ class Odometry:
         # (6,) last observed velocity of points in the camera frame, rotation first [rad/s, m/s]
         self.twist: FloatArray = np.zeros(6)
         # (6, 6) covariance of T_map_camera of the last frame, as a small motion in the camera
-        # frame, rotation first [rad^2, m^2], and its part with errors that are independent from
-        # one image to the next.
+        # frame, rotation first [rad^2, m^2]; and the part of it whose errors differ from image to
+        # image.
         self.covariance = self.image_covariance = np.zeros((6, 6))
         self._atlas = atlas
         self._gyro = gyro
@@ -86,8 +90,8 @@ class Odometry:
     def predict(self) -> list[FloatArray]:
         """Return the predicted motions T_camera_last (4, 4), the most reliable first.
 
-        While the camera is tracked, its own velocity is more reliable than wheels, which slip.
-        Once it is lost, only external odometry has measured its motion.
+        While the camera is tracked, its last velocity is more reliable than wheels, which slip.
+        Once it is lost, sources that have measured its motion come first.
         """
         sources = self._sources
         if self._is_bridged:
@@ -96,9 +100,10 @@ class Odometry:
         return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
 
     def min_inliers(self, T_camera_map: FloatArray) -> int:
-        """Return the inliers that a pose (4, 4) of the current image needs.
+        """Return the number of inliers that a pose (4, 4) of the current image needs.
 
-        If the gyro agrees with it, chance matches are unlikely, and a few are enough.
+        If the motion by the gyro agrees with the pose, the inliers are unlikely to be chance
+        matches, and 12 are enough.
         """
         motion = None if self._gyro is None else self._gyro.bridge()
         if motion is None or self.last is None:
@@ -131,10 +136,11 @@ class Odometry:
         self.restart_from(tracked)
 
     def bridge(self) -> Bridge | None:
-        """Move `T_odom_camera` by external odometry up to the current image; return its pose.
+        """Move `T_odom_camera` to the current image by a measured motion; return the image's pose.
 
-        None is returned, and nothing moves, if there is no last frame, or if no source has
-        measured the motion.
+        The motion is that of external odometry or the gyro since the last tracked frame. None is
+        returned, and nothing moves, if there is no last frame, or if no source has measured the
+        motion.
         """
         motion = self._bridged_motion()
         if self.last is None or motion is None:
@@ -178,7 +184,7 @@ class Odometry:
                 source.start(tracked.frame.stamp_ns)
 
     def forget_velocity(self) -> None:
-        """Predict no motion until the velocity has been observed again."""
+        """Set the velocity to zero until a motion is tracked again; see `MotionSource.reset`."""
         self.twist = np.zeros(6)
         for source in self._sources:
             source.reset()
@@ -191,10 +197,10 @@ class Odometry:
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
 
     def in_map(self, covariance: FloatArray) -> FloatArray:
-        """Return the (6, 6) covariance of a pose with respect to the main map.
+        """Return the (6, 6) covariance of a pose in the main map, for one in the current map.
 
-        It is enlarged if the last frame is in another map, which is not connected with the main
-        one.
+        It is the same, or is enlarged if the last frame is in another map, whose pose relative to
+        the main map is unknown.
         """
         return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
 
@@ -237,7 +243,8 @@ class Odometry:
     def _bridged_motion(self) -> BridgedMotion | None:
         """Return the motion of the first source that has measured it; None if no source has.
 
-        One that measures the position comes before a gyro, which measures the rotation only.
+        A source that measures the position comes before the gyro, which measures the rotation
+        only.
         """
         motions = (source.bridge() for source in self._sources)
         known = [motion for motion in motions if motion is not None]
@@ -246,8 +253,8 @@ class Odometry:
     def _update_covariances(self, tracking: TrackerOutput, T_last_camera: FloatArray) -> None:
         """Update the covariances from the residuals and, once known, from the pose noise.
 
-        If too few points of the map are seen, the pose is that of the last frame with a measured
-        motion. The covariance of the last pose is then added to that of the motion.
+        If too few points of the map are seen, the tracker measures only the motion since the last
+        frame. The covariance of the last pose is then added to that of this motion.
         """
         consensus, before = tracking.consensus, self.covariance
         noise = self._pose_noise.covariance(consensus.image_covariance)

@@ -1,9 +1,9 @@
 """The noise of estimated poses that the residuals do not show (decision 032).
 
-An error that all matches of an image share, as by a rolling shutter or a depth image of another
-instant, changes the pose and leaves no residual. But a camera moves smoothly: a parabola fits five
-successive poses, and the distance of the middle pose from the parabola through the others is its
-error. The motion of a camera that shakes faster is mistaken for noise.
+An error that all matches of an image share, such as that of a rolling shutter or of a depth image
+taken at another instant, changes the pose and leaves no residual. But a camera moves smoothly: a
+parabola fits five successive poses, and the deviation of the middle pose from the parabola through
+the other four measures its error. The motion of a camera that shakes faster is mistaken for noise.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray, IntArray
 
 # Not tuned, except where another source is named (decision 032 has the resulting errors).
-_HALF_WINDOW = 2  # poses before and after the middle one
+_HALF_WINDOW = 2  # number of poses before, and of poses after, the middle one
 WINDOW = 2 * _HALF_WINDOW + 1
-_DEGREE = 2  # constant acceleration
-_MAX_WINDOW_S = 0.3  # a hand-held camera does not keep its acceleration for longer
+_DEGREE = 2  # degree of the polynomial: constant acceleration
+_MAX_WINDOW_S = 0.3  # longest window; a hand-held camera keeps its acceleration for no longer
 _PRIOR_SAMPLES = 5  # weight of the residual-based covariance, in samples
-_MAX_SAMPLES = 60  # about two seconds; older samples count less
+_MAX_SAMPLES = 60  # samples of the average, about two seconds; older ones count less
 
 
 class PoseNoise:
@@ -37,7 +37,10 @@ class PoseNoise:
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=WINDOW)
 
     def add(self, stamp_ns: int, T_odom_camera: FloatArray) -> None:
-        """Add the pose (4, 4) of the next image, and update the covariance."""
+        """Add the pose (4, 4) of the next image, and update the covariance.
+
+        If the stamps do not increase, the recent poses are discarded.
+        """
         if self._poses and stamp_ns <= self._poses[-1][0]:
             self.restart()
         self._poses.append((stamp_ns, T_odom_camera))
@@ -51,11 +54,11 @@ class PoseNoise:
     def covariance(self, prior: FloatArray) -> FloatArray | None:
         """Return the (6, 6) covariance of a pose in the camera frame, rotation first.
 
-        None is returned while no five successive poses have been added.
+        None is returned before five successive poses within 0.3 s have been added.
 
         Args:
-            prior: (6, 6) covariance of the pose by its residuals. It outweighs the measured one
-                while that consists of few samples.
+            prior: (6, 6) covariance of the pose by its residuals. It outweighs the measured
+                covariance as long as this has fewer than five samples.
         """
         if self._num_samples == 0:
             return None
@@ -66,8 +69,8 @@ class PoseNoise:
 def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> FloatArray:
     """Return the (N, 6) deviations of middle poses from the parabola through the others.
 
-    They are twists in the camera frame, rotation first [rad, m], and are scaled to the error of a
-    single pose, assuming that all poses have equal noise.
+    They are twists in the camera frame of the middle pose, rotation first [rad, m], and are scaled
+    to the error of a single pose, assuming that all poses have equal noise.
 
     Args:
         stamps_ns: (N, WINDOW) strictly increasing stamps of successive poses.

@@ -17,7 +17,8 @@ from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 
 _logger = logging.getLogger(__name__)
 
-# Chosen: frames in which the camera is searched near a given pose first; each takes about 20 ms.
+# Chosen: number of frames in which the camera is searched near a given pose first; the search
+# takes about 20 ms in each.
 _HINTED_FRAMES = 30
 _FOUND = 'found {:.1f} m and {:.0f} degrees from the pose given'
 _NOT_THERE = 'not found at the pose given; looking everywhere'
@@ -49,14 +50,14 @@ class Relocalizer:
         self._note = self._logged = ''
 
     def prepare_index(self, atlas: Atlas) -> None:
-        """Make the place index of a map that will replace the map. Any thread may call this.
+        """Make the place index of a map that will replace the present one, in any thread.
 
-        The first relocalization would make it otherwise, which takes 2 s for 10,000 keyframes.
+        Otherwise the first relocalization would make it, which takes 2 s for 10,000 keyframes.
         """
         self._next_index = self._finder.index_of(atlas)
 
     def use_prepared_index(self) -> None:
-        """Use the prepared index, because its map has replaced the map."""
+        """Use the prepared index, because its map has replaced the old one; do nothing without."""
         if self._next_index is not None:
             self._finder.use_index(self._next_index)
             self._next_index = None
@@ -64,8 +65,8 @@ class Relocalizer:
     def relocalize_near(self, hint: PoseHint) -> None:
         """Store an approximate camera pose, near which `relocalize` searches first from now on.
 
-        If a frame is not found there, the whole map is searched at once. The pose is used until
-        the camera is found, and for at most 30 frames.
+        If the camera is not found there in a frame, the whole map is searched for the same frame.
+        The pose is used until the camera is found, and for at most 30 frames.
         """
         self._hint, self._num_hinted, self._logged = hint, 0, ''
 
@@ -78,7 +79,10 @@ class Relocalizer:
         return note
 
     def relocalize(self, frame: Frame, *, in_main_map: bool) -> TrackerOutput | None:
-        """Return the tracked frame; None if its place is unknown or ambiguous.
+        """Return the tracked frame; None if the camera is not found.
+
+        It is not found if the place of the frame is unknown or ambiguous, or if too few points fit
+        the refined pose.
 
         Args:
             frame: The frame.

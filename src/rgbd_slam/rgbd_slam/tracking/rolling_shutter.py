@@ -1,11 +1,11 @@
 """Estimation and compensation of a rolling shutter (decision 033).
 
-The rows of an image are read one after another. In a moving camera they belong to different poses.
-A wrong pose of the whole image explains most of that displacement. What it does not explain
-depends on the row and is proportional to the readout time, which is estimated from the residuals
-of several seconds.
+The rows of an image are read one after another. If the camera moves, they belong to different
+poses, which displaces the features. A wrong pose of the whole image explains most of that
+displacement. The rest depends on the row and is proportional to the readout time, which is
+estimated from the residuals of several seconds.
 
-Sensors have more columns than rows. An image with more rows than columns was therefore turned by
+Sensors have more columns than rows. An image with more rows than columns was therefore rotated by
 its driver, and the rows of the sensor are its columns.
 """
 
@@ -26,22 +26,24 @@ from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame
 
 # Not tuned, except where another source is named.
-# Successive images that give one estimate: errors of the map persist while the motion does, so
-# that estimates of single images are not independent.
+# Number of successive images that give one estimate. Estimates of single images would not be
+# independent, because the errors of the map are the same in all images of one motion.
 _IMAGES_PER_ESTIMATE = 10
-_MAX_ESTIMATES = 12  # the latest ones, which are averaged
-_MIN_ESTIMATES = 4
-# Standard deviation of a prior readout time of 0; it prevails while the camera is at rest.
+_MAX_ESTIMATES = 12  # number of the latest estimates, which are averaged
+_MIN_ESTIMATES = 4  # number of estimates before which the readout time counts as 0
+# Standard deviation of a prior readout time of 0, which prevails while the camera is at rest.
 _PRIOR_S = 1e-3
 _MIN_READOUT_S = 5e-3  # decision 033: errors of map points look like a readout of 1 to 4 ms
 _MAX_READOUT_S = 0.05  # chosen: the interval of images at 20 Hz
-_MIN_STANDARD_ERRORS = 3.0  # decision 033: significance of the average, by the scatter
-_MAX_MATCHES = 300  # matches of an image that are used
+# Decision 033: the average is significant from this multiple of its standard error, which follows
+# from the scatter of the estimates.
+_MIN_STANDARD_ERRORS = 3.0
+_MAX_MATCHES = 300  # largest number of matches of an image that are used
 _CAUCHY_SCALE = 2.0  # of the robust weights, in standard deviations (95 % efficiency: 2.385)
 
 
 class RollingShutter:
-    """Estimates the readout time of an image, and moves features to where the middle row saw them.
+    """Estimates the readout time of an image, and moves features to the time of its middle row.
 
     Args:
         width_px: Width of an image.
@@ -49,7 +51,9 @@ class RollingShutter:
     """
 
     def __init__(self, width_px: int, height_px: int) -> None:
-        self.readout_s = 0.0  # time from the first row to the last; 0 until it is significant
+        # Time from the first row to the last, negative if the last one is read first; 0 as long as
+        # it is not significant.
+        self.readout_s = 0.0
         self._is_turned = height_px > width_px
         self._num_rows = min(width_px, height_px)
         # Estimates of the readout time [s], each with its information [1/s^2].
@@ -62,6 +66,9 @@ class RollingShutter:
 
     def compensated(self, frame: Frame, camera: StereoCamera, twist: FloatArray) -> Frame:
         """Return the frame as if all rows had been exposed at the time of the middle row.
+
+        The depths of features without a reading are assumed to be the median depth. The frame is
+        returned as it is if no readout time is known, or the camera is at rest.
 
         Args:
             frame: The frame, without lens distortion.
@@ -113,7 +120,7 @@ class RollingShutter:
             self._update()
 
     def _update(self) -> None:
-        """Add the estimate of the last images, and adopt the average if it is significant."""
+        """Add the estimate of the last images; use the average if it is significant, else 0."""
         if self._information > 0:
             self._estimates.append((self._weighted_s / self._information, self._information))
         self._begin()
@@ -129,13 +136,18 @@ class RollingShutter:
         )
 
     def _rows(self, measured_px: Float32Array | FloatArray) -> FloatArray:
-        """Return the (N,) rows of the sensor, from -0.5 to 0.5, of pixels (3, N) u, v, u_right."""
+        """Return the (N,) sensor rows of pixels (3, N) u, v, u_right, from -0.5 (first) to 0.5."""
         row_px = measured_px[0 if self._is_turned else 1]
         return np.asarray(row_px, np.float64) / self._num_rows - 0.5
 
 
 def _pose_derivatives(camera: StereoCamera, x: FloatArray) -> FloatArray:
-    """Return the (6, 3, N) derivatives of u, v, disparity of points (3, N) by the left twist."""
+    """Return the (6, 3, N) derivatives of u, v and disparity [px] of points by a twist.
+
+    Args:
+        camera: The camera.
+        x: (3, N) points in the camera frame [m]. The twist moves them, rotation first.
+    """
     inv_z = 1 / x[2]
     a, b = x[0] * inv_z, x[1] * inv_z
     zero, one = np.zeros_like(a), np.ones_like(a)
@@ -153,9 +165,11 @@ def _with_disparity(pixels: FloatArray) -> FloatArray:
 def _marginal_of_time(
     by_pose: FloatArray, by_time: FloatArray, residual: FloatArray
 ) -> tuple[float, float]:
-    """Return the information [1/s^2] about the readout time, and its product with this time [1/s].
+    """Return the information [1/s^2] about a readout time, and its product with this time [1/s].
 
-    The pose is marginalized out by the Schur complement, with robust weights (Cauchy).
+    The readout time is the one that explains the residuals. The pose is marginalized out by the
+    Schur complement, with robust weights (Cauchy). Both results are 0 if the pose is not
+    determined.
 
     Args:
         by_pose: (6, 3, N) derivatives of the normalized residuals by the pose.

@@ -119,7 +119,7 @@ class Tracker:
     def track(
         self, frame: Frame, last: TrackedFrame, *T_camera_last: FloatArray
     ) -> TrackerOutput | None:
-        """Return the tracked frame, or None if too few map points are found in it.
+        """Return the tracked frame; None if no pose has enough inliers, or the last map is gone.
 
         Initial poses are tried from the cheapest to the most expensive search. Each is refined
         with the local map, and the first convincing result is returned (`_is_convincing`). If
@@ -170,9 +170,9 @@ class Tracker:
     ) -> Iterator[_PoseEstimate | None]:
         """Yield initial poses, from the cheapest search to the most expensive one.
 
-        None is yielded for a search that fails. Map points are searched before depth readings of
-        the last frame, because these readings carry the error of the last pose on to the next one
-        (decision 005).
+        None is yielded for a search that fails. If the last frame observed at least `few_points`
+        map points, these are searched before its depth readings, because the readings carry the
+        error of the last pose on to the next one (decision 005).
         """
         config = self._config
         T_last_map = se3.inverse(last.current_pose(self._atlas))
@@ -214,7 +214,7 @@ class Tracker:
     def _project(self, landmarks: Landmarks, T_camera_map: FloatArray) -> FloatArray:
         """Return the (3, N) projections u, v, u_right [px] of landmarks.
 
-        They are far outside the image for landmarks behind the camera.
+        They are far outside the image for landmarks behind or very near the camera.
         """
         x = to_camera(T_camera_map, landmarks.position_m.T)
         is_behind = x[2] < MIN_DEPTH_M

@@ -12,21 +12,26 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 
 @dataclass(frozen=True, eq=False)
 class TrackingResult:
-    """The pose of one frame, its covariances and the tracking statistics."""
+    """The pose of one frame, its covariances and the tracking statistics.
+
+    Poses and covariances are None if the camera is lost and no motion source has a pose.
+    """
 
     stamp_ns: int
     state: SlamState
-    T_map_camera: FloatArray | None = None  # (4, 4); corrections of the map change it
-    T_odom_camera: FloatArray | None = None  # (4, 4); continuous
-    # (6, 6) in the camera frame, rotation first [rad^2, m^2]; large in a map that was started
-    # after a loss and is not the main one
+    # (4, 4) in the core's map frame; it jumps when the map is corrected.
+    T_map_camera: FloatArray | None = None
+    T_odom_camera: FloatArray | None = None  # (4, 4) in the odometry frame; it never jumps
+    # (6, 6) of T_map_camera in the camera frame, rotation first [rad^2, m^2]. It is large in a map
+    # that was started after a loss and is not the main one.
     covariance: FloatArray | None = None
     image_covariance: FloatArray | None = None  # (6, 6) part whose errors differ between images
-    num_tracked: int = 0  # matched map points
-    num_inliers: int = 0  # matched map points that fit the pose
+    num_tracked: int = 0  # number of matched map points
+    num_inliers: int = 0  # number of matched map points that fit the pose
     is_keyframe: bool = False
     is_predicted: bool = False  # the image is a copy of the last one; its pose was not measured
     stage_ms: dict[str, float] = field(default_factory=dict)  # CPU time of 'track' and 'map'
-    competing: CompetingMotion | None = None  # a second motion that explains part of the image
-    note: str = ''  # message for the status
-    to_learn: TrackerOutput | None = None  # for `RgbdSlam.learn`
+    # A second motion that explains part of the image; None if there is none.
+    competing: CompetingMotion | None = None
+    note: str = ''  # message for the status; '' if there is none
+    to_learn: TrackerOutput | None = None  # for `RgbdSlam.learn`; None: nothing is to be learned

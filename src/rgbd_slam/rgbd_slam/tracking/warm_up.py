@@ -1,8 +1,9 @@
 """Re-estimation of the poses of a map's first second (decision 034).
 
 In a new map no point is well observed yet, so that moving objects near the camera bias the poses.
-Points that keyframes still observe a second later are static; the first poses are estimated again
-from these. Only the recorded trajectory changes: poses that were published stay as they are.
+Points that keyframes still observe a second later are static. The first poses are estimated again,
+with these points as the well-observed ones. Only the recorded trajectory changes: poses that were
+published stay as they are.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.pose_consensus import PoseConsensus
 from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
-_WARM_UP_NS = NS_PER_S  # decision 034: the part of a map's trajectory that is re-estimated
-# Chosen: time after which keyframes have observed the points that are static.
+_WARM_UP_NS = NS_PER_S  # decision 034: time after a map's start whose poses are re-estimated
+# Chosen: time after a map's start at which enough keyframes have observed the static points.
 _SETTLED_NS = 2 * NS_PER_S
 _MAX_FRAMES = 120  # chosen, to bound the memory: a second at 120 Hz
 
@@ -45,25 +46,26 @@ class WarmUp:
         self._config = config
         self._inv_sigma2 = atlas.octave_scale**-2.0
         self._start_ns: int | None = None  # stamp of the first frame of the map
-        # Rows in the trajectory, and the frames.
+        # Frames of the first second, each with its row in the trajectory.
         self._frames: deque[tuple[int, TrackedFrame]] = deque(maxlen=_MAX_FRAMES)
 
     def begin(self, stamp_ns: int) -> None:
-        """Start with the first frame of a new map; the frames of the previous map are dropped."""
+        """Start a new map with the stamp of its first frame; stored frames are discarded."""
         self._frames.clear()
         self._start_ns = stamp_ns if self._config.consensus.enabled else None
 
     def add(self, tracked: TrackedFrame) -> None:
-        """Store a frame, if it is in the first second.
+        """Store a frame, if it is in the first second after the first frame of the map.
 
-        It must be the frame that the trajectory has recorded last.
+        The first frame itself is not stored, because it defines the map. The frame must be the one
+        that the trajectory has recorded last.
         """
         start_ns = self._start_ns
         if start_ns is not None and 0 < tracked.frame.stamp_ns - start_ns < _WARM_UP_NS:
             self._frames.append((len(self._trajectory) - 1, tracked))
 
     def reestimate_next(self, camera: StereoCamera) -> None:
-        """Re-estimate the pose of one stored frame, once static points are known.
+        """Re-estimate the pose of one stored frame, once the map has a keyframe two seconds later.
 
         Call it once per image, so that the cost of an image is bounded.
 
@@ -86,12 +88,13 @@ class WarmUp:
     def _reestimate(
         self, n: int, tracked: TrackedFrame, is_static: BoolArray, camera: StereoCamera
     ) -> None:
-        """Replace the pose of a frame in the trajectory by the pose estimated from static points.
+        """Replace the pose of a frame in the trajectory by one that its static points decide.
 
-        Nothing is replaced if the frame observes too few static points.
+        Nothing is replaced if the frame observes too few static points, if too few matches fit
+        the new pose, or if the trajectory has no pose of the frame.
 
         Args:
-            n: Number of the frame in the trajectory.
+            n: Row of the frame in the trajectory.
             tracked: The frame.
             is_static: (capacity + 1,) mask of the static points of the map.
             camera: The camera with its measured noise.
