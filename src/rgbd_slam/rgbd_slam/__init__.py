@@ -1,6 +1,6 @@
 """RGB-D SLAM on ORB features: tracking, mapping, and the map they share.
 
-Knows no ROS outside `node.py` and `ros`.
+Only `node.py` and the folder `ros` depend on ROS.
 """
 
 CHILD_MODULES = ('rgbd_slam.processes.mapper_worker', 'rgbd_slam.ros.scene.node')

@@ -1,4 +1,4 @@
-"""Matches feature verdicts to their images: most arrive after the features, some before."""
+"""Assigns feature verdicts to their images: most arrive after the features, some before."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hoid_common.values import Features, FeatureVerdicts
 T = TypeVar('T')
 
 # Chosen: at 30 Hz two seconds of images, while a detector is late by 20 to 500 ms (decision 031).
-_MAX_WAITING = 60  # keyframes without a verdict, and verdicts without an image
+_MAX_WAITING = 60  # number of keyframes without a verdict, and of verdicts without an image
 
 
 class LateVerdicts:
@@ -28,7 +28,8 @@ class LateVerdicts:
     def filtered(self, features: Features) -> Features:
         """Return the features of the next image without those that an early verdict calls dynamic.
 
-        The image is remembered as the latest one.
+        A verdict on another number of features is ignored. The image is remembered as the latest
+        one.
         """
         early = self._early.pop(features.stamp_ns, None)
         if early is not None and len(early.is_dynamic) == len(features):
@@ -43,7 +44,8 @@ class LateVerdicts:
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
         """Return whether verdicts call features of a keyframe dynamic.
 
-        Verdicts on an image that has not arrived yet are stored for `filtered`.
+        The result is False for an image that is no keyframe, and for a keyframe that had verdicts
+        before. Verdicts on an image that has not arrived yet are stored for `filtered`.
 
         Raises:
             MessageError: The keyframe has another number of features.

@@ -10,17 +10,23 @@ from rgbd_slam.inertial.imu import Imu, Up
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
-_MAX_SIGMA_RAD = np.deg2rad(3.0)  # chosen: far below the 20 degrees within which floors are found
-# Chosen: the map frame is kept from then on, so that goals and saved places stay valid.
+# Chosen: standard deviation above which a measured direction of gravity is not used. It is far
+# below the 20 degrees within which floors are found.
+_MAX_SIGMA_RAD = np.deg2rad(3.0)
+# Chosen: below this standard deviation, or this time after the first usable measurement, the map
+# frame is not turned any more, so that goals and saved places stay valid.
 _LEVEL_SIGMA_RAD, _LEVEL_AFTER_NS = np.deg2rad(0.5), 30 * NS_PER_S
 
 
 class Leveling:
-    """Turns the map frame with each new measurement of gravity, for the first 30 s.
+    """Turns the map frame with each new measurement of gravity, so that its z axis points up.
+
+    The frame is kept from the measurement on whose standard deviation is below 0.5 degrees, or
+    which is more than 30 s later than the first one.
 
     Args:
-        frames: The frames.
-        imu: The IMU; None: the map frame stays as the start gives it.
+        frames: The frames of the robot, of which the map frame is turned.
+        imu: The IMU; None: the map frame stays as it is at the start.
     """
 
     def __init__(self, frames: RobotFrames, imu: Imu | None) -> None:
@@ -29,11 +35,11 @@ class Leveling:
         self._first_ns: int | None = None
 
     def update(self, result: TrackingResult, *, is_in_main_map: bool) -> bool:
-        """Return whether the map frame was turned after an image.
+        """Turn the map frame if gravity was measured at an image; return whether it was turned.
 
         Args:
-            result: The pose of the image.
-            is_in_main_map: Whether it is a pose in the main map.
+            result: The pose of the image; without a tracked pose, nothing is turned.
+            is_in_main_map: Whether this pose is in the main map; otherwise nothing is turned.
         """
         if self._imu is None:
             return False

@@ -19,26 +19,29 @@ from rgbd_slam.model.trajectory import keyframe_poses
 from rgbd_slam.scene.objects.object_map import ObjectMap
 from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
-# Chosen: after two maps were joined, every n-th keyframe is compared with the places of the other
-# map as well. These links show how well the maps agree, and correct them along the way.
+# Chosen: after a map was joined with others, every tenth of its keyframes is compared with their
+# places as well. These links show how well the maps agree, and correct their poses.
 _LINK_EVERY = 10
 
 
 class MapJoin(NamedTuple):
-    """How one map was joined with those before it."""
+    """The links by which one map was joined with the other maps."""
 
-    links: tuple[Join, ...]  # the first one joined the maps; none: it shows none of their places
+    # Recognized places of the other maps; the first one joined the maps. Without any link, the map
+    # shows none of their places and is not joined.
+    links: tuple[Join, ...]
 
     @property
     def is_joined(self) -> bool:
-        """Return whether the map was joined."""
+        """Return whether the map was joined with another one."""
         return bool(self.links)
 
     @property
     def disagreement_m(self) -> float | None:
-        """Return the median distance [m] by which later links contradicted the first ones.
+        """Return the median distance [m] of the later links from the joined map.
 
-        None is returned without later links.
+        It is the distance between a keyframe's pose in the map and its pose by the link. None is
+        returned if there are no later links.
         """
         distances = [link.correction[0] for link in self.links if link.correction is not None]
         return float(np.median(distances)) if distances else None
@@ -47,22 +50,23 @@ class MapJoin(NamedTuple):
 class JoinedMaps(NamedTuple):
     """Several maps as one."""
 
-    content: MapFile  # maps that were not joined are apart in it
-    joins: tuple[MapJoin, ...]  # of the second map and those after it
-    # Whether the dense map of each map is in the result, or it has none. Dense maps in the format
-    # of earlier versions, and those with voxels of another size than the first one, are left out.
+    content: MapFile  # maps that were not joined are separate maps in it
+    joins: tuple[MapJoin, ...]  # one for each map except the first
+    # For each map: True if its dense map is in the result, or if it has no dense map. Dense maps
+    # in the format of earlier versions, and those with voxels of another size than the first dense
+    # map, are left out.
     keeps_dense: tuple[bool, ...]
 
 
 def join_maps(contents: Sequence[MapFile], config: SlamConfig) -> JoinedMaps:
-    """Join saved maps; the result is in the frame of the first one.
+    """Join saved maps; the result is in the map frame of the first one.
 
     Args:
         contents: At least two maps; their cameras may differ.
         config: Parameters of the core.
 
     Raises:
-        MapFileError: The maps have features of different octaves.
+        MapFileError: The maps differ in the number or the scale of the octaves of their features.
     """
     first = contents[0]
     octaves = first.scale_factor, first.num_octaves
@@ -85,13 +89,13 @@ def join_maps(contents: Sequence[MapFile], config: SlamConfig) -> JoinedMaps:
 def _joined_dense(
     contents: Sequence[MapFile], uids: Sequence[IntArray]
 ) -> tuple[SubmapState | None, tuple[bool, ...]]:
-    """Return the submaps of all maps, which stay with their keyframes, and whose were kept.
+    """Return the joined submaps of all maps (None: no map has any), and `JoinedMaps.keeps_dense`.
 
     Args:
         contents: The maps.
         uids: The (K,) uids that the keyframes of each map have now; none has been removed.
     """
-    saved_uids = np.sort(np.concatenate(uids))  # the order of a saved map
+    saved_uids = np.sort(np.concatenate(uids))  # the order of the keyframes in a saved map
     parts: list[tuple[SubmapState, IntArray]] = []
     keeps = []
     for content, own in zip(contents, uids, strict=True):
@@ -125,7 +129,10 @@ def _joined_objects(
 
 
 def _links(atlas: Atlas, closer: LoopCloser, rows: IntArray) -> Iterator[Join]:
-    """Join the map of keyframes (K,) with others, and yield the places that connect them."""
+    """Join the map of keyframes (K,) with others, and yield the places that link them.
+
+    Nothing is yielded if no keyframe shows a place of another map.
+    """
     own = set(atlas.keyframes.uid[rows].tolist())
     first = next((i for i in _spread(rows) if closer.process(i) is LoopEvent.MERGED), None)
     if first is None:
@@ -139,7 +146,7 @@ def _links(atlas: Atlas, closer: LoopCloser, rows: IntArray) -> Iterator[Join]:
 
 
 def _spread(rows: IntArray) -> Iterator[int]:
-    """Yield rows from all over the map first, and those between them later."""
+    """Yield all rows once: first a few that are spread evenly, then those between them."""
     step = 1 << max(len(rows) - 1, 0).bit_length()
     seen: set[int] = set()
     while step >= 1:

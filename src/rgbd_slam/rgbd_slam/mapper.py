@@ -30,10 +30,10 @@ class KeyframeRequest:
     uid: int  # of the new keyframe
     frame: Frame
     T_reference_camera: FloatArray  # (4, 4) pose relative to the reference keyframe
-    # Uid of the reference keyframe, an earlier one, which may still wait in the queue of the
-    # mapper.
+    # Uid of the reference keyframe, an earlier one. When the request is made, the mapper may not
+    # have inserted it yet.
     reference_uid: int
-    points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
+    points: IntArray  # (N,) row of the map point that each feature observes, or NO_POINT
     point_uids: IntArray  # (N,) uids of these points, because rows may be reused meanwhile
     counts: PointCounts  # how often points were visible and found since the last keyframe
     measured_camera: StereoCamera  # the camera with its measured noise
@@ -81,8 +81,8 @@ class Mapper:
     def insert(self, request: KeyframeRequest) -> int | None:
         """Insert a keyframe, refine the map around it, close loops, and return the keyframe's row.
 
-        None is returned, and nothing is inserted, if the reference keyframe and its ancestors are
-        no longer in the map.
+        None is returned, and nothing is inserted, if neither the reference keyframe nor an
+        ancestor of it is in the map.
         """
         i = self._add(request)
         if i is None:
@@ -105,11 +105,11 @@ class Mapper:
         retract_observations(self.map, verdicts)
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map, whose keyframes get the uids from `first_uid` on; see `restore`.
+        """Load a saved map, and index its places; see `restore`.
 
         Args:
             state: The saved map.
-            first_uid: Uid of its first keyframe.
+            first_uid: Uid of its first keyframe; the others get the next ones.
             keep: True: keep the running map beside it. False: discard the running map.
         """
         if not keep:
@@ -121,7 +121,7 @@ class Mapper:
         self._closer.index_places()
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
-        """Take over the map of a mapping process that has died; the own map must be empty.
+        """Take over the map of a mapping process that has died; this mapper's map must be empty.
 
         Args:
             whole: All keyframes and points of the tracker's copy of that map.
@@ -141,7 +141,7 @@ class Mapper:
         return self._closer.is_adjusting
 
     def finish_adjustment(self, limit_s: float) -> None:
-        """Adjust the map once more if keyframes were added since the last global adjustment.
+        """Repeat the last global adjustment if keyframes have been added to its map since then.
 
         Waits up to `limit_s` for a global adjustment that is running, and as long for the repeated
         one; see `LoopCloser.settle`. A map that was never adjusted globally stays as it is.
@@ -149,14 +149,14 @@ class Mapper:
         self._closer.settle(limit_s)
 
     def close(self) -> None:
-        """Stop the background adjustment."""
+        """Stop the global adjustment in the background without applying it."""
         self._closer.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
         """Add the keyframe to the map and return its row, or None if its reference is unknown.
 
-        It observes those of its points that are still in the map. Points that moved are removed,
-        and the counts of the other points are updated.
+        It observes those of its points that are still in the map. Points on moving objects are
+        removed, and the counts of the other points are updated.
         """
         keyframes, points = self.map.keyframes, self.map.points
         anchor = self.map.anchor(request.reference_uid)
@@ -186,7 +186,7 @@ class Mapper:
     def _match_neighborhood(self, i: int, reference: int) -> None:
         """Search the points around keyframe `reference` in keyframe `i`, and observe them there.
 
-        If the mapper is late, these points do not exist yet when the tracker searches the frame.
+        If the mapper is late, these points did not exist yet when the tracker searched the frame.
         Without common points, the keyframe would not be connected with the map.
         """
         around = np.r_[reference, self.map.covisible(reference)]
@@ -202,9 +202,9 @@ class Mapper:
     def _add_depth_points(self, i: int, limit_m: float) -> None:
         """Create points from features with depth that observe no point yet, the nearest first.
 
-        All features nearer than `limit_m` become points. If keyframe `i` then has fewer near
-        points than `keyframes.min_new_points`, the nearest of the other features fill up this
-        number.
+        All such features nearer than `limit_m` become points. If keyframe `i` then has fewer
+        points nearer than this than `keyframes.min_new_points`, the nearest of the other features
+        fill up this number.
         """
         keyframes = self.map.keyframes
         n = int(keyframes.num_features[i])

@@ -19,8 +19,8 @@ from rgbd_slam.model.keyframe_poses import KeyframePoses
 T_BODY_OPTICAL: FloatArray = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-"""Rotation (4, 4) from optical axes (x right, y down, z forward) to body axes (x forward, y left,
-z up), REP 103."""
+"""Transform (4, 4) from optical axes (x right, y down, z forward) to body axes (x forward, y left,
+z up) with the same origin, REP 103."""
 
 # Covariance of an unknown velocity. Chosen: standard deviations of half a turn per second and
 # 10 m/s, more than any hand-held camera or indoor robot moves.
@@ -29,7 +29,7 @@ _UNKNOWN_TWIST = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 # covariance is zero; in a message, zeros mean that it is unknown (nav_msgs/Odometry).
 _LEAST_COVARIANCE = 1e-6 * np.eye(6)
 _UP: FloatArray = np.array([0.0, 0.0, 1.0])
-_LEAST_SINE = 1e-9  # chosen: of an angle that is as good as zero
+_LEAST_SINE = 1e-9  # chosen: sine of an angle that counts as zero
 # Chosen, as in `LossTimer`: the mean motion over a longer gap says little about the velocity.
 _MAX_TWIST_GAP_S = 0.5
 
@@ -57,8 +57,8 @@ class RobotPose:
     T_odom_base: FloatArray  # (4, 4); never jumps
     # (6, 6) of T_map_base, as a small motion in the base frame, rotation first [rad^2, m^2].
     covariance: FloatArray
-    twist: FloatArray  # (6,) in the base frame: rad/s, then m/s
-    twist_covariance: FloatArray  # (6, 6)
+    twist: FloatArray  # (6,) velocity of the base, in its frame, rotation first [rad/s, m/s]
+    twist_covariance: FloatArray  # (6, 6) [rad^2/s^2, m^2/s^2]; large if the velocity is unknown
 
 
 class _BasePose(NamedTuple):
@@ -80,7 +80,8 @@ class RobotFrames:
     def __init__(self, T_base_camera: FloatArray | None = None, *, planar: bool = False) -> None:
         self.T_map_core = T_BODY_OPTICAL if T_base_camera is None else T_base_camera
         self._T_odom_core = self.T_map_core  # the mounting of the camera; never changes
-        self.is_fixed = False  # True: the map frame is that of a saved map, or level for good
+        # True: the map frame is that of a saved map, or is level for good; `level` does nothing.
+        self.is_fixed = False
         self._T_camera_base = np.eye(4) if T_base_camera is None else se3.inverse(T_base_camera)
         self._planar = planar and T_base_camera is not None
         self._last: _BasePose | None = None
@@ -95,7 +96,8 @@ class RobotFrames:
     ) -> RobotPose:
         """Return the robot's pose and velocity for a camera pose of the core.
 
-        The velocity is that since the last call.
+        The velocity is the mean velocity since the last call. It is zero, with a large covariance,
+        if it is unknown: at the first call, after more than 0.5 s, and if stamps do not increase.
 
         Args:
             stamp_ns: Stamp of the image.
@@ -123,9 +125,10 @@ class RobotFrames:
         return pose
 
     def camera_at(self, T_map_base: FloatArray) -> FloatArray:
-        """Return T_core_camera (4, 4) for a pose T_map_base (4, 4), with x forward and z up.
+        """Return the camera pose T_core_camera (4, 4) of a robot at the pose T_map_base (4, 4).
 
-        If no base frame is configured, the given pose is that of the camera's body axes.
+        The core's frame is that of its map, and the base has x forward and z up. If no base frame
+        is configured, the given pose is that of the camera's body axes.
         """
         return se3.inverse(self.T_map_core) @ T_map_base @ self._T_odom_core
 
@@ -134,29 +137,30 @@ class RobotFrames:
         return self._T_camera_base @ T_base_base @ se3.inverse(self._T_camera_base)
 
     def bases(self, cameras: Trajectory) -> Trajectory:
-        """Return the poses of the base in the map for camera poses in the core's map."""
+        """Return poses T_map_base for camera poses T_core_camera; they are not made planar."""
         return Trajectory(
             cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera @ self._T_camera_base
         )
 
     def cameras(self, cameras: Trajectory) -> Trajectory:
-        """Return camera poses in the map for camera poses in the core's map."""
+        """Return poses T_map_camera for camera poses T_core_camera."""
         return Trajectory(cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera)
 
     def keyframes(self, poses: KeyframePoses) -> KeyframePoses:
-        """Return keyframe poses in the map for keyframe poses in the core's map."""
+        """Return keyframe poses in the map frame for keyframe poses in the core's map frame."""
         return poses._replace(T_map_camera=self.T_map_core @ poses.T_map_camera)
 
     def points_m(self, points_core_m: FloatArray) -> FloatArray:
-        """Return (N, 3) points in the map for points in the core's map."""
+        """Return (N, 3) points [m] in the map frame for points in the core's map frame."""
         return se3.transform(self.T_map_core, points_core_m)
 
     def level(self, up_core: FloatArray) -> float:
         """Turn the map frame so that its z axis points up; return the angle [rad] of the turn.
 
-        The frame turns about its origin by the least angle from where the mounting of the camera
-        has put it, so that headings stay. The odometry frame does not turn: odom -> base never
-        jumps, map -> odom does. Nothing happens if `is_fixed`, or if the base does not tilt.
+        The new frame is the one that the mounting of the camera defines, turned about its origin
+        by the least angle, so that headings stay. The odometry frame does not turn: odom -> base
+        never jumps, map -> odom does. Nothing happens, and 0 is returned, if `is_fixed`, or if the
+        base moves in a plane.
 
         Args:
             up_core: (3,) unit vector opposite to gravity, in the core's map frame.
@@ -173,7 +177,11 @@ class RobotFrames:
         return flattened(T) if self._planar else T
 
     def _twist(self, now: _BasePose) -> tuple[FloatArray, FloatArray]:
-        """Return the mean velocity (6,) since the last pose, and its covariance (6, 6)."""
+        """Return the mean velocity (6,) since the last pose, and its covariance (6, 6).
+
+        They are in the base frame, rotation first. Zero and a large covariance are returned if the
+        velocity is unknown.
+        """
         last = self._last
         elapsed_s = 0.0 if last is None else (now.stamp_ns - last.stamp_ns) / NS_PER_S
         if last is None or not 0 < elapsed_s <= _MAX_TWIST_GAP_S:
@@ -195,7 +203,7 @@ def _least_rotation(up: FloatArray) -> FloatArray:
 
 
 def _known(covariance: FloatArray) -> FloatArray:
-    """Return a covariance (6, 6), or the least one instead of zeros."""
+    """Return a covariance (6, 6), or a very small one if it is zero, which would mean unknown."""
     return covariance if covariance.any() else _LEAST_COVARIANCE
 
 

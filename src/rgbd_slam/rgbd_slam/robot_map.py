@@ -38,27 +38,33 @@ class LoadedMap(NamedTuple):
 
 
 class MapPoses(NamedTuple):
-    """Copy of the K keyframe poses of the main map in order of insertion, in the core's frame."""
+    """Copied poses of the K keyframes of the main map in order of insertion, in the core's frame.
 
-    map_id: int | None  # None: there is no other map
+    The core's map frame is the optical frame of the first camera pose.
+    """
+
+    map_id: int | None  # id of the main map; None: it is the only map
     stamps_ns: IntArray  # (K,)
     is_loaded: BoolArray  # (K,) whether the keyframe is from a saved map
     T_core_camera: FloatArray  # (K, 4, 4)
 
 
 class PointRows(NamedTuple):
-    """Copy of R rows of the table of map points, in the core's map frame."""
+    """Copied positions of R successive rows of the table of map points, in the core's map frame.
 
-    position_m: Float32Array  # (R, 3); in rows that are not shown, anything
+    The core's map frame is the optical frame of the first camera pose.
+    """
+
+    position_m: Float32Array  # (R, 3), without meaning in rows that are not shown
     is_shown: BoolArray  # (R,) whether the row holds a point of the main map
-    is_last: bool  # whether no rows follow
+    is_last: bool  # True: these are the last rows of the table
 
 
 class PreparedMap(NamedTuple):
     """A saved map that is ready to be loaded."""
 
     loading: MapLoading
-    made_with: CameraModel
+    made_with: CameraModel  # the camera that the map was made with
 
 
 class RobotMap:
@@ -78,7 +84,7 @@ class RobotMap:
         self._camera, self._config = camera, config
         # Whether the map has changed since `take_change` in a way that the statistics do not show.
         self.has_changed = False
-        self._made_with = camera  # the camera of the loaded map, which may be another one
+        self._made_with = camera  # the camera that the map was made with
         self._last_stats: SlamStats | None = None
 
     def take_change(self) -> bool:
@@ -103,9 +109,9 @@ class RobotMap:
         return self._frames.points_m(points.position_m[points.alive & is_main])
 
     def copy_poses(self) -> MapPoses:
-        """Copy the keyframe poses of the main map.
+        """Copy the keyframe poses of the main map between two images.
 
-        `path_of` and `cameras_of` convert them in any thread.
+        `path_of` and `cameras_of` convert the copy, in any thread.
         """
         keyframes = self._slam.map.atlas.keyframes
         map_id, rows = main_map(keyframes), keyframes.indices()
@@ -120,15 +126,15 @@ class RobotMap:
         )
 
     def copy_points(self, map_id: int | None, first: int, count: int) -> PointRows:
-        """Copy the rows up to the last point among `count` rows of the table of points.
+        """Copy `count` rows of the table of points, without those after the last shown point.
 
-        Copying one part after the other delays no image as copying a large map at once does.
-        `shown_points_m` converts them in any thread.
+        A large map is copied part by part between images, because copying it at once would delay
+        an image. `shown_points_m` converts the copy, in any thread.
 
         Args:
-            map_id: The map whose points are shown; None: there is no other map.
+            map_id: Id of the map whose points are shown; None: those of all maps.
             first: The first row.
-            count: Number of rows.
+            count: Number of rows, of which those beyond the end of the table are left out.
         """
         points, rows = self._slam.map.atlas.points, slice(first, first + count)
         is_shown = points.uid[rows] != DEAD
@@ -144,27 +150,27 @@ class RobotMap:
     def path_of(self, poses: MapPoses) -> Trajectory:
         """Return the poses T_map_base of the robot's base at this session's keyframes.
 
-        They are those since the stamps started again last, with increasing stamps.
+        Only keyframes since the stamps last jumped back are included; their stamps increase.
         """
         is_own = ~poses.is_loaded
         path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
         return self._frames.bases(path)
 
     def cameras_of(self, poses: MapPoses) -> FloatArray:
-        """Return T_map_camera (K, 4, 4) of the keyframes."""
+        """Return the copied keyframe poses as T_map_camera (K, 4, 4), in the robot's map frame."""
         return self._frames.T_map_core @ poses.T_core_camera
 
     def shown_points_m(self, rows: PointRows) -> Float32Array:
-        """Return the (N, 3) points [m] of copied rows in the map frame."""
+        """Return the (N, 3) shown points [m] of copied rows, in the robot's map frame."""
         T_map_core = self._frames.T_map_core.astype(np.float32)
         shown_m = rows.position_m.take(np.flatnonzero(rows.is_shown), axis=0)
         return shown_m @ T_map_core[:3, :3].T + T_map_core[:3, 3]
 
     def trajectory(self, kind: str) -> Trajectory:
-        """Return the camera poses of a kind: `final`, `online` or `keyframes`.
+        """Return the camera poses T_map_camera of a kind: `final`, `online` or `keyframes`.
 
-        Final poses follow from the current map. Call `slam.map.finish` before, so that they follow
-        from the map after its last adjustment.
+        Online poses are those that were published. Final poses follow from the current map. Call
+        `slam.map.finish` before, so that they follow from the map after its last adjustment.
 
         Raises:
             ConfigError: There is no such kind.
@@ -172,7 +178,11 @@ class RobotMap:
         return Trajectory.joined(self.trajectory_parts(kind))
 
     def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
-        """Return the poses of `trajectory` in parts that any thread may iterate over."""
+        """Return the poses of `trajectory` in parts that any thread may iterate over.
+
+        Raises:
+            ConfigError: There is no such kind.
+        """
         # The map is adjusted before final poses are read. This moves keyframes but changes no
         # statistics.
         self.has_changed |= kind == 'final'
@@ -189,12 +199,12 @@ class RobotMap:
         return self.content_of(snapshot(self._slam.map.atlas))
 
     def content_of(self, state: MapState) -> MapFile:
-        """Return the content of a file, without a dense map, for the map in the core's frame."""
+        """Return the content of a map file, without a dense map, for a map in the core's frame."""
         config, state = self._config, state.moved(self._frames.T_map_core)
         return MapFile(self._camera, config.scale_factor, config.num_octaves, state)
 
     def header(self) -> MapHeader:
-        """Return what the map is, beside its rows, for a checkpoint."""
+        """Return the header of a checkpoint: camera, octaves, and the core's frame in the map."""
         config = self._config
         return MapHeader(
             self._camera, config.scale_factor, config.num_octaves, self._frames.T_map_core
@@ -202,6 +212,8 @@ class RobotMap:
 
     def prepare_load(self, content: MapFile, *, extend: bool = True) -> PreparedMap:
         """Return a saved map for `begin_load`. Any thread may call this.
+
+        From now on, the map frame is not leveled, because it becomes that of the saved map.
 
         Args:
             content: The saved map.
@@ -217,7 +229,8 @@ class RobotMap:
     def begin_load(self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]) -> int:
         """Begin to replace the map by a saved one; return the uid of its first keyframe.
 
-        The map frame becomes that of the saved map; see `SlamMap.begin_load`.
+        The map frame becomes that of the saved map. Another thread must restore the map with that
+        uid; see `SlamMap.begin_load`.
 
         Args:
             prepared: The saved map.
@@ -253,7 +266,10 @@ class RobotMap:
     def _in_core(self, content: MapFile, *, extend: bool) -> MapState:
         """Return a saved map as this camera would have made it, in the core's map frame.
 
-        From now on, the map frame is that of the saved map.
+        From now on, the map frame is not leveled any more: it is that of the saved map.
+
+        Raises:
+            MapFileError: As `load` does.
         """
         self._frames.is_fixed = True
         octaves = self._config.scale_factor, self._config.num_octaves

@@ -1,7 +1,7 @@
-"""The core as nodes, offline runs and experiments use it: one image in, status and pose out.
+"""The core for nodes, offline runs and experiments: one image in, its pose and a status out.
 
-This is the only place where tracking, mapping and the choice of images for the scene mapper come
-together. Callers differ in the source of the images and in where their scene mapper runs.
+Only this module combines tracking, mapping and the selection of images for the scene mapper.
+Callers differ in the source of the images and in where their scene mapper runs.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _LATE_MAPPER = (
 
 
 class Tracked(NamedTuple):
-    """The pose of one image, before the image has been learned from."""
+    """The pose of one image, before `SlamSession.learn` has used the image."""
 
     pose: RobotPose | None  # None while the pose is unknown
     result: TrackingResult | None  # None while the session is paused
@@ -58,11 +58,11 @@ class SlamSession:
     Args:
         camera: The camera of the images that the features come from.
         config: Parameters of the core.
-        frames: Where the camera is mounted on the robot.
+        frames: The frames of the robot, which contain the mounting of the camera.
         background: Whether the mapper runs in a separate process, which `close` ends.
         scene_scheduler: Selects the images for the scene mapper; None: no image is selected.
         wheels: External odometry (e.g. wheels), as motions of the camera; None if there is none.
-        imu: An IMU, whose samples the caller adds as they arrive; None if there is none.
+        imu: An IMU, to which the caller adds samples as they arrive; None if there is none.
     """
 
     def __init__(
@@ -130,18 +130,19 @@ class SlamSession:
         return Processed(status, tracked.pose, self._scene_request(result))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
-        """Remove a keyframe's observations on features that turned out to be dynamic from the map.
+        """Remove the observations of a keyframe's features that turned out to be dynamic.
 
-        Verdicts on an image that has not arrived yet are applied when it is tracked.
+        Verdicts on an image that has not arrived yet are applied when it is tracked, and those on
+        an image that is no keyframe are ignored.
 
         Raises:
-            MessageError: The image with this stamp has another number of features.
+            MessageError: The keyframe with this stamp has another number of features.
         """
         if self._late.changes_keyframe(verdicts):
             self.slam.map.mapper.retract(verdicts)
 
     def status(self) -> SlamStatus:
-        """Return the status for a time at which no image has just been processed."""
+        """Return the status without an image, with the state PAUSED or else NOT_INITIALIZED."""
         return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
 
     @property

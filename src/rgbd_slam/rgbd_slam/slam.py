@@ -108,7 +108,7 @@ class RgbdSlam:
         """Return the estimated pose of one frame. Call `learn` before tracking the next one.
 
         First, the changes that the mapper has finished are applied to the map. A lost camera is
-        relocalized; the very first frame, and one after a long loss, starts a new map.
+        relocalized; the very first frame, and one after a loss (`NewMapPolicy`), starts a new map.
 
         Raises:
             MessageError: A feature has an octave beyond the configured number of octaves.
@@ -178,7 +178,7 @@ class RgbdSlam:
 
     @property
     def stats(self) -> SlamStats:
-        """Return the size of the main map and the numbers of events so far."""
+        """Return the size of the main map and the numbers of maps and events; see `SlamStats`."""
         return slam_stats(self._atlas, self.map.mapper.loops, self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
@@ -266,7 +266,7 @@ class RgbdSlam:
         return _OFF_MAP.format(S_PER_NS * off_ns, self._config.tracking.min_inliers)
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
-        """Start a map with this frame as its first keyframe, if it has enough depth readings."""
+        """Start a map with this frame; without enough depth readings, return no pose instead."""
         num_features = np.count_nonzero(frame.has_depth & frame.may_seed)
         if self.map.is_loading or num_features < _MIN_FIRST_FEATURES:
             state = SlamState.NOT_INITIALIZED if self.map.is_empty else SlamState.LOST
@@ -301,8 +301,8 @@ class RgbdSlam:
     def _relocalize(self, frame: Frame) -> TrackerOutput | None:
         """Relocalize a lost frame in the map and continue from it; None if its place is unknown.
 
-        The odometry frame moves by external odometry, which alone has measured the motion since
-        the last tracked frame.
+        T_odom_camera moves by the motion that external odometry or the gyro has measured since the
+        last tracked frame.
         """
         # While the map grows, a later merge connects the maps; in localization nothing does.
         tracking = self._relocalizer.relocalize(frame, in_main_map=not self.map.is_growing)
@@ -312,9 +312,9 @@ class RgbdSlam:
         return tracking
 
     def _handle_loss(self, frame: Frame) -> TrackingResult:
-        """Return the pose by external odometry, if there is any, for a frame that is lost.
+        """Return the pose by external odometry or the gyro, if there is any, for a lost frame.
 
-        After a long loss, start a new map at that pose instead, or at the last known one.
+        If `NewMapPolicy` wants it, start a new map at that pose instead, or at the last known one.
         """
         self.odometry.forget_velocity()
         bridge = self.odometry.bridge()

@@ -21,8 +21,8 @@ from rgbd_slam.processes.mapper_process import MapperProcess
 class SlamMap:
     """The tracker's copy of the map (`atlas`) and the mapper that extends it (`mapper`).
 
-    The mapper's changes reach this copy only in a method call (`update`, or one that calls it), so
-    that the caller decides between which two frames the map changes.
+    The mapper's changes are applied to this copy only during a method call (`update`, or one that
+    calls it), so that the caller decides between which two frames the map changes.
 
     Args:
         atlas: The map, still empty.
@@ -49,8 +49,8 @@ class SlamMap:
         self.is_growing = True  # False: localization, no keyframe is inserted
         self._on_redirects = on_redirects
         self._on_loaded: Callable[[], None] | None = None  # while a saved map is on its way
-        self._next_map_id = 0  # the ids of merged maps are not used again
-        self._next_uid = 0  # of the keyframes
+        self._next_map_id = 0  # the id of a map that was merged into another is not used again
+        self._next_uid = 0  # uid of the next keyframe
 
     @property
     def is_empty(self) -> bool:
@@ -65,10 +65,9 @@ class SlamMap:
         return uid
 
     def take_uids(self, count: int) -> int:
-        """Return the first of `count` uids for new keyframes.
+        """Reserve `count` successive uids for new keyframes, and return the first of them.
 
-        The uids are given before the mapper knows the keyframes, so that frames can refer to these
-        keyframes.
+        Keyframes get their uids before the mapper inserts them, so that frames can refer to them.
         """
         self._next_uid += count
         return self._next_uid - count
@@ -105,7 +104,7 @@ class SlamMap:
 
     @property
     def is_loading(self) -> bool:
-        """Return whether a saved map is on its way, which will replace the map."""
+        """Return whether a saved map is being loaded that will replace the map."""
         return self._on_loaded is not None
 
     @property

@@ -1,4 +1,4 @@
-"""Counts of a session's maps and events, and the text that explains its state."""
+"""Counts keyframes, points, maps, loops and relocalizations, and explains a state in words."""
 
 from __future__ import annotations
 
@@ -24,18 +24,28 @@ _TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something l
 
 @dataclass(frozen=True)
 class SlamStats:
-    """The size of the main map (the one with most keyframes), and numbers of events so far."""
+    """The size of the main map (the one with most keyframes), and the numbers of maps and events.
 
-    num_keyframes: int  # of a map that is only starting, those that the mapper has in its queue
-    num_map_points: int
+    The events are those since the session started.
+    """
+
+    # Of the main map; before the first keyframe is inserted, the number of pending keyframes.
+    num_keyframes: int
+    num_map_points: int  # of the main map
     num_maps: int = 0  # more than one only after a loss, until the maps are merged
-    num_loops: int = 0
-    num_merges: int = 0
+    num_loops: int = 0  # closed loops
+    num_merges: int = 0  # merged maps
     num_relocalizations: int = 0
 
 
 def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> SlamStats:
-    """Return the size of the main map, and the numbers of maps, loops, merges, relocalizations."""
+    """Return the size of the main map, and the numbers of maps and events.
+
+    Args:
+        atlas: All maps.
+        loops: The numbers of loops and merges so far.
+        num_relocalizations: The number of relocalizations so far.
+    """
     keyframes, points = atlas.keyframes, atlas.points
     sizes, main = np.bincount(keyframes.map_id[keyframes.alive]), main_map(keyframes)
     num_maps = int(np.count_nonzero(sizes))
@@ -51,7 +61,7 @@ def slam_stats(atlas: Atlas, loops: LoopCounts, num_relocalizations: int) -> Sla
 
 
 def status_message(state: SlamState, result: TrackingResult | None, is_in_main_map: bool) -> str:
-    """Return the reason for the state in plain words; empty for undisturbed tracking.
+    """Return a text that explains the state; '' for undisturbed tracking.
 
     Args:
         state: The state.
