@@ -28,11 +28,15 @@ from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.messages import SceneExport
 from rgbd_slam.session import Processed, SlamSession
 
-_FIRST_S = 1.0  # chosen: a young map is written after 1 s, and then at doubling intervals
-_MAX_SHARE = 0.05  # chosen: the share of the time that may be spent on writing
-_MAX_COPY_SHARE = 0.2  # chosen: the share of the tracker's time for copying a large map in parts
+# Chosen: the first checkpoint is written after this time, the others at doubling intervals up to
+# `checkpoint_period_s`.
+_FIRST_S = 1.0
+_MAX_SHARE = 0.05  # chosen: largest share of the time that is spent on writing
+# Chosen: largest share of the tracker's time that is spent on copying a large map in parts.
+_MAX_COPY_SHARE = 0.2
 _NICE = 10  # lower priority than tracking and mapping (decision 016)
-# Chosen: how long the camera is relocalized in the old map before a new map is started beside it.
+# Chosen: time (of image stamps) for which the camera is only relocalized in the old map before a
+# new map is started beside it.
 _RELOCALIZE_NS = 30 * NS_PER_S
 _MS, _MB = 1e3, 1e6
 _SEARCHING = 'resumed after a crash: relocalizing the camera in the map from before'
@@ -86,12 +90,13 @@ class Checkpoints:
             config.map_directory, f'{domain}{node.get_fully_qualified_name()}'
         )
         self._writer: CheckpointWriter | None = None
-        self._written: int | None = None  # version of the map in the checkpoint
-        # Whether a checkpoint was written once more after the map had stopped changing: the dense
-        # map is behind the map by some images.
+        self._written: int | None = None  # version of the map in the checkpoint; None: no version
+        # Whether the checkpoint was written once more after the map had stopped changing. The
+        # dense map is some images behind the map, so that the first checkpoint may lack some.
         self._is_dense_written = False
-        self._lock = Lock()  # of the folder and its writer
-        self._search_end_ns: int | None = None  # while the camera is relocalized in the old map
+        self._lock = Lock()  # guards the folder and its writer
+        # Stamp at which the relocalization in the old map ends; None: the session is not resumed.
+        self._search_end_ns: int | None = None
         self._stored: Future[Checkpoint | None] = Future()
         self._is_ended = Event()
         if not self._is_on:
@@ -104,19 +109,22 @@ class Checkpoints:
 
     @property
     def has_stored(self) -> bool:
-        """Return whether there is a checkpoint that may be resumed; waits until it is read."""
+        """Wait until the checkpoint of a killed node is read; return whether there is one.
+
+        It is False as well if the checkpoint cannot be read, and after `resume` or `discard`.
+        """
         return self._stored.result() is not None
 
     def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
-        """Load the map of a killed node into a new session; return whether there is one.
+        """Load the map of a killed node into a new session; return whether it is loaded.
 
         The session only localizes until `finish_resume` returns it to mapping. A checkpoint that
         is too old or from another camera is not loaded.
 
         Args:
             session: The new session.
-            stamp_ns: Stamp of the camera's first message.
-            loader: Loads the map; a large one is there some seconds later.
+            stamp_ns: Stamp of the camera info with which the session starts.
+            loader: Loads the map, a large one within some seconds in the background.
         """
         stored = self._stored.result()
         if stored is None or not stored.is_recent(stamp_ns):
@@ -144,7 +152,8 @@ class Checkpoints:
             done: The results of the latest image.
 
         Returns:
-            The same results; during a resume, their status has its mode and message.
+            The same results. During a resume, their status has the present mode, and a message
+            about the relocalization.
         """
         if self._search_end_ns is None:
             return done
@@ -160,7 +169,7 @@ class Checkpoints:
         return done._replace(status=replace(done.status, mode=session.mode, message=message))
 
     def discard(self) -> None:
-        """Delete the checkpoint, so that nothing is resumed, as after a reset."""
+        """Delete the checkpoint, so that no map is resumed, for example after a reset."""
         self._search_end_ns = None
         self._forget_stored()
         with self._lock:
@@ -237,7 +246,8 @@ class Checkpoints:
     def _begin(self) -> CheckpointWriter | None:
         """Return the writer of the map; None if there is nothing to write. Runs between images.
 
-        While the camera is being relocalized in the old map, the checkpoint of it must be kept.
+        While the camera is being relocalized in the old map, the checkpoint of that map is kept.
+        If the map has not changed, only the checkpoint's stamp is updated.
         """
         session = self._find_session()
         if session is None or self._search_end_ns is not None:
@@ -270,7 +280,7 @@ class Checkpoints:
         return _Copied(part, robot_map.header(), session.stamp_ns, copy_s, receive_maps)
 
     def _append(self, writer: CheckpointWriter, part: MapPart) -> bool:
-        """Write a part; return whether its map is still wanted."""
+        """Write a part of the map; return False without writing if the map was discarded."""
         with self._lock:
             if writer is not self._writer:
                 return False
@@ -285,7 +295,7 @@ class Checkpoints:
         Args:
             writer: The writer, to which the last part was appended.
             copied: This part.
-            longest_s: The longest time for which the tracker has waited.
+            longest_s: The longest time for which the tracker has waited for the copy of a part.
             start_s: When the checkpoint was begun (monotonic clock).
         """
         maps, are_known = SceneExport(None, None), True

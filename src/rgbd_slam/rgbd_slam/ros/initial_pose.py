@@ -1,4 +1,4 @@
-"""The topic `initialpose`: an operator gives the robot's pose, for example in RViz."""
+"""The topic `initialpose`, on which an operator gives the robot's pose, for example in RViz."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Loads saved maps into the node's session while images are tracked.
 
-Reading, checking and restoring a map of 10,000 keyframes takes seconds. The tracker only begins to
-load it and exchanges the maps, both between two images.
+Reading, checking and restoring a map of 10,000 keyframes takes seconds, and is done in other
+threads and processes. The tracker's thread only starts the loading and later exchanges the maps,
+both between two images.
 """
 
 from __future__ import annotations
@@ -22,12 +23,15 @@ from rgbd_slam.session import SlamSession
 
 T = TypeVar('T')
 
-_QUEUE_S = 40.0  # chosen: twice the limit of the mapping process for a global adjustment
-_LOAD_S = 600.0  # chosen: many times the duration of the largest map, on a machine that is busy
+# Time limit for the requests before a load. Chosen: twice the limit of the mapping process for a
+# global adjustment.
+_QUEUE_S = 40.0
+# Time limit for loading. Chosen: many times the duration for the largest map, for a busy machine.
+_LOAD_S = 600.0
 # Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
 _POLL_S = 0.05
-# Chosen: how long a new session waits for its map. A map of some hundred keyframes is there within
-# this time, so that the first image is relocalized in it.
+# Chosen: how long a new session waits for its map. A map of some hundred keyframes is loaded
+# within this time, so that the first image is relocalized in it.
 _PATIENCE_S, _SHORT_POLL_S = 2.0, 0.002
 
 
@@ -48,7 +52,9 @@ class MapLoader:
         self._session, self._scene = session, scene
 
     def load(self, session: SlamSession, content: MapFile, *, keep: bool, extend: bool) -> str:
-        """Load a map from another thread; return an addition to the response, or ''.
+        """Load a map; return a note on its dense map for the response, or ''.
+
+        It must be called in another thread than the node's, and waits until the map is in use.
 
         Args:
             session: The session.
@@ -58,7 +64,8 @@ class MapLoader:
 
         Raises:
             MapFileError: The map does not fit the camera; the running map is unchanged.
-            InputError: The mapper is too busy, another map is being loaded, or the session ends.
+            InputError: The mapper or the node is too busy, another map is being loaded, or the
+                session has ended.
         """
         if keep:
             loaded = self._poll(session, lambda: self._add(session, content, extend), _QUEUE_S)
@@ -81,12 +88,13 @@ class MapLoader:
     ) -> None:
         """Load a map into a new session, from the node's thread.
 
-        A large map is loaded in the background: until it is there, no image is tracked.
+        Waits for the map for at most 2 s. A larger map is then loaded in the background; no image
+        is tracked until it is loaded. Errors in the background are logged.
 
         Args:
             session: The session.
             content: The map.
-            on_loaded: Called between two images, when the map is there.
+            on_loaded: Called between two images, when the map is loaded.
             extend: Whether the map will be extended, and not only localized in.
 
         Raises:
@@ -121,7 +129,13 @@ class MapLoader:
         prepared: PreparedMap,
         on_loaded: Callable[[LoadedMap], None],
     ) -> int | None:
-        """Begin to load a map, and return the uid of its first keyframe; None: not yet."""
+        """Begin to load a map, and return the uid of its first keyframe.
+
+        None is returned, and nothing happens, while the mapper has requests.
+
+        Raises:
+            InputError: Another map is being loaded.
+        """
         if not _is_idle(session):
             return None
 
@@ -132,7 +146,11 @@ class MapLoader:
         return session.robot_map.begin_load(prepared, loaded)
 
     def _add(self, session: SlamSession, content: MapFile, extend: bool) -> LoadedMap | None:
-        """Load a map beside the running one; None: not yet."""
+        """Load a map beside the running one; None, and nothing is loaded, if the mapper is busy.
+
+        Raises:
+            InputError: Another map is being loaded.
+        """
         if not _is_idle(session):
             return None
         loaded = session.robot_map.load(content, keep=True, extend=extend)
@@ -146,7 +164,17 @@ class MapLoader:
         first_uid: int,
         results: list[LoadedMap],
     ) -> LoadedMap:
-        """Restore a map for the tracker, and wait until the tracker uses it."""
+        """Restore a map for the tracker, and wait until the tracker uses it.
+
+        Args:
+            session: The session.
+            prepared: The map, whose loading was begun.
+            first_uid: Uid of its first keyframe.
+            results: Receives the loaded map when the tracker uses it.
+
+        Raises:
+            InputError: It takes too long, or the session has ended.
+        """
         prepared.loading.restore(first_uid)
 
         def loaded() -> LoadedMap | None:
@@ -168,6 +196,8 @@ class MapLoader:
     def _poll(self, session: SlamSession, function: Callable[[], T | None], limit_s: float) -> T:
         """Call a function in the node's thread until it returns a value, and return this value.
 
+        As long as the function returns None, it is called again every 50 ms.
+
         Raises:
             InputError: There is no value within the limit, or the session has ended.
         """
@@ -186,7 +216,7 @@ class MapLoader:
 
 
 def _is_idle(session: SlamSession) -> bool:
-    """Return whether the mapper has no request; raise InputError while a map is being loaded."""
+    """Return whether the mapper has no request; raise InputError if a map is being loaded."""
     if session.slam.map.is_loading:
         raise InputError('another map is being loaded; try again')
     session.slam.map.update()

@@ -1,4 +1,4 @@
-"""Publishes path, map points and keyframes of the main map in a thread of their own."""
+"""Publishes path, map points and keyframes of the main map in a separate thread."""
 
 from __future__ import annotations
 
@@ -35,10 +35,12 @@ from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.timers import set_period
 from rgbd_slam.session import SlamSession
 
-# Chosen: share of one core that making and publishing these messages takes at most, so that the
-# rate falls in large maps. 10,000 keyframes with 1.7 million points take 0.1 s, which is 2 s.
+# Chosen: largest share of one core for making and publishing these messages, so that they are sent
+# less often for large maps. Those for 10,000 keyframes with 1.7 million points take 0.1 s, and are
+# therefore sent at most every 2 s.
 _MAX_SHARE = 0.05
-_ROWS = 2**19  # chosen: copying so many points delays an image by less than 2 ms
+# Chosen: number of rows of points that are copied at once; an image is delayed by less than 2 ms.
+_ROWS = 2**19
 
 
 class _Snapshot(NamedTuple):
@@ -58,8 +60,8 @@ class MapOutputs:
     """The latched topics of the map: path, map points and keyframes.
 
     A message is made only for a topic that has subscribers. It is made when the map has changed
-    since the last one, at most once per `map_period_s`, and at once for a subscriber that joins.
-    The node's thread only copies the map.
+    since the last message, at most once per `map_period_s`, and at once for a subscriber that
+    joins. The node's thread only copies the map.
 
     Args:
         node: The SLAM node.
@@ -81,9 +83,9 @@ class MapOutputs:
                 (MarkerArray, topics.KEYFRAMES, _keyframes),
             )
         }
-        self._outdated: set[OnDemandPublisher] = set()  # whose last message is not the map's
+        self._outdated: set[OnDemandPublisher] = set()  # those whose last message is of an old map
         self._is_busy, self._rest_until_s = False, 0.0
-        self._is_retried = False  # whether the last messages could not be made
+        self._is_retried = False  # True: the last messages could not be made and are made again
         self._is_ended = Event()
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name='map outputs', daemon=True)
@@ -108,7 +110,10 @@ class MapOutputs:
         self._publish()
 
     def _publish(self) -> None:
-        """Have messages made for all topics that have subscribers and are not up to date."""
+        """Request messages for all topics that have subscribers and are not up to date.
+
+        Nothing is requested while the thread is making messages.
+        """
         session = self._session()
         if session is None or self._is_busy:
             return

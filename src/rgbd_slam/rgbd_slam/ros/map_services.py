@@ -1,7 +1,7 @@
 """The services that save and load maps, save the trajectory, and set the mode.
 
-They run in a thread of their own. The tracker only copies or replaces the map, between two images
-(`NodeThread`); waiting for files and for the mapper is left to the thread of the services.
+They run in a separate thread, which waits for files and for the mapper. The tracker's thread only
+copies or replaces the map, between two images (`NodeThread`).
 """
 
 from __future__ import annotations
@@ -49,14 +49,16 @@ from rgbd_slam.session import SlamSession
 T = TypeVar('T')
 
 _MODES = {mode.name.lower(): mode for mode in SlamMode}
-_SETTLE_S = 40.0  # chosen: twice the limit of the mapping process for a global adjustment
+# Time limit for the end of mapping and global adjustment. Chosen: twice the limit of the mapping
+# process for a global adjustment.
+_SETTLE_S = 40.0
 # Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
 _POLL_S = 0.05
 _MB = 1e6
 
 
 class MapServices:
-    """Offers the map services in a thread of their own, which no request can end.
+    """Offers the map services in a separate thread, which continues after a request has failed.
 
     Args:
         node: The SLAM node.
@@ -104,7 +106,7 @@ class MapServices:
         return path_in(self._config.map_directory, name, kind)
 
     def _new_path(self, name: str, kind: FileKind) -> Path:
-        """Return the path of a file to write, after removing what killed processes have left."""
+        """Return the path of a file to write; unfinished files of killed processes are removed."""
         self._remove_abandoned()
         return self._path(name, kind)
 

@@ -13,7 +13,7 @@ from hoid_common.errors import InputError
 
 T = TypeVar('T')
 
-_LIMIT_S = 60.0  # chosen: as long as the mapping process may take to load a map meanwhile
+_LIMIT_S = 60.0  # chosen: the time limit of the mapping process for one request
 
 
 class NodeThread:
@@ -26,8 +26,10 @@ class NodeThread:
     def call(self, function: Callable[[], T]) -> T:
         """Call a function in the node's thread, wait for it, and return its result.
 
+        It must not be called in the node's thread, which would wait for itself.
+
         Raises:
-            InputError: The node was busy for too long; the function will not be called.
+            InputError: The node was busy for 60 s; the function will not be called.
             Exception: Any exception that the function raises.
         """
         done: Future[object] = Future()

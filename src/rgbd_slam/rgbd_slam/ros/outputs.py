@@ -1,4 +1,4 @@
-"""What the SLAM node publishes after each image: odometry, transforms and status."""
+"""Publishes odometry, transforms and status of the SLAM node after each image."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _WHEELS = 'wheels'
 
 
 def visual_frame(odom: str) -> str:
-    """Return the name of the frame of the visual odometry, if another node owns `odom`.
+    """Return the name of the visual odometry's frame, for use while another node owns `odom`.
 
-    It is `odom` with the prefix "visual_" after the last slash.
+    It is `odom` with "visual_" in front of the part after the last slash.
     """
     prefix, slash, name = odom.rpartition('/')
     return f'{prefix}{slash}visual_{name}'
@@ -36,6 +36,12 @@ class SlamOutputs:
 
     Every message has the stamp of the image that it follows from, except map -> odom while another
     node sends odom -> base: its stamp is later by `transform_tolerance_s`.
+
+    Args:
+        node: The SLAM node.
+        frames: Names of the frames, and which transforms are sent.
+        static: The static transforms of /tf_static.
+        diagnostics: Diagnostics of the node.
     """
 
     def __init__(
@@ -48,7 +54,8 @@ class SlamOutputs:
         self._transforms = TransformPublisher(node)
         own, self._odom_frame = topics.ODOM, frames.odom
         if not frames.publish_odom_to_base:
-            # The wheels define the odometry frame, from which the visual odometry drifts away.
+            # The other node's odometry (wheels) defines the frame `odom`. The visual odometry
+            # drifts relative to it, and therefore has a frame with another name.
             own, self._odom_frame = topics.VISUAL_ODOM, visual_frame(frames.odom)
             self._wheels = WheelOdometry(node, frames.odom, static, diagnostics)
         self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
@@ -62,8 +69,8 @@ class SlamOutputs:
         """Publish odometry and transforms of an image.
 
         Args:
-            pose: The pose of the robot; None while it is unknown. map -> odom is then still
-                published if the wheels send odom -> base.
+            pose: The pose of the robot; None while it is unknown. The latest map -> odom is then
+                still published if another node sends odom -> base.
             header: Header of the features of the image.
         """
         if pose is not None:
@@ -131,8 +138,9 @@ class SlamOutputs:
     ) -> FloatArray | None:
         """Return T_map_odom (4, 4) for the odometry frame of the wheels.
 
-        While the camera is lost, the latest transform is returned, so that the pose follows the
-        wheels. None is returned until both camera and wheels have given a pose for one image.
+        The latest transform is returned while the camera is lost (`pose` is None), so that the
+        pose of the robot follows the wheels, and if the wheels have no pose for the image. None is
+        returned until both camera and wheels have had a pose for the same image.
         """
         T_wheels_base = None if self._wheels is None else self._wheels.at(stamp_ns, base)
         if T_wheels_base is None:

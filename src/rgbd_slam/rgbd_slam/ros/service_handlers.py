@@ -37,8 +37,9 @@ class ServiceHandlers:
         Args:
             type_: Type of the service, whose response has the fields `success` and `message`.
             topic: Name of the service.
-            handle: Called with the request; returns the message of a response with success. If it
-                raises a HoidError, the text of the error is the message of a response without.
+            handle: Called with the request; returns the message of a successful response. If it
+                raises a HoidError, the response has no success, and the text of the error as its
+                message. Any other error is reported as a fault as well.
         """
         self.add_with_response(type_, topic, lambda request, _: handle(request))
 

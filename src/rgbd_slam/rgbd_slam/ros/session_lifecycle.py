@@ -1,4 +1,4 @@
-"""The life cycle of the node's session: started once camera and base are known, reset, ended."""
+"""Starts the node's session once camera and base are known, resets it and ends it."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class SessionLifecycle:
         node: The SLAM node.
         config: Its parameters.
         frames: The static transforms of `/tf_static`.
-        scene: The scene mapper's process, which is started and cleared with the session.
+        scene: Client of the scene process, whose scene is started and cleared with the session.
         diagnostics: Diagnostics of the node.
         publish_status: Publishes the status of a session that has started, before its first image.
-        wheel_motion: Returns the motion (4, 4) of a frame between two stamps [ns] by external
-            odometry, or None if that is unknown.
+        wheel_motion: Returns the motion (4, 4) of a frame, given by name, between two stamps [ns]
+            by external odometry; None if it is unknown.
         start_imu: Returns the IMU of a new session.
     """
 
@@ -65,9 +65,9 @@ class SessionLifecycle:
         self.session: SlamSession | None = None
         self._cameras = CameraInfoCheck(self._camera_remedy)
         self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
-        self._first_map: MapFile | None = None  # loaded into the next session
-        self._first_map_error: HoidError | None = None  # why there is none
-        self._is_reset = False  # True: the map file to start with is not loaded again
+        self._first_map: MapFile | None = None  # is loaded into the next session
+        self._first_map_error: HoidError | None = None  # why the configured map file is not used
+        self._is_reset = False  # True: the configured map file is not loaded again
         self.loader = MapLoader(node, lambda: self.session, scene)
         self.checkpoints = Checkpoints(
             node, config, diagnostics, lambda: self.session, scene.request_maps
@@ -82,8 +82,8 @@ class SessionLifecycle:
     def configure(self) -> None:
         """Read the map file to start with, if one is configured.
 
-        If it cannot be used, but there is the checkpoint of a killed node, the node starts: the
-        error ends it only if the checkpoint is not resumed either.
+        If it cannot be used, but there is the checkpoint of a killed node, the node starts. The
+        error then ends the node only if the checkpoint is not resumed when the session starts.
 
         Raises:
             HoidError: The map cannot be used, and there is no checkpoint; the error ends the node.
@@ -106,7 +106,12 @@ class SessionLifecycle:
     def update_camera(self, camera: CameraModel, header: Header) -> None:
         """Process a camera info, and start the session once camera and base are known.
 
-        If another calibration replaces the one in use, the session is ended first, with its map.
+        If another calibration replaces the one in use, the session is ended first, with its map
+        and scene, and the configured map file is read again, unless `reset` was called before.
+
+        Raises:
+            HoidError: The map file cannot be read.
+            SystemExit: The mapping process does not start, or the map does not fit the camera.
         """
         self._last_camera = camera, header
         is_confirmed = self._cameras.update(camera)
@@ -118,7 +123,7 @@ class SessionLifecycle:
         self._start_if_ready()
 
     def check_image(self, size_px: tuple[int, int]) -> None:
-        """Check the size of an image, and start the session if everything it needs is known.
+        """Check the size of an image, and start the session if camera and base are known.
 
         Raises:
             MessageError: The size is not that of the camera info.
@@ -176,7 +181,7 @@ class SessionLifecycle:
         self._diagnostics.report_problem('camera', self._cameras.problem)
 
     def _robot_frames(self, header: Header) -> RobotFrames | None:
-        """Return where the camera is mounted on the robot, or None while that is unknown."""
+        """Return the robot's frames with the mounting of the camera; None while it is unknown."""
         names = self._config.frames
         T_base_camera = self._frames.find(names.base, header.frame_id) if names.base else None
         if names.base and T_base_camera is None:
@@ -196,8 +201,11 @@ class SessionLifecycle:
     def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
         """Start a session and return it; None while the camera's pose on the base is unknown.
 
-        The session resumes the map of a killed node, or else loads the configured map file. If
-        the map is large, this ends in the background.
+        The session resumes the map of a killed node, or else loads the configured map file. A
+        large map is loaded in the background.
+
+        Raises:
+            SystemExit: The mapping process does not start, or the configured map cannot be used.
         """
         frames = self._robot_frames(header)
         if frames is None:
@@ -257,7 +265,7 @@ class SessionLifecycle:
 
 @contextmanager
 def exiting_without_mapper() -> Iterator[None]:
-    """Exit the node if the mapping process cannot be kept running; a supervisor restarts it."""
+    """Raise SystemExit instead of MapperStoppedError; a supervisor restarts the node."""
     try:
         yield
     except MapperStoppedError as error:

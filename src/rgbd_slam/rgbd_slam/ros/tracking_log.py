@@ -1,4 +1,4 @@
-"""Log lines about tracking: begun, lost, found again, a new map, and at times that it goes on."""
+"""Logs when tracking begins, is lost or found again, and new maps; and its progress every 10 s."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from rclpy.node import Node
 
 from hoid_common.slam_status import SlamState, SlamStatus
 
-_PERIOD_S = 10.0  # chosen: often enough to see that the node works, and too rare to disturb
+_PERIOD_S = 10.0  # chosen: often enough to see that the node works, and not too many lines
 
 
 class TrackingLog:
-    """Logs changes of the state of tracking, and every 10 s how tracking goes."""
+    """Logs changes of the state of tracking, and every 10 s the rate and time of tracking."""
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
         self._last: SlamStatus | None = None
         self._lost_at = 0  # number of processed images when tracking was lost
         self._since_s = time.monotonic()  # start of the present period
-        self._track_ms: list[float] = []  # of the images tracked in it
+        self._track_ms: list[float] = []  # CPU times of the images tracked in this period
 
     def update(self, status: SlamStatus) -> None:
         """Log what has changed since the status of the previous image."""
@@ -44,7 +44,7 @@ class TrackingLog:
         self._log_progress(status)
 
     def _log_progress(self, status: SlamStatus) -> None:
-        """Log rate, time and size of the map if the period is over and images were tracked."""
+        """Log rate, median time and number of keyframes once per period with tracked images."""
         if status.state is SlamState.TRACKING:
             self._track_ms.append(status.stage_ms.get('track', 0.0))
         elapsed_s = time.monotonic() - self._since_s
