@@ -1,4 +1,4 @@
-"""The scene as the SLAM node uses it: its process, if the scene is mapped, and its publishers."""
+"""The SLAM node's client of the scene process, and the publishers of the scene's topics."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ _DEATHS = 'scene processes that died'
 def own_remappings(node: str, argv: Sequence[str]) -> tuple[str, ...]:
     """Return the remapping rules of a command line that are for one node, without its name.
 
-    Rules for all nodes reach the node of a child process by themselves.
+    Rules without a node's name are left out, because rclpy applies them in a child process anyway.
+    The rule that renames the node is left out as well.
     """
     rules = [rule for option, rule in pairwise(argv) if option in ('-r', '--remap')]
     own = (rule.removeprefix(f'{node}:') for rule in rules if rule.startswith(f'{node}:'))
@@ -55,9 +56,10 @@ def _do_nothing() -> None:
 
 
 class SceneClient:
-    """Runs the scene process if one of its maps is on, and publishes its messages.
+    """Runs the scene process and publishes its messages, if one of the scene's parts is enabled.
 
-    If all are off, all calls do nothing.
+    The parts are the dense map, the tracks of people and objects, and the object map.
+    If all are off, there is no process: calls do nothing, and `save` raises an error.
 
     Args:
         node: The SLAM node.
@@ -147,8 +149,13 @@ class SceneClient:
     def save(self, *, cloud_path: Path | None = None, grid_path: Path | None = None) -> str:
         """Write the dense map or the grid to a file; return a message for the user.
 
+        Args:
+            cloud_path: The file for the dense map; None: it is not written.
+            grid_path: The YAML file for the grid; None: it is not written.
+
         Raises:
-            InputError: There is none, it cannot be written, or the process has ended.
+            InputError: The dense map is off or empty, the file cannot be written, or the process
+                has ended or is late.
         """
         process = self._dense_process
         if process is None:
@@ -172,7 +179,8 @@ class SceneClient:
 
         Args:
             loaded: The keyframes.
-            keep: True: keep the running dense map and object map. False: discard them.
+            keep: True: keep the running dense map and object map. False: discard them, and the
+                tracks of people and objects.
         """
         process, camera = self._anchored_process, self._camera
         if process is None or camera is None:
@@ -211,11 +219,11 @@ class SceneClient:
 
         Args:
             dense: The dense map; None if none was saved with the map.
-            keyframe_uids: (K,) that the keyframes of the saved map have now.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
 
         Returns:
-            An addition to the response, if something is left out; and a function that sends the
-            dense map to its process, after `use_keyframes`.
+            A note for the response if the dense map is left out, else ''; and a function that
+            sends the dense map to the scene process. Call it after `use_keyframes`.
         """
         process, camera = self._dense_process, self._camera
         if dense is None or process is None or camera is None:
@@ -246,7 +254,11 @@ class SceneClient:
             self._process.close()
 
     def _report_subscribers(self) -> None:
-        """Tell the process which topics have subscribers; /tf_static has them everywhere."""
+        """Send the process the topics that have subscribers.
+
+        /tf_static is left out, because it always has some, which need not be interested in the
+        scene.
+        """
         if self._process is not None:
             names = {name for name, publisher in self._publishers.items() if publisher.is_wanted}
             self._process.send(Subscribed(frozenset(names - {topics.TF_STATIC})))

@@ -1,4 +1,4 @@
-"""Converts the scene to messages: dense map and grid; tracked objects, people and markers."""
+"""Converts the scene to messages: dense map, grid, tracked objects, people and markers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ class SceneMaps(NamedTuple):
     grid: Grid | None = None  # None: no floor is known
     grid_header: Header | None = None  # with the level frame of the grid, or with the map frame
     grid_height_m: float = 0.0  # z of the grid in the frame of its header
-    patch: GridPatch | None = None  # None: the grid is unchanged, or has another size
+    # The changed cells of the grid; None: no cell has changed, or its size or origin has.
+    patch: GridPatch | None = None
     # (4, 4) pose of the level frame; None: unchanged, or the grid is in the map frame.
     T_map_level: FloatArray | None = None
     is_discarded: bool = False  # True: the scene was discarded, and the maps are empty
@@ -67,7 +68,7 @@ def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:
 def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
     """Return the message of the whole grid; None if no floor is known.
 
-    The grid of a discarded scene is empty.
+    For a scene that was discarded, it is an empty grid.
     """
     grid, header = maps.grid, maps.grid_header
     if grid is None or header is None:
@@ -87,7 +88,10 @@ def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
 
 
 def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
-    """Return the message of the changed part of the grid; None unless only cells have changed."""
+    """Return the message of the changed part of the grid.
+
+    None is returned if no cell has changed, or if the size or the origin of the grid has changed.
+    """
     patch = maps.patch
     if patch is None:
         return None

@@ -36,10 +36,10 @@ def save_grid(
     Args:
         scene: The scene mapper; None if there is none.
         grid_of: Returns the grid of a cloud of the scene, or None if no floor is known.
-        path: Path of the YAML file or of the image, which differ in the extension.
+        path: Path of the YAML file; the image beside it has the same name with another extension.
 
     Raises:
-        InputError: There is no grid, or it cannot be written.
+        InputError: There is no dense map, no floor is known, or a file cannot be written.
     """
     scene = _require_map(scene)
     grid = grid_of(scene, scene.cloud())

@@ -24,13 +24,13 @@ class SceneSetup(NamedTuple):
 
     name: str  # of its node
     map_frame: str
-    is_map_level: bool  # true if the base frame is known
+    is_map_level: bool  # whether the map frame is level, since a base frame is configured
     dense: DenseConfig
     objects: ObjectTrackerConfig
     object_map: ObjectMapConfig
     input: InputConfig
     remappings: tuple[str, ...] = ()  # rules that the command line has for the SLAM node only
-    folder: Path | None = None  # for the files of the stored images; None: one of its own
+    folder: Path | None = None  # for the files of the stored images; None: a new temporary folder
 
 
 class ClearScene(NamedTuple):
@@ -73,7 +73,7 @@ class SceneCommand(NamedTuple):
     grid_path: Path | None = None
     # The file for the submaps of the dense map; None, or no dense map: do not write it.
     submaps_path: Path | None = None
-    submaps_since: ExportMark | None = None  # only what has changed since; None: everything
+    submaps_since: ExportMark | None = None  # only submaps changed since this export; None: all
     # The file for the object map; None, or no object map: do not write it.
     objects_path: Path | None = None
     yaml_path: Path | None = None  # the YAML file for the list of objects; None: do not write it
@@ -95,8 +95,9 @@ SceneMessage = (
 )
 """A message to the scene process.
 
-A camera starts an empty scene, a configuration replaces the parameters that may change at run
-time, and a stored view restores an image of a saved scene or of a process that has died.
+A `CameraModel` starts an empty scene, a `DenseConfig` replaces the parameters that may change at
+run time, `KeyframePoses` correct the maps, and a `StoredView` restores an image of a saved scene
+or of a process that has died.
 """
 
 
@@ -104,7 +105,7 @@ class Output(NamedTuple):
     """A message that the SLAM node publishes for the scene process."""
 
     topic: str
-    data: bytes  # serialized here, so that the SLAM node's thread need not do it
+    data: bytes  # the message, serialized in the scene process to save time in the SLAM node
 
 
 class CommandResult(NamedTuple):
@@ -112,7 +113,7 @@ class CommandResult(NamedTuple):
 
     number: int  # of the command
     success: bool
-    text: str
+    text: str  # a message for the user, or the error
     objects: tuple[MapObject, ...] = ()  # that were asked for
     stamp_ns: int = 0  # of the latest image in a map
 

@@ -1,4 +1,4 @@
-"""The node that maps the scene in a process of its own: dense map, grid, people and objects."""
+"""The node of the scene process, which maps the scene: dense map, grid, people and objects."""
 
 from __future__ import annotations
 
@@ -46,14 +46,17 @@ from rgbd_slam.scene.floor import NO_FLOOR
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
-# Chosen: depth and color of one image differ less, and those of two images at 30 Hz more.
+# Largest difference of the stamps of messages that belong to one image. Chosen: those of depth and
+# color of one image differ less, and those of two images at 30 Hz more.
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict on its objects
-# Chosen: share of the time in which maps are published and bent submaps are fused again. The rest
-# is for new images, however large the map is.
+# Chosen: largest share of the time that is spent on publishing maps and on fusing submaps again
+# that corrections have deformed. The rest is for new images, however large the map is.
 _MAX_SHARE = 0.25
-_MAX_IMAGES_WITHOUT_FLOOR = 30  # chosen: several seconds, in which a robot sees its floor
-_CAPACITY = 60  # chosen: images that wait for their pose; 2 s at 30 Hz
+# Chosen: number of fused images without a floor from which this is reported. They take several
+# seconds, in which a robot sees its floor.
+_MAX_IMAGES_WITHOUT_FLOOR = 30
+_CAPACITY = 60  # chosen: number of images that wait for their pose; 2 s at 30 Hz
 
 
 class SceneNode(Node):
@@ -64,9 +67,9 @@ class SceneNode(Node):
         rules = (f'__node:={setup.name}', *setup.remappings)
         remappings = [word for rule in rules for word in ('-r', rule)]
         super().__init__(setup.name, cli_args=['--ros-args', *remappings])
-        # Mapping only uses time that no stage before the pose needs (decision 016). The threads of
-        # the middleware, which run already, keep their priority: a participant whose threads do
-        # not answer in time is taken for dead by all others.
+        # Building the maps uses only processor time that detector, filter and tracking leave
+        # unused (decision 016). The threads of the middleware run already and keep their priority:
+        # if they did not answer in time, all other DDS participants would take this one for dead.
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
         bridge_logging(self)
         self._setup = setup
@@ -76,9 +79,9 @@ class SceneNode(Node):
         self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
         self._outputs = SceneOutputs(self._report, setup)
-        self._stamp_ns = 0  # of the latest image in a map
-        self._rest_until_s = 0.0  # when the maps may be published again
-        self._num_fused = 0  # images in this scene
+        self._stamp_ns = 0  # of the latest image in the dense map or the object map; 0: none yet
+        self._rest_until_s = 0.0  # monotonic time from which the maps may be published again
+        self._num_fused = 0  # number of images fused into the dense map of this scene
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
         )
@@ -88,7 +91,7 @@ class SceneNode(Node):
         inputs.messages(
             DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._on_objects, 'dynamic objects'
         )
-        # A timer of wall time publishes the latest map even after the images have stopped.
+        # A timer of steady time publishes the latest map even after images and their clock stop.
         self._timer = self.create_timer(
             setup.dense.publish_period_s,
             self._publish,
@@ -99,7 +102,7 @@ class SceneNode(Node):
         Thread(target=self._listen, args=(messages,), name='from SLAM node', daemon=True).start()
 
     def _listen(self, messages: Connection) -> None:
-        """Receive messages from the SLAM node; end this node when the SLAM node has ended."""
+        """Receive messages from the SLAM node, until it has ended; then shut this node down."""
         try:
             while True:
                 self._received.put(messages.recv())
@@ -157,7 +160,11 @@ class SceneNode(Node):
         self._report_changes(scene)
 
     def _report_changes(self, scene: SceneMapper) -> None:
-        """Update the SLAM node's list of the stored images."""
+        """Send the changes of the stored images since the last call to the SLAM node.
+
+        Images may be new, attached to another keyframe, or removed. From its list of them, the
+        SLAM node restores a scene process that has died.
+        """
         for change in scene.ledger.take_changes():
             self._report(change)
 
@@ -183,7 +190,7 @@ class SceneNode(Node):
         self._outputs.clear(self._stamp_ns)
 
     def _on_objects(self, msg: DynamicObjectArray) -> None:
-        """Use final verdicts only, because the maps can wait for them."""
+        """Add the objects of an image if their verdicts are final: the maps can wait for these."""
         if not msg.provisional:
             self._add('objects', conversions.stamp_from_msg(msg.header.stamp), msg)
 
@@ -254,7 +261,7 @@ class SceneNode(Node):
         self._rest_until_s = end_s + (end_s - start_s) / _MAX_SHARE
 
     def _report_floor(self, scene: SceneMapper) -> None:
-        """Report a map without a floor, once it has enough images to show one."""
+        """Report a problem if the dense map has enough images, but no floor is known."""
         is_late = self._num_fused >= _MAX_IMAGES_WITHOUT_FLOOR and not scene.has_floor
         self._diagnostics.report_problem('floor', NO_FLOOR if is_late else '')
 

@@ -28,17 +28,20 @@ _COLORS = {
 
 
 def object_map_to_msg(objects: tuple[MapObject, ...], header: Header) -> Detection3DArray:
-    """Return the objects at rest, in the frame of the header.
+    """Return the objects at rest, those that were moved before included, in the header's frame.
 
     The stamp of a detection is that of the last sighting. Its hypotheses are the classes that
-    were detected, with the probability that the object is there and of this class.
+    were detected, each with the probability that the object is there and is of this class.
     """
     at_rest = [item for item in objects if item.is_present]
     return Detection3DArray(header=header, detections=[_detection(o, header) for o in at_rest])
 
 
 def object_map_markers_to_msg(objects: tuple[MapObject, ...], header: Header) -> MarkerArray:
-    """Return markers that replace all earlier ones: a box and a label per object."""
+    """Return markers that replace all earlier ones: a box and a label per object.
+
+    Objects that are handled or gone have markers too.
+    """
     return markers_of([_labeled_box(item) for item in objects], header)
 
 

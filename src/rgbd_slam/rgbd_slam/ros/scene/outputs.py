@@ -1,4 +1,4 @@
-"""All topics of the scene: two tables of what is published, and the class that publishes them.
+"""All topics of the scene: three tables of topics, and the class that publishes them.
 
 A topic is added as one row of a table. The scene process makes the messages of all rows, and the
 SLAM node creates their publishers.
@@ -58,8 +58,8 @@ OBJECT_OUTPUTS = (
         topics.TRACKED_OBJECT_MARKERS, MarkerArray, qos.OUTPUT, conversions.markers_to_msg
     ),
 )
-# `to_msg` is called with (objects: tuple[MapObject, ...], header: Header) after each look at the
-# objects, and when the map is corrected, if the topic has subscribers.
+# `to_msg` is called with (objects: tuple[MapObject, ...], header: Header) after each image that is
+# used for the object map, and after a correction of the map, if the topic has subscribers.
 OBJECT_MAP_OUTPUTS = (
     OutputTopic(
         topics.OBJECT_MAP, Detection3DArray, qos.LATCHED, object_map_messages.object_map_to_msg
@@ -71,9 +71,9 @@ OBJECT_MAP_OUTPUTS = (
         object_map_messages.object_map_markers_to_msg,
     ),
 )
-# `to_msg` is called with (maps: SceneMaps) once per `dense.publish_period_s`, if the maps have
-# changed and a topic of the table has subscribers. The cloud is made for its own subscribers, and
-# all other messages for those of any other topic.
+# `to_msg` is called with (maps: SceneMaps) at most once per `dense.publish_period_s`, if the maps
+# have changed and a topic of the table has subscribers. The cloud is made only if it has
+# subscribers itself; all other messages are made if any topic other than the cloud has some.
 MAP_OUTPUTS = (
     OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, conversions.serialized_cloud),
     OutputTopic(topics.TF_STATIC, TFMessage, qos.TF_STATIC, conversions.level_frame_to_msg),
@@ -85,9 +85,9 @@ MAP_OUTPUTS = (
 
 
 class SceneOutputs:
-    """Publishes the scene in the map frame, with the stamps of the images that it is made of.
+    """Publishes the scene in the map frame, with the stamp of the latest image in it.
 
-    The grid is in a frame of its own, `<map frame>_level`, if the map frame is not level.
+    If the map frame is not level, the grid is in a separate frame, `<map frame>_level`.
 
     Attributes:
         frame: Name of the map frame.
@@ -103,22 +103,26 @@ class SceneOutputs:
         self.frame, self._is_map_level = setup.map_frame, setup.is_map_level
         self._steady = SteadyGrid()
         self._T_map_level: FloatArray | None = None  # as published last
-        self._outdated: set[str] = set()  # topics of maps whose last message is not up to date
-        self._outdated_objects: set[str] = set()  # the same of the object map
+        # Topics of `MAP_OUTPUTS` and of `OBJECT_MAP_OUTPUTS` whose last message is not up to date.
+        self._outdated: set[str] = set()
+        self._outdated_objects: set[str] = set()
         self.subscribed: frozenset[str] = frozenset()
 
     def note_change(self) -> None:
-        """Note that the maps have changed, so that all of them are to be published."""
+        """Mark the dense map, the grid and the object map as changed, to be published."""
         self._outdated = {output.name for output in MAP_OUTPUTS}
         self.note_object_change()
 
     def note_object_change(self) -> None:
-        """Note that the object map has changed, so that it is to be published."""
+        """Mark the object map as changed, to be published."""
         self._outdated_objects = {output.name for output in OBJECT_MAP_OUTPUTS}
 
     @property
     def due(self) -> frozenset[str]:
-        """Return the names of the maps that have changed and are to be published now."""
+        """Return the topics of `MAP_OUTPUTS` that are outdated and whose messages are wanted.
+
+        The cloud is wanted by its own subscribers, and the others by those of any of them.
+        """
         wanted = self._outdated & self.subscribed
         if wanted - {topics.CLOUD_MAP}:
             wanted |= self._outdated - {topics.CLOUD_MAP}
@@ -130,7 +134,7 @@ class SceneOutputs:
         self._publish(wanted, objects, header_to_msg(stamp_ns, self.frame))
 
     def publish_object_map(self, scene: SceneMapper, stamp_ns: int) -> None:
-        """Publish the object map to the subscribers that do not have its present state."""
+        """Publish the object map on its topics that have subscribers and are outdated."""
         wanted = [
             output
             for output in OBJECT_MAP_OUTPUTS
@@ -142,7 +146,7 @@ class SceneOutputs:
             self._publish(wanted, scene.mapped_objects(), header)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
-        """Publish what is due: the cloud and, once a floor is known, the grid."""
+        """Publish the topics that are due: the cloud and, once a floor is known, the grid."""
         due = self.due
         self._outdated -= due
         header, cloud = header_to_msg(stamp_ns, self.frame), scene.cloud()
@@ -167,10 +171,10 @@ class SceneOutputs:
         return None if grid is None else self._steady.place(grid)
 
     def clear(self, stamp_ns: int) -> None:
-        """Publish empty maps and no tracks.
+        """Publish empty maps and no tracks, because the scene was discarded.
 
-        Nothing is published if `stamp_ns`, the stamp of the latest image in the dense map, is 0:
-        no map has been published then.
+        Nothing is published if `stamp_ns`, the stamp of the latest image in the dense map or the
+        object map, is 0: no map has been published then.
         """
         if stamp_ns == 0:
             return
@@ -185,7 +189,7 @@ class SceneOutputs:
         self._publish(OBJECT_MAP_OUTPUTS, (), header)
 
     def _take_level(self, T_map_level: FloatArray) -> FloatArray | None:
-        """Return the pose (4, 4) of the level frame if it has changed since it was published."""
+        """Return the pose (4, 4) of the level frame, or None if it was published already."""
         before = self._T_map_level
         if before is not None and np.allclose(before, T_map_level, atol=1e-6):
             return None

@@ -1,9 +1,10 @@
-"""The scene process as the SLAM node sees it: a child process that is replaced when it dies.
+"""The SLAM node's handle of the scene process, a child process that is replaced when it dies.
 
-Camera images reach that process by topics, and only their poses come from the SLAM node, so that
-the tracker copies no image and never waits. The process sends back the messages to publish, and
-the list of the images that its map is made of. The files of these images are in a folder that both
-processes use: they rebuild the map in a new process after it has died.
+The scene process receives camera images by topics, and only their poses from the SLAM node, so
+that the tracker copies no image and never waits. It sends back the messages to publish, and the
+changes of the list of images that its dense map is made of. The files of these images are in a
+folder that both processes use. After a process has died, a new one makes the dense map again from
+these images.
 """
 
 from __future__ import annotations
@@ -45,17 +46,19 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 T = TypeVar('T')
 
-_MAX_WAITING = 30  # chosen: requests in the queue; 2 s at the default rates
-_RESULT_S = 20.0  # chosen: more than rebuilding the dense map takes, for which a command waits
-_IDLE_S = 60.0  # of waiting for a report; without effect, since the wait is repeated
-# Chosen: a process that ends this soon after its start, this often in a row, is not replaced.
+_MAX_WAITING = 30  # chosen: largest number of requests in the queue; 2 s at the default rates
+# Time limit for a command. Chosen: more than rebuilding the dense map takes, for which it waits.
+_RESULT_S = 20.0
+_IDLE_S = 60.0  # time limit for one wait for a report; it has no effect, as waits are repeated
+# Chosen: a process that ends within this time [s] after its start, so often in a row, is not
+# replaced.
 _SOON_S, _MAX_SOON = 20.0, 3
 _ENDED = 'the process of the dense map has ended; ask again'
 
 
 @dataclass
 class _State:
-    """What a new process needs to continue."""
+    """The messages that a new process needs to continue, beside the stored images."""
 
     dense: DenseConfig
     subscribed: Subscribed = field(default_factory=Subscribed)
@@ -81,7 +84,7 @@ class SceneProcess:
         on_output: Callable[[Output], None],
         on_end: Callable[[str, bool], None],
     ) -> None:
-        self.num_dropped = 0  # requests, because the process was late or dead
+        self.num_dropped = 0  # requests that were not sent, because the process was late or dead
         self._on_output, self._on_end = on_output, on_end
         self._state = _State(setup.dense)
         self._views = ViewList()
@@ -185,7 +188,12 @@ class SceneProcess:
         return receive
 
     def stored(self, submaps: SubmapState, keyframe_uids: IntArray) -> SavedSubmaps:
-        """Return the message that adds the dense map of a saved map, whose file is written."""
+        """Write the dense map of a saved map to a file, and return the message that adds it.
+
+        Args:
+            submaps: The dense map.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
+        """
         path = self._folder.path / f'loaded-{next(self._numbers)}.npz'
         submaps.write(path)
         return SavedSubmaps(path, keyframe_uids)
@@ -250,8 +258,8 @@ class SceneProcess:
     def _restart(self) -> bool:
         """Replace the process that has died; return whether a new one was started.
 
-        None is started after `close`, or if the process has ended soon after its start again and
-        again.
+        No process is started after `close`, or if three in a row have ended within 20 s after
+        their start. Commands in progress fail.
         """
         with self._lock:
             for number, waiting in list(self._results.items()):
@@ -270,7 +278,10 @@ class SceneProcess:
         return True
 
     def _restore_state(self) -> None:
-        """Send a new process everything that its predecessor had."""
+        """Send a new process the parameters, keyframes and images that its predecessor had.
+
+        Tracks and object map are lost.
+        """
         self._worker.send(self._state.dense)
         self._worker.send(self._state.subscribed)
         if self._state.camera is None:

@@ -1,4 +1,4 @@
-"""A published grid whose size and origin rarely change while the mapped area grows."""
+"""Keeps size and origin of the published grid, which rarely change while the mapped area grows."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 
 from rgbd_slam.scene.grid import UNKNOWN, Grid
 
-_STEP_M = 2.0  # chosen: Nav2's static layer resizes the costmap whenever size or origin change
+# Step in which the grid grows. Chosen large, because Nav2's static layer resizes the costmap
+# whenever size or origin change.
+_STEP_M = 2.0
 
 
 class GridPatch(NamedTuple):
-    """The smallest rectangle of cells that contains all changes."""
+    """The smallest rectangle of cells of a grid that contains all changed cells."""
 
-    column: int
-    row: int
-    cells: NDArray[np.int8]  # (h, w)
+    column: int  # lowest column of the rectangle in the grid
+    row: int  # lowest row
+    cells: NDArray[np.int8]  # (h, w) the new values
 
 
 class SteadyGrid:
@@ -34,7 +36,8 @@ class SteadyGrid:
     def place(self, grid: Grid) -> Grid:
         """Return the grid extended by unknown cells, so that its borders are at multiples of 2 m.
 
-        The extended grid covers that of the last call of `take_patch`.
+        The extended grid also covers the grid of the last call of `take_patch`, unless the
+        resolution has changed.
         """
         block = max(1, round(_STEP_M / grid.resolution_m))
         low = np.array(grid.low) // block * block
@@ -51,9 +54,10 @@ class SteadyGrid:
         return replace(grid, cells=cells, low=(int(low[0]), int(low[1])))
 
     def take_patch(self, placed: Grid) -> GridPatch | None:
-        """Return the cells that have changed since the last call; the grid is stored for the next.
+        """Return the cells that have changed since the last call, and store the grid for the next.
 
-        None is returned if no cell has changed, or if size or origin have changed.
+        None is returned if no cell has changed, if size, origin or resolution have changed, and at
+        the first call.
 
         Args:
             placed: The grid, extended by `place`.
