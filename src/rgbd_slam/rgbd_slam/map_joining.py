@@ -112,7 +112,7 @@ def _joined_dense(
 def _joined_objects(
     contents: Sequence[MapFile], uids: Sequence[IntArray], atlas: Atlas
 ) -> ObjectMapState | None:
-    """Return the objects of all maps; those that are the same thing are one.
+    """Return the object map of all maps, in which duplicates are joined; None: no map has objects.
 
     Args:
         contents: The maps.

@@ -1,4 +1,4 @@
-"""The objects of a saved map, as the node that saved it published them."""
+"""Reads the objects of a saved map, as the node that saved it published them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ _FLOOR_POINTS = 50_000  # chosen: as many as the scene mapper uses
 
 
 def saved_objects(content: MapFile) -> tuple[MapObject, ...]:
-    """Return the objects of the largest map in a map file, in its map frame; none if it has none.
+    """Return the objects of a map file, in its map frame; the result is empty if it has none.
 
-    Furniture reaches down to the floor of the dense map, if there is one.
+    If the file contains several maps, only objects of the one with most keyframes are returned.
+    The boxes of furniture reach down to the floor of the dense map, if there is one.
     """
     if content.objects is None:
         return ()

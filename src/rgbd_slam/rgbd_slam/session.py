@@ -199,8 +199,8 @@ class SlamSession:
         map stores the images of other maps until a recognized place merges the maps. Objects are
         tracked in the main map only, because tracks are published at once. They are tracked in
         localization as well, because the present positions of people and objects are not part of
-        the map. The object map is updated then too: it says what has been moved since the map was
-        made.
+        the map. The object map is updated in localization too, but only in the main map: it shows
+        what has been moved since the map was made.
         """
         slam, reference_uid = self.slam, self.slam.odometry.anchor_uid
         is_measured = result.state is SlamState.TRACKING and not result.is_predicted

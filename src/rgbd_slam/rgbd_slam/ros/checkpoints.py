@@ -49,13 +49,14 @@ RequestMaps = Callable[[KeyframePoses, ExportMark | None], ReceiveMaps | None]
 
 
 class _Copied(NamedTuple):
-    """A part of the map, and with the last part everything else that a checkpoint has."""
+    """A copied part of the map, and what else a checkpoint contains."""
 
     part: MapPart
     header: MapHeader
     stamp_ns: int  # of the last image that was tracked
-    copy_s: float  # time for which the tracker waited
-    receive_maps: ReceiveMaps | None = None  # waits for the maps of the scene; None: all are off
+    copy_s: float  # time for which the tracker waited for the copy
+    # Waits for dense map and object map; None: this is not the last part, or both maps are off.
+    receive_maps: ReceiveMaps | None = None
 
 
 class Checkpoints:
@@ -66,8 +67,8 @@ class Checkpoints:
         config: Its parameters.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
-        request_maps: Requests the object map, and what has changed in the dense map since a
-            checkpoint; returns a function that waits for them, or None if both are off.
+        request_maps: Requests the object map, and the changes of the dense map since a checkpoint;
+            returns a function that waits for them, or None if both maps are off.
     """
 
     def __init__(

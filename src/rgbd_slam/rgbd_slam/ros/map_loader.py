@@ -52,7 +52,7 @@ class MapLoader:
         self._session, self._scene = session, scene
 
     def load(self, session: SlamSession, content: MapFile, *, keep: bool, extend: bool) -> str:
-        """Load a map; return a note on its dense map for the response, or ''.
+        """Load a map; return a note for the response on parts that are left out, or ''.
 
         It must be called in another thread than the node's, and waits until the map is in use.
 

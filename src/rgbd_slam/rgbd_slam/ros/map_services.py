@@ -134,7 +134,13 @@ class MapServices:
         return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
     def _copied(self) -> tuple[MapFile, Callable[[], SceneExport] | None]:
-        """Return the map, and a function that waits for its scene; None: its maps are off."""
+        """Copy the map; return it with a function that waits for its dense map and object map.
+
+        The function is None if both of these maps are off.
+
+        Raises:
+            InputError: There is no map, or it was discarded meanwhile.
+        """
         session = self._node_thread.call(self._session)
         if len(session.slam.map.atlas.keyframes) == 0:
             raise InputError('nothing has been mapped yet: there is nothing to save')

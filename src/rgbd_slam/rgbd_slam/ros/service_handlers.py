@@ -51,7 +51,7 @@ class ServiceHandlers:
         Args:
             type_: As in `add`.
             topic: Name of the service.
-            handle: As in `add`, and called with the response as well.
+            handle: As in `add`, but called with the request and the response.
         """
 
         def respond(request: Any, response: Any) -> Any:

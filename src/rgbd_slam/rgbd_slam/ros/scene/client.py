@@ -140,8 +140,8 @@ class SceneClient:
                 all.
 
         Returns:
-            A function that waits for the maps and returns them, or raises InputError. None if
-            both maps are off.
+            A function that waits for the maps and returns them, or raises InputError. Instead of
+            the function, None if both maps are off.
         """
         process = self._anchored_process
         return None if process is None else process.request_maps(keyframes, since)
@@ -164,7 +164,7 @@ class SceneClient:
         return process.await_result(process.command(command)).text
 
     def ask_objects(self, command: SceneCommand) -> CommandResult:
-        """Execute a command that concerns the object map.
+        """Execute a command that concerns the object map, and return its result.
 
         Raises:
             InputError: The object map is off, the command failed, or the process has ended.
@@ -194,11 +194,11 @@ class SceneClient:
 
         Args:
             content: The loaded map.
-            keyframe_uids: (K,) that the keyframes of the saved map have now.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
 
         Returns:
-            An addition to the response, if something is left out; and a function that sends the
-            maps to their process, after `use_keyframes`.
+            A note for the response on maps that are left out, or ''; and a function that sends the
+            others to the scene process. Call it after `use_keyframes`.
         """
         note, send_dense = self._prepare_dense(content.dense, keyframe_uids)
         process, objects = self._process, content.objects

@@ -14,13 +14,13 @@ from rgbd_slam.scene.scene_mapper import SceneMapper
 def execute(
     command: SceneCommand, scene: SceneMapper | None, outputs: SceneOutputs, stamp_ns: int
 ) -> CommandResult:
-    """Execute a command, and return its result.
+    """Execute a command, and return its result, which contains the text of an error if it failed.
 
     Args:
         command: The command.
         scene: The scene mapper; None if there is none.
-        outputs: Places the grid, and knows the map frame.
-        stamp_ns: Stamp of the latest image in a map.
+        outputs: The outputs of the scene, for the size of the grid and the name of the map frame.
+        stamp_ns: Stamp of the latest image in the dense map or the object map; 0: none yet.
     """
     try:
         objects = _found(command, scene)
@@ -33,7 +33,10 @@ def execute(
 
 
 def _written(command: SceneCommand, scene: SceneMapper | None, outputs: SceneOutputs) -> str:
-    """Write the requested files; return a message for the user about the last one."""
+    """Write the requested files; return a message for the user about the last one, or ''.
+
+    The files of `_export` have no message.
+    """
     text = ''
     if scene is not None:
         _export(command, scene)
@@ -47,7 +50,10 @@ def _written(command: SceneCommand, scene: SceneMapper | None, outputs: SceneOut
 
 
 def _export(command: SceneCommand, scene: SceneMapper) -> None:
-    """Write the parts of a map file, for the SLAM node."""
+    """Write the submaps and the object map to the requested files, which the SLAM node reads.
+
+    A file is not written if there is no such map.
+    """
     if command.submaps_path is not None:
         submaps = scene.export_since(command.submaps_since)
         if submaps is not None:

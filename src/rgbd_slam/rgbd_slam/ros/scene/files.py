@@ -52,7 +52,9 @@ def save_grid(
 
 
 def save_objects(scene: SceneMapper | None, path: Path, frame: str) -> str:
-    """Write the object map as a YAML file; return a message for the user.
+    """Write the list of mapped objects as a YAML file; return a message for the user.
+
+    Without a scene mapper, the list is empty.
 
     Args:
         scene: The scene mapper; None if there is none.
@@ -60,7 +62,7 @@ def save_objects(scene: SceneMapper | None, path: Path, frame: str) -> str:
         frame: Name of the map frame.
 
     Raises:
-        InputError: It cannot be written.
+        InputError: The file cannot be written.
     """
     objects = () if scene is None else scene.mapped_objects()
     text = objects_yaml(objects, frame)

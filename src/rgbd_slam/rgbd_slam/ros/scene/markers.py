@@ -1,4 +1,4 @@
-"""Boxes with labels as markers."""
+"""Makes markers of boxes with labels."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _LABEL_M = 0.12  # chosen: height of a label, and its distance from the box
 class LabeledBox(NamedTuple):
     """A box with a label above it."""
 
-    number: int  # the same for the same thing
-    pose: Pose  # of its center
-    size_m: FloatArray  # (3,)
-    text: str
+    number: int  # identifies the object; the same in all messages
+    pose: Pose  # of the center of the box, in the frame of the header
+    size_m: FloatArray  # (3,) along the axes of the box
+    text: str  # of the label
     color: ColorRGBA  # of the box
 
 
 def markers_of(boxes: Sequence[LabeledBox], header: Header) -> MarkerArray:
-    """Return markers that replace all earlier ones: a box and a label for each box."""
+    """Return markers that replace all earlier ones: a cube and a label for each box."""
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for item in boxes:
         box = _marker(item, header, 'objects')

@@ -60,14 +60,17 @@ class SavedObjects(NamedTuple):
 class SceneExport(NamedTuple):
     """The maps of the scene for a file, relative to keyframes that are saved with them."""
 
-    submaps: SubmapExport | None  # None: there is no dense map
-    objects: ObjectMapState | None  # None: there is no object map
+    submaps: SubmapExport | None  # None: the dense map is off or empty
+    objects: ObjectMapState | None  # None: the object map is off or empty
 
 
 class SceneCommand(NamedTuple):
-    """Asks for files or objects; all earlier messages are processed before it."""
+    """Requests files or objects; `CommandResult` follows.
 
-    number: int = -1  # identifies the command in its result
+    All earlier messages are processed before it.
+    """
+
+    number: int = -1  # identifies the command in its result; `SceneProcess` sets it
     cloud_path: Path | None = None  # the file for the dense map; None: do not write it
     # The YAML file for the grid, beside which its image is written; None: do not write the grid.
     grid_path: Path | None = None
@@ -77,7 +80,7 @@ class SceneCommand(NamedTuple):
     # The file for the object map; None, or no object map: do not write it.
     objects_path: Path | None = None
     yaml_path: Path | None = None  # the YAML file for the list of objects; None: do not write it
-    query: ObjectQuery | None = None  # the objects that the result has; None: none
+    query: ObjectQuery | None = None  # which objects the result contains; None: no objects
     forget_id: int | None = None  # number of the object to remove; None: remove none
 
 
@@ -114,8 +117,8 @@ class CommandResult(NamedTuple):
     number: int  # of the command
     success: bool
     text: str  # a message for the user, or the error
-    objects: tuple[MapObject, ...] = ()  # that were asked for
-    stamp_ns: int = 0  # of the latest image in a map
+    objects: tuple[MapObject, ...] = ()  # those that the command's `query` describes
+    stamp_ns: int = 0  # of the latest image in the dense map or the object map; 0: none yet
 
 
 SceneReport = Output | CommandResult | ViewChange

@@ -137,7 +137,7 @@ class SceneNode(Node):
     def _change(
         self, scene: SceneMapper, message: KeyframePoses | SavedSubmaps | SavedObjects | StoredView
     ) -> None:
-        """Apply a correction, or add a part of a saved scene."""
+        """Correct the maps by new keyframe poses, or add a part of a saved scene."""
         match message:
             case KeyframePoses():
                 scene.correct(message)

@@ -46,7 +46,7 @@ def object_map_markers_to_msg(objects: tuple[MapObject, ...], header: Header) ->
 
 
 def mapped_object_to_msg(item: MapObject) -> MappedObject:
-    """Return the message of one object."""
+    """Return the message of one object, in the map frame."""
     x, y, z = np.zeros(3) if item.moved_from_map_m is None else item.moved_from_map_m.tolist()
     return MappedObject(
         id=item.object_id,

@@ -23,10 +23,10 @@ class ObjectServices:
     """Offers the services of the object map.
 
     Args:
-        handlers: The handlers of a thread that may wait for the scene process.
-        scene: The scene process, which has the object map.
+        handlers: Handlers that run in a thread that may wait for the scene process.
+        scene: Client of the scene process, which has the object map.
         map_frame: Name of the map frame.
-        new_path: Returns the path of a file to write, for its name in a request.
+        new_path: Returns the path of a file to write, from its name in a request and its kind.
     """
 
     def __init__(

@@ -65,7 +65,8 @@ class _State:
     camera: CameraModel | None = None
     keyframes: KeyframePoses | None = None
     loaded: list[SavedSubmaps] = field(default_factory=list)
-    objects: list[SavedObjects] = field(default_factory=list)  # as loaded, or as saved last
+    # The object maps that were loaded; instead of these, the one that was saved last, if any.
+    objects: list[SavedObjects] = field(default_factory=list)
 
 
 class SceneProcess:
@@ -154,7 +155,7 @@ class SceneProcess:
     ) -> Callable[[], SceneExport]:
         """Request dense map and object map, relative to keyframes that are saved with them.
 
-        The object map that is received is also that of a process that replaces this one.
+        A process that replaces this one is given the object map that was received last.
 
         Args:
             keyframes: These keyframes.
@@ -278,9 +279,9 @@ class SceneProcess:
         return True
 
     def _restore_state(self) -> None:
-        """Send a new process the parameters, keyframes and images that its predecessor had.
+        """Send a new process the parameters, keyframes, images and saved maps of its predecessor.
 
-        Tracks and object map are lost.
+        Tracks are lost, and so are changes of the object map since it was last loaded or saved.
         """
         self._worker.send(self._state.dense)
         self._worker.send(self._state.subscribed)
