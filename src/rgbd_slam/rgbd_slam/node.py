@@ -146,5 +146,5 @@ class RgbdSlamNode(ManagedNode):
 
 
 def main() -> int:
-    """Run the node."""
+    """Run the node until it ends; return its exit code."""
     return run_node(RgbdSlamNode)

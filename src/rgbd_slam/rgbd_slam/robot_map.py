@@ -99,7 +99,10 @@ class RobotMap:
         check_extendable(self._made_with, self._camera)
 
     def keyframes(self) -> KeyframePoses:
-        """Return the keyframe poses of all maps; those of the main map are in the map frame."""
+        """Return the keyframe poses of all maps; those of the main map are in the map frame.
+
+        The poses of other maps are in frames whose relation to the map frame is unknown.
+        """
         return self._frames.keyframes(keyframe_poses(self._slam.map.atlas))
 
     def points_m(self) -> FloatArray:

@@ -279,7 +279,7 @@ class TriangulationConfig(Config):
 
 @dataclass(frozen=True)
 class MappingConfig(Config):
-    """Local mapping: what follows the insertion of a keyframe."""
+    """Local mapping after the insertion of a keyframe: new points, adjustment and culling."""
 
     window: int = param(
         8,  # chosen: ORB-SLAM3 moves all covisible keyframes, which takes longer

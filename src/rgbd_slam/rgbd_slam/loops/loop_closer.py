@@ -143,7 +143,10 @@ class LoopCloser:
         return event
 
     def index_places(self) -> None:
-        """Index all keyframes now, which takes seconds for a loaded map of thousands of them."""
+        """Index the places of all keyframes now, if closing loops is switched on.
+
+        It takes seconds for a loaded map of thousands of keyframes.
+        """
         if self._config.enabled:
             self._detector.index_places()
 

@@ -41,7 +41,7 @@ _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
 class _Detection(NamedTuple):
-    """A verified place of a keyframe."""
+    """A place that was verified for a keyframe, but not confirmed by others yet."""
 
     uid: int  # of the keyframe
     map_id: int  # the map that the place belongs to
@@ -85,7 +85,10 @@ class LoopDetector:
         self._finder.index_places()
 
     def correction(self, i: int, match: PlaceMatch) -> tuple[float, float]:
-        """Return the rotation [rad] and distance [m] by which a loop would move keyframe `i`."""
+        """Return the rotation [rad] and distance [m] by which a loop would move keyframe `i`.
+
+        `match` is its pose at a place of the same map.
+        """
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
     def _neighborhood(self, i: int) -> IntArray:

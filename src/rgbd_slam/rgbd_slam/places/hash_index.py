@@ -177,7 +177,7 @@ class HashIndex:
             self._segments.append(self._merged(large, small))
 
     def _is_large(self, n: int) -> bool:
-        """Return whether segment `n` has reached a share of the size of the one before it."""
+        """Return whether segment `n` is larger than `_MERGE_SHARE` of the one before it."""
         size, size_before = self._segments[n].shape[1], self._segments[n - 1].shape[1]
         return bool(size > _MERGE_SHARE * size_before)
 

@@ -56,7 +56,7 @@ class PlaceFinder:
         return index
 
     def use_index(self, index: PlaceIndex) -> None:
-        """Use an index that `index_of` made, because its map has replaced the map."""
+        """Use an index that `index_of` made, because its map has replaced the running map."""
         self._index = index
 
     def index_places(self) -> None:

@@ -67,7 +67,7 @@ class KeyframePolicy:
         self.inserted(0)
 
     def inserted(self, stamp_ns: int) -> None:
-        """Start counting anew at a keyframe with this stamp."""
+        """Register a keyframe with this stamp: time and tracked points are compared with it."""
         self._last_ns = stamp_ns
         self._most_inliers = 0
 

@@ -95,7 +95,7 @@ class ConstantVelocity:
         self._stamp_ns = stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        """Predict motions with this velocity from now on."""
+        """Predict motions with the velocity `twist` from now on; the motion itself is not used."""
         self._twist = twist
 
     def reset(self) -> None:

@@ -57,7 +57,7 @@ class Relocalizer:
         self._next_index = self._finder.index_of(atlas)
 
     def use_prepared_index(self) -> None:
-        """Use the prepared index, because its map has replaced the old one; do nothing without."""
+        """Use the prepared index, if there is one, because its map has replaced the old map."""
         if self._next_index is not None:
             self._finder.use_index(self._next_index)
             self._next_index = None

@@ -78,7 +78,7 @@ class _PoseEstimate(NamedTuple):
 
     @property
     def T_camera_map(self) -> FloatArray:  # noqa: N802
-        """Return the (4, 4) pose."""
+        """Return the (4, 4) transform from the map to the camera."""
         return self.consensus.estimate.T_camera_map
 
 

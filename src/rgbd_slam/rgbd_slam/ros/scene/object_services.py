@@ -58,7 +58,7 @@ class ObjectServices:
 
 
 def query_from_msg(request: Any) -> ObjectQuery:
-    """Return the query of a request of hoid_msgs/FindObjects; it is not checked."""
+    """Return the query of a request of hoid_msgs/FindObjects, without checking its values."""
     state = request.state or FindObjects.Request.PRESENT
     if request.radius == 0:
         return ObjectQuery(request.class_name, state=state)
