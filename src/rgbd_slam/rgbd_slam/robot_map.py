@@ -274,7 +274,7 @@ class RobotMap:
         Raises:
             MapFileError: As `load` does.
         """
-        self._frames.is_fixed = True
         octaves = self._config.scale_factor, self._config.num_octaves
         state = content.seen_by(self._camera, *octaves, extend=extend).map
+        self._frames.is_fixed = True
         return state.moved(se3.inverse(self._frames.T_map_core))

@@ -239,6 +239,24 @@ def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
     np.testing.assert_allclose(T[keyframes.tolist().index(int(rows[0]))], truth[0], atol=1e-9)
 
 
+def test_the_uncertainty_of_a_loop_is_that_of_its_end_and_not_of_the_head_of_a_group(
+    drifting: tuple[Atlas, IntArray, FloatArray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The position of the end is measured well and its rotation badly, by 0.2 rad."""
+    monkeypatch.setattr('rgbd_slam.loops.keyframe_groups._MAX_NODES', 6)
+    atlas, rows, truth = drifting
+    uid = atlas.keyframes.uid
+    turned = truth[-1] @ se3.exp(np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
+    covariance = np.diag(np.square([0.2] * 3 + [0.001] * 3))
+    loop = Loop(
+        int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ turned, covariance
+    )
+    region = region_around(atlas, rows[[0, -1]], len(rows))
+    keyframes, T = closed_poses(atlas, region, [loop], 100)
+    last = T[keyframes.tolist().index(int(rows[-1]))]
+    np.testing.assert_allclose(last[:3, 3], truth[-1, :3, 3], atol=0.02)
+
+
 def test_a_loop_in_a_large_map_corrects_the_keyframes_around_it(
     drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:

@@ -135,8 +135,8 @@ def _links(
 ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
     """Yield (g, h, T_g_h, covariance) for each loop between two groups g and h.
 
-    T_g_h (4, 4) is the relative pose of their heads by the loop, and the covariance (6, 6) is that
-    of the loop. A loop within a group, or with a keyframe outside of the graph, is left out.
+    T_g_h (4, 4) is the relative pose of their heads by the loop, and its covariance (6, 6) is in
+    the frame of the head of h, rotation first. A loop within a group, or with a keyframe outside of the graph, is left out.
     """
     keyframes = atlas.keyframes
     for loop in loops:
@@ -148,7 +148,9 @@ def _links(
             continue
         T_head_a = se3.inverse(T_map_head[g]) @ keyframes.T_map_camera[a]
         T_b_head = se3.inverse(keyframes.T_map_camera[b]) @ T_map_head[h]
-        yield g, h, T_head_a @ loop.T_a_b @ T_b_head, loop.covariance
+        to_head = se3.adjoint(se3.inverse(T_b_head))
+        covariance = to_head @ loop.covariance @ to_head.T
+        yield g, h, T_head_a @ loop.T_a_b @ T_b_head, covariance
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:

@@ -79,7 +79,7 @@ class SceneNode(Node):
         self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
         self._outputs = SceneOutputs(self._report, setup)
-        self._stamp_ns = 0  # of the latest image in the dense map or the object map; 0: none yet
+        self._stamp_ns = 0  # of the latest image in the scene; 0: none yet
         self._rest_until_s = 0.0  # monotonic time from which the maps may be published again
         self._num_fused = 0  # number of images fused into the dense map of this scene
         self._matcher = StampMatcher(
@@ -217,20 +217,19 @@ class SceneNode(Node):
         depth_m = conversions.depth_from_msg(depth, self._setup.input.depth_units_per_m)
         self._check_size(depth_m, 'depth')
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
+        self._stamp_ns = request.stamp_ns
         if self._setup.objects.enabled and request.track_objects:
             tracks = self._scene.track_objects(request, depth_m, objects)
             self._outputs.publish_objects(tracks, request.stamp_ns)
         if request.is_for_object_map:
             self._scene.map_objects(request, depth_m, objects)
             self._diagnostics.set_count('mapped objects', self._scene.num_mapped_objects)
-            self._stamp_ns = request.stamp_ns
             self._outputs.note_object_change()
             self._outputs.publish_object_map(self._scene, self._stamp_ns)
         if request.is_for_dense_map:
             image_bgr = conversions.color_from_msg(color)
             self._check_size(image_bgr, 'color')
             self._scene.fuse(request, depth_m, image_bgr, objects)
-            self._stamp_ns = request.stamp_ns
             self._on_map_change(self._scene)
             self._num_fused += 1
             self._diagnostics.count('images fused')

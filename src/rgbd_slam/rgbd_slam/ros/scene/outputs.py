@@ -173,8 +173,8 @@ class SceneOutputs:
     def clear(self, stamp_ns: int) -> None:
         """Publish empty maps and no tracks, because the scene was discarded.
 
-        Nothing is published if `stamp_ns`, the stamp of the latest image in the dense map or the
-        object map, is 0: no map has been published then.
+        Nothing is published if `stamp_ns`, the stamp of the latest image in the scene, is 0:
+        nothing has been published then.
         """
         if stamp_ns == 0:
             return
