@@ -58,18 +58,20 @@ class ExtractionConfig(Config):
         expert=True,
     )
 
-    border_px: ClassVar[int] = 19  # margin of all levels: the reach of a rotated descriptor patch
+    # Least distance of a corner from the border of its level: the reach of a rotated descriptor
+    # patch, in pixels of that level.
+    border_px: ClassVar[int] = 19
     # Smallest contrast of a FAST corner [gray levels] (ORB-SLAM3, TUM1.yaml: its lower
     # threshold, for cells without strong corners).
     fast_threshold: ClassVar[int] = 7
-    # Chosen: contrast [gray levels] for images with fewer corners than `num_features`, for example
-    # of a plain wall.
+    # Chosen: the contrast [gray levels] that is used instead where `fast_threshold` finds fewer
+    # corners in an image than `num_features`, for example on a plain wall.
     low_fast_threshold: ClassVar[int] = 3
 
 
 @dataclass(frozen=True)
 class PlusConfig(Config):
-    """What the strategy `hoid+` adds to the rules of the HOID paper; each part has a switch."""
+    """Extensions of the HOID paper's rules in the strategy `hoid+`; each has a switch."""
 
     bridge_misses: bool = param(
         default=True,  # ablation of masks: without it 15 times as many moving corners are kept
@@ -90,16 +92,18 @@ class PlusConfig(Config):
     )
     doubt_large_people: bool = param(
         default=True,  # ablation, false_every=10: ATE 0.0068 m with it, 0.0154 m without
-        description='Whether hoid+ ignores a person of low score who covers much of the image, '
-        'until the person was detected four times in a row. Set it to false when a person close '
-        'to the camera is noticed too late.',
+        description='Whether hoid+ ignores a person with a score below 0.5 whose box covers more '
+        'than 0.4 of the image, until the person was detected four times in a row, or once with '
+        'a higher score or a smaller box. Set it to false when a person close to the camera is '
+        'noticed too late.',
         read_only=False,
     )
     remember: bool = param(
         default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
         description='Whether hoid+ keeps an object dynamic until nobody has handled it for a '
-        'second, and regards a handled object as still handled while a person covers half of '
-        'min_interaction_area of its box. Set it to false to decide by the current image alone.',
+        'second, and regards a handled object as still handled while a person covers more than '
+        'half of min_interaction_area of its box. Set it to false to decide by the current image '
+        'alone.',
         read_only=False,
     )
     keep_background: bool = param(
@@ -165,13 +169,15 @@ class MotionConfig(Config):
 
 @dataclass(frozen=True)
 class FilterConfig(Config):
-    """The strategy that classifies objects, and the extraction of features."""
+    """Parameters of the filter: the strategy that classifies objects, and feature extraction."""
 
     strategy: str = param(
         'hoid+',  # docs/results/strategies.md
-        'How dynamic objects are identified. Choose motion to work without a detector, hoid2d or '
-        'hoid3d for the rules of the paper, person to remove people only, none to remove nothing; '
-        'descriptor is a baseline for comparisons. Other packages may add strategies.',
+        'How dynamic objects are identified. hoid+ removes people, the objects that they handle, '
+        'and other regions that move. Choose motion to remove all regions that move, without a '
+        'detector, hoid2d or hoid3d for the rules of the HOID paper, person to remove people '
+        'only, none to remove nothing; descriptor is a baseline for comparisons. Other packages '
+        'may add strategies.',
         choices=STRATEGIES,
     )
     dynamic_classes: tuple[str, ...] = param(
@@ -222,10 +228,14 @@ class FilterConfig(Config):
     plus: PlusConfig = section(PlusConfig, expert=True)
     motion: MotionConfig = section(MotionConfig, expert=True)
 
-    sample_box_px: ClassVar[int] = 10  # chosen: side of the box whose median depth is sampled
+    # Chosen: side of the square at the center of a box whose median depth is the object's depth.
+    sample_box_px: ClassVar[int] = 10
 
     def may_be_handled(self, class_name: str) -> bool:
-        """Return whether objects of a class are dynamic when a person handles them."""
+        """Return whether objects of a class are dynamic when a person handles them.
+
+        These are the classes of `dynamic_classes`; if it is empty, all classes but people.
+        """
         return class_name in self._handled or (not self._handled and class_name != PERSON)
 
     @cached_property

@@ -81,7 +81,7 @@ class FeatureFilter:
             MotionDetector(self._config.motion) if self._strategy.senses_motion else None
         )
         self._detected_mask: BoolArray | None = None  # (h, w), of the previous image
-        self._original: RgbdFrame | None = None  # in which motion was last looked for
+        self._original: RgbdFrame | None = None  # last image that was no copy (see `_is_copy`)
 
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
@@ -123,8 +123,9 @@ class FeatureFilter:
     def detect_motion(self, detected: DetectedCorners) -> None:
         """Segment motion in the next image and store its moving regions.
 
-        Nothing is done when the strategy does not use motion. When the camera of the image is
-        unknown, the image is counted instead.
+        If there is no camera model of this image size, the image is only counted, whether or not
+        the strategy uses motion. Otherwise, nothing is done if the strategy does not use motion. A
+        color image that is a copy of an earlier one is only counted.
         """
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
@@ -146,7 +147,8 @@ class FeatureFilter:
     def _is_copy(self, frame: RgbdFrame) -> bool:
         """Return whether the color image is a copy of an earlier one, while the depth is new.
 
-        The depth image shows a later moment, so that static surface would seem to move.
+        Some drivers repeat color images. The depth image then shows a later moment than the color
+        image, so that static surface would seem to move. Copies are counted.
         """
         original = self._original
         if (
@@ -178,8 +180,13 @@ class FeatureFilter:
     ) -> FilterResult:
         """Return the features on static surface and all objects, as `process` does.
 
-        The newest moving regions that are known are used, which are those of the previous image
-        unless `detect_motion` was called before. The arguments are those of `process`.
+        Of the moving regions, those of the newest image in which motion was segmented are used:
+        of this image if `detect_motion` was called before, else of an earlier one.
+
+        Args:
+            detected: The image and its corners, from `detect_corners`.
+            detections: As in `process`.
+            for_picture: As in `process`.
         """
         frame, corners, corners_s = detected
         start_s = time.thread_time()
@@ -220,7 +227,7 @@ class FeatureFilter:
                 at most a second old.
             depth_m: (H, W) depth of the image.
             detections: Boxes of the image, or of a later image when the detector skipped this
-                one. None when `select_and_describe` has already received the newest boxes.
+                one. None if no newer boxes have come than those given to `select_and_describe`.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T
@@ -255,7 +262,10 @@ class FeatureFilter:
         return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return the (N, 2) positions of features that only an unfiltered image would have."""
+        """Return the (N, 2) positions of features that would be chosen without the filter.
+
+        These are those on dynamic objects. The array is empty unless they are wanted.
+        """
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)

@@ -24,7 +24,8 @@ from hoid_filter.node_config import STOP, DetectionInputConfig
 # (decision 031).
 _MAX_IMAGES_WITHOUT_MOTION = 3
 _MAX_QUEUED = 30  # chosen: one second of images or detections
-# Detections arrive before their image when its depth image is late. Chosen far above what occurs.
+# Chosen, far above what occurs: the longest time by which detections may be newer than the newest
+# image. They arrive before their image when its depth image is late.
 _MAX_LEAD_S = 1.0
 _DETECTOR_LOST = 'detector lost'
 
@@ -72,7 +73,7 @@ class LiveFilter:
        detections arrive. An image skips this state when the next image comes first, but at most
        three images in a row do.
     4. *Awaiting detections*: the image waits for its own detections or those of a later image,
-       until `wait_s` has passed or the detector is lost.
+       until `wait_s` has passed, the detector is lost, or more than 30 images wait.
     5. *Final*: the verdict on the published features is published (decision 031).
 
     Args:
@@ -122,7 +123,8 @@ class LiveFilter:
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
         """Publish an image now, or hold it until the detector has sent its first message.
 
-        When the stamps go back by a second or more, all earlier images and objects are forgotten.
+        With a strategy that uses detections, all earlier images and objects are forgotten when
+        the stamps go back by a second or more.
         """
         if not self._filter.needs_detections:
             self._publish(header, frame, None, has_final_detections=True)
@@ -136,8 +138,8 @@ class LiveFilter:
     def add_detections(self, detections: Detections) -> None:
         """Publish the final verdict on all awaiting images up to the stamp of these detections.
 
-        Motion is segmented in the newest image first. Detections without an awaiting image are
-        stored for the next image.
+        Motion is segmented in the newest image first. Detections that no awaiting image used, or
+        that are newer than the newest image, are stored for later images.
 
         Raises:
             MessageError: The stamp is later than that of any image that can exist by now.
@@ -161,8 +163,8 @@ class LiveFilter:
     def poll(self) -> None:
         """Publish the final verdict on images that have waited too long for their detections.
 
-        Call this every few milliseconds. It also publishes the oldest held image when its wait is
-        over.
+        Call this several times within `wait_s`. It also publishes the oldest held image when its
+        wait is over.
         """
         overdue = []
         while self._awaiting and self._is_overdue(self._awaiting[0]):
@@ -228,7 +230,7 @@ class LiveFilter:
         return is_first and self._clock() - held.since_s < self.config.wait_s
 
     def _note_image(self, stamp_ns: int) -> None:
-        """Store the stamp of the newest image, and now as the time at which it came."""
+        """Store the stamp of the newest image, and the present time as that of its arrival."""
         self._newest_image_s, self._newest_image_ns = self._clock(), stamp_ns
         if self._unanswered_since_s is None:
             self._unanswered_since_s = self._newest_image_s
@@ -284,7 +286,7 @@ class LiveFilter:
     def _overtake(self, stamp_ns: int) -> None:
         """Move the newest image on, before the image of `stamp_ns` takes its place.
 
-        Motion is segmented in it only if it was left out in the three images before.
+        Motion is segmented in it only if it was not segmented in the three images before.
         """
         if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
             self._newest = None  # the stamps went back
@@ -299,7 +301,8 @@ class LiveFilter:
     def _follow_up(self, image: _Published) -> None:
         """Publish the masks of an image and, if its verdict was provisional, the final verdict.
 
-        Without final detections, the image awaits them instead.
+        The masks are published only if anybody subscribes to them. If the detections of the image
+        are not final, it awaits them, and its final verdict is published later.
         """
         depth_m = image.corners.frame.depth_m
         if self._outputs.wants_masks:

@@ -1,4 +1,4 @@
-"""What the live filter needs of its node: a publisher of results, and a display of diagnostics."""
+"""The interfaces between the live filter and its node: published results, and diagnostics."""
 
 from __future__ import annotations
 

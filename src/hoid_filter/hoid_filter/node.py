@@ -116,7 +116,8 @@ class FilterNode(ManagedNode):
     def _check_camera(self) -> None:
         """Report a camera_info whose size differs from that of the color images.
 
-        It is not used: positions of objects are then unknown, and motion is not segmented.
+        Such a camera_info is not used: as long as there is no other one, 3-D positions of objects
+        are unknown, and motion is not segmented.
         """
         camera, size_px = self._filter.camera, self._size_px
         if camera is not None and size_px not in (None, camera.size_px):

@@ -24,12 +24,13 @@ class FilterInput(NamedTuple):
     """One image as a strategy receives it: detections, depth, corners and moving regions."""
 
     stamp_ns: int
-    # Detected boxes of this image or of an older one, clipped to the image. None: the detector has
-    # sent no message since the previous image.
+    # Detected boxes of this image, of an older one or, when the image is classified again, of a
+    # later one, clipped to the image. None: no new ones have come since the last call.
     detections: Detections | None
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
-    moving_regions: MovingRegions = NO_MOVING_REGIONS  # found by motion segmentation
+    # Found by motion segmentation in this image or, if it is not segmented yet, in an older one.
+    moving_regions: MovingRegions = NO_MOVING_REGIONS
 
 
 class ObjectVerdicts(NamedTuple):
@@ -38,7 +39,7 @@ class ObjectVerdicts(NamedTuple):
     boxes_xyxy_px: Float32Array  # (N, 4)
     class_names: tuple[str, ...]  # N
     scores: Float32Array  # (N,) confidences of the detections, in [0, 1]
-    reasons: tuple[Reason, ...]  # N
+    reasons: tuple[Reason, ...]  # N reasons why an object is static or dynamic
     track_ids: IntArray  # (N,); -1 = not tracked
     overlap_ratios: FloatArray  # (N,) in [0, 1]: share of the object that a person's box covers
     depths_m: FloatArray  # (N,); NaN = unknown
@@ -54,6 +55,8 @@ class ObjectVerdicts(NamedTuple):
         **known: NDArray[Any],
     ) -> ObjectVerdicts:
         """Return the verdicts on N objects; fields that are not given are marked as unknown.
+
+        The overlap ratios are 0 if they are not given.
 
         Args:
             boxes_xyxy_px: (N, 4) in the image.
@@ -102,8 +105,8 @@ class Verdict(NamedTuple):
 class FilterStrategy(Protocol):
     """Classifies the objects of an image as static or dynamic.
 
-    The constructor takes the `FilterConfig`. The filter makes a new strategy whenever the stamps
-    go back, so a strategy may keep state from image to image.
+    The constructor takes the `FilterConfig`. A strategy may keep state from image to image. If it
+    uses detections, the live filter makes a new one when the stamps go back by a second or more.
     """
 
     needs_detections: bool  # False: no detector is started and no image waits for detections
@@ -113,8 +116,8 @@ class FilterStrategy(Protocol):
         """Return which objects of an image are dynamic and which of its corners are kept.
 
         New images come in order of time. When an image's own detections or moving regions become
-        known later, it is classified again; the corners are then the pixels of the features that
-        were published.
+        known later, or have not come within the waiting time, it is classified again. This may be
+        after newer images; the corners are then the pixels of the features that were published.
         """
 
 

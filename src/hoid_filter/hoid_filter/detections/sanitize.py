@@ -15,7 +15,7 @@ class Sanitized(NamedTuple):
     """Valid detections, and the numbers of boxes that were dropped or clipped."""
 
     detections: Detections
-    num_refused: int  # dropped: NaN, inverted, without area inside the image, or too many
+    num_refused: int  # dropped: not finite, inverted, without area inside the image, or too many
     num_clipped: int  # clipped: partly outside the image, or a score outside [0, 1]
 
 

@@ -22,8 +22,8 @@ _MIN_IOU_OTHER_CLASS = 0.5  # decision 011
 _OTHER_CLASS_PENALTY = 0.15  # chosen: at equal overlap, the same class is preferred
 _VELOCITY_GAIN = 0.3  # chosen: beta of an alpha-beta filter with alpha = 1; box edges are noisy
 _MIN_VISIBLE_SHARE = 0.15  # chosen: with less of its box inside the image, an object has left it
-# Chosen: a track with fewer detections may be false. When it is missed, it is predicted for only
-# this share of `coast_s`.
+# Chosen: a track with fewer than `_ESTABLISHED_HITS` detections may be false. When it is missed,
+# it is predicted for only `_NEW_TRACK_COAST_SHARE` of `coast_s`.
 _ESTABLISHED_HITS = 3
 _NEW_TRACK_COAST_SHARE = 0.3
 
@@ -41,7 +41,7 @@ class BoxTrack:
     # its detections was trusted.
     hits_to_confirm: int = 0
     hits: int = 1  # number of detections
-    is_missed: bool = False  # whether the newest detections lack it
+    is_missed: bool = False  # whether no detection in the newest image with detections matched it
     # Velocity of the box's center. Predicted boxes keep their size, because edges jump
     # (decision 011).
     velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
@@ -171,7 +171,7 @@ class BoxTracker:
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
-        """Delete tracks that are missed for too long or left the image, and predict the others.
+        """Predict the tracks, and delete those undetected for too long or outside the image.
 
         Args:
             stamp_ns: Stamp for which boxes are predicted.
@@ -180,8 +180,9 @@ class BoxTracker:
 
         Returns:
             The T active tracks, those in the newest detections first, and their (T, 4) predicted
-            boxes, clipped to the image. A static object that is missed is not active, but its
-            track is kept for when it is detected again.
+            boxes, clipped to the image. A missed object is active only if it has at least three
+            detections, and a person handled it less than `rest_s` ago. The track of any other
+            missed object is kept for when it is detected again.
         """
         boxes = boxes_at(self._tracks, stamp_ns)
         inside = clip_boxes(boxes, width_px, height_px)
@@ -205,7 +206,7 @@ class BoxTracker:
         return share * self._limits.coast_s
 
     def _is_active(self, track: BoxTrack) -> bool:
-        """Return whether a track is detected, or is missed but was dynamic when last detected."""
+        """Return whether a track is detected, or is a missed person or recently handled object."""
         was_handled = track.is_established and track.untouched_s < self._limits.rest_s
         return not track.is_missed or track.is_person or was_handled
 

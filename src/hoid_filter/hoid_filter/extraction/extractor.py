@@ -41,7 +41,8 @@ class OrbExtractor:
     def detect(self, image_gray: ByteArray) -> Corners:
         """Return the FAST corners of an (H, W) gray image on all levels of its pyramid.
 
-        They are at least `border_px` away from the border of their level.
+        They are at least `border_px` away from the border of their level. If `fast_threshold`
+        yields fewer than `num_features` corners, they are detected with `low_fast_threshold`.
         """
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)

@@ -16,7 +16,7 @@ Int32Array = NDArray[np.int32]
 class Pyramid(NamedTuple):
     """An image at several scales; level 0 is the image itself."""
 
-    levels: tuple[ByteArray, ...]  # L of (H_l, W_l)
+    levels: tuple[ByteArray, ...]  # L gray images (H_l, W_l)
     steps_px: Float32Array  # (L, 2) level-0 pixels per pixel of each level, in x and y
 
 

@@ -53,13 +53,16 @@ class _PastDepth(NamedTuple):
     """The depth range around each pixel of an earlier image, and the camera pose."""
 
     stamp_s: float
-    T_camera_world: FloatArray
+    T_camera_world: FloatArray  # (4, 4)
     turn_radps: FloatArray  # (3,) turn rate of the camera
     range_m: Float32Array  # (h, w, 2) least and greatest depth in the 3x3 neighborhood
 
 
 class DepthHistory:
-    """The depth images of the last three seconds with their camera poses."""
+    """The depth images of the last 3.25 s, with their camera poses.
+
+    The poses are in the world frame of `MotionSegmentation`.
+    """
 
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
@@ -133,7 +136,10 @@ class DepthHistory:
 
 
 def _widened(range_m: Float32Array, by_px: FloatArray) -> Float32Array:
-    """Return the (h, w, 2) depth range of a neighborhood that is larger by so many pixels."""
+    """Return the (h, w, 2) depth ranges of neighborhoods that are larger by `by_px` to each side.
+
+    `by_px` is rounded to whole pixels. Pixels without a reading in the given range stay without.
+    """
     side = 2 * round(float(by_px)) + 1
     if side == 1:
         return range_m

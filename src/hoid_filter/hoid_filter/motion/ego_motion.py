@@ -39,7 +39,7 @@ class PointObservations(NamedTuple):
 
     world_m: FloatArray  # (N, 3)
     observed_px: FloatArray  # (N, 3) u, v, u_right in gray-image pixels; NaN u_right: no depth
-    camera_m: FloatArray  # (N, 3) observed position in the camera frame, where there is depth
+    camera_m: FloatArray  # (N, 3) observed position in the camera frame; 0 without depth
     has_depth: BoolArray  # (N,)
     region: IntArray  # (N,) index of the region of smooth depth with the point; -1 = none
     static_probability: FloatArray  # (N,) prior from earlier images
@@ -55,10 +55,11 @@ class EgoMotionEstimate(NamedTuple):
     """A camera pose, and the share of the image area that it explains."""
 
     T_camera_world: FloatArray  # (4, 4)
-    # Mean of 1 - (residual / inlier limit)^2 over the image area, without the prior, in [0, 1].
-    # Outliers count as 0.
+    # Mean of 1 - (residual / inlier limit)^2 over the image area of all points, not weighted by
+    # their static probability, in [0, 1]. Outliers count as 0.
     share: float
-    contradicts_prior: bool  # whether surface that counted as static before moves by this pose
+    # Whether surface that counted as static in earlier images would have to move at this pose.
+    contradicts_prior: bool
 
 
 class EgoMotion:

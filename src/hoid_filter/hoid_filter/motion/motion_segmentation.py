@@ -234,7 +234,7 @@ class MotionSegmentation:
     def _point_evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
         """Return the (S,) log-odds that segments move, from reprojection errors of their points.
 
-        The noise estimate of the camera motion is updated as well.
+        The pixel noise that `EgoMotion` estimates is updated from these errors as well.
         """
         errors_px = self._ego_motion.residuals_px(tracked.points, self._T_camera_world)
         self._ego_motion.update_noise(errors_px[tracked.points.static_probability > 0.5])

@@ -15,11 +15,11 @@ _MIN_POINTS = 3  # the fewest whose median ignores one outlier
 
 
 class PointDisplacements(NamedTuple):
-    """How far N tracked points have moved in the world since an earlier image."""
+    """Displacements of N tracked points in the world since their earlier positions."""
 
     downscaled_pixel: IntArray  # (N,) indices into the flattened downscaled depth image
     displacement_m: FloatArray  # (N, 3) relative to the world, along camera axes
-    elapsed_s: FloatArray  # (N,) time since the earlier image, which differs from point to point
+    elapsed_s: FloatArray  # (N,) time since the earlier position, which differs between points
 
     @staticmethod
     def none() -> PointDisplacements:

@@ -6,20 +6,21 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
-# Chosen: that of a Kinect, 30.6 ms (Ringaby and Forssen, ICCV 2011), because the filter does not
-# know the readout time. While a camera turns slowly, the shift is below the other tolerances.
+# Chosen: the readout time of a Kinect, 30.6 ms (Ringaby and Forssen, ICCV 2011), because the
+# filter does not know that of the camera. While a camera turns slowly, the shift is below the
+# other tolerances.
 _READOUT_S = 0.03
 
 
 def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
-    """Return the (...) largest shift of a row between two images, relative to the middle rows.
+    """Return the (...) largest shift [px] of a row between two images, against the middle row.
 
-    Both images are distorted alike while the camera turns at a constant rate.
+    It is 0 if the turn rate is the same in both images, which are then distorted alike.
 
     Args:
         turn_radps: (..., 3) turn rates of the camera in one image.
         earlier_radps: (..., 3) turn rates in the other image.
-        focal_px: Focal length.
+        focal_px: Focal length, in the pixels that the result has as well.
     """
     change_radps = np.linalg.norm(turn_radps - earlier_radps, axis=-1)
     return np.asarray(0.5 * _READOUT_S * focal_px * change_radps)

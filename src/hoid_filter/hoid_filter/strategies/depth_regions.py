@@ -27,10 +27,10 @@ def subsampled_pixels(shape_hw: tuple[int, ...]) -> IntArray:
 
 
 def subsampled_boxes(boxes_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> Int32Array:
-    """Return the (N, 4) smallest low-resolution boxes that cover full-resolution boxes.
+    """Return the (N, 4) smallest boxes x1, y1, x2, y2 at low resolution that cover given boxes.
 
     Args:
-        boxes_xyxy_px: (N, 4) in the full image.
+        boxes_xyxy_px: (N, 4) boxes in the full image.
         shape_hw: Height and width of the low-resolution image, to which the boxes are clipped.
     """
     height, width = shape_hw

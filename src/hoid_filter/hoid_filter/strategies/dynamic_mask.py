@@ -25,8 +25,8 @@ _PREDICTION_MARGIN = 0.1  # chosen: a predicted box may be off by this share of 
 class Mask(NamedTuple):
     """The dynamic pixels of an image, and which of its K corners lie outside of them."""
 
-    is_dynamic: BoolArray  # (h, w) at low resolution
-    static_area_px: int  # unmasked area of the image
+    is_dynamic: BoolArray  # (h, w) at low resolution, including the margin
+    static_area_px: int  # unmasked area of the image at full resolution
     kept: IntArray | None  # ascending indices of the unmasked corners; None = all K
 
 
@@ -80,7 +80,8 @@ def mask_objects(
     """Return the (h, w) mask of the dynamic objects, without a margin.
 
     Of each box, only the pixels near the object's depth are masked, so that features on the
-    background inside the box are kept. With `keep_background` off, the whole box is masked.
+    background inside the box are kept. The whole box is masked if the object's depth is unknown,
+    or with `keep_background` off.
 
     Args:
         snapshot: N tracked people and objects.

@@ -31,17 +31,17 @@ class Rule(NamedTuple):
     """The condition under which a person handles an object."""
 
     min_overlap: float  # the person's box covers more than this share of the object's box
-    max_depth_gap_m: float  # and their depths differ by less; an unknown depth fits
+    max_depth_gap_m: float  # and their depths differ by less than this, or a depth is unknown
     # If given, this replaces the overlap: some corner in the object's box must be within this
     # distance of the person's box, along rows and columns. NaN: not given.
     reach_px: float = math.nan
 
 
 class AlignedDetections(NamedTuple):
-    """Boxes at the stamp of an image: detected in it, or predicted from older images."""
+    """Boxes at the stamp of an image: detected in it, or predicted from other images."""
 
     detections: Detections  # with the image's stamp, clipped to the image
-    is_detected: bool  # False: the boxes are predicted from detections of older images
+    is_detected: bool  # False: the boxes are predicted from detections of older or later images
 
 
 class ImageRule(ABC):

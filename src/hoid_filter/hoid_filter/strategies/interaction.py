@@ -19,9 +19,10 @@ class Interactions:
 
     reasons: tuple[Reason, ...]  # N reasons why a track is static or dynamic
     # (N,) share of the box that is covered by the person who handles the object, or, where nobody
-    # handles it, by the person who covers most.
+    # handles it, by the person who covers most; 0 for people, and if there are no people.
     overlap_ratios: FloatArray
-    depth_gaps_m: FloatArray  # (N,) depth difference to the same person; NaN = unknown
+    # (N,) depth difference to the same person; NaN = unknown, or there is no such person.
+    depth_gaps_m: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +44,10 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
     """Return how each track interacts with people, and update the tracks.
 
     An object becomes handled when a person's box covers more than `min_interaction_area` of its
-    box. With `remember`, it stays handled while the person covers more than `release_share` of
-    this area (hysteresis). Its depth must be at most `reach_m` less or `depth_limit_m` more than
-    that of the person's torso; an unknown depth is accepted. Whether an object is handled, and
-    since when it is not, is stored on its track for the next images.
+    box. With `remember`, it stays handled while a person covers more than `release_share` of this
+    area (hysteresis). Its depth must be at most `reach_m` less or `depth_limit_m` more than that
+    of the person's torso; an unknown depth is accepted. Whether an object is handled is stored on
+    its track for the next images; if it is, the time since it was handled last is reset to 0.
     """
     plus = config.plus
     tracks = snapshot.tracks
