@@ -69,7 +69,8 @@ class DetectorConfig(Config):
         (),
         'Execution providers of onnxruntime in order of preference: tensorrt, cuda, openvino, '
         'cpu. Set it to cpu to keep the GPU free. With an empty list, the first of these that is '
-        'installed is used. If no provider of the list works, the CPU is used, with a warning.',
+        'installed is used. If none of the list works, the CPU is used. A warning is shown unless '
+        'the first provider of the list is used.',
     )
     # Measured: a second thread saves 0.4 ms of 8.4 with YOLOX-nano and costs 3 ms of another core.
     threads: int = param(
@@ -121,9 +122,14 @@ class DetectorConfig(Config):
     )
     layout: str = param(
         AUTO,
-        'Layout of the network output. Set it when the layout of a model is not recognized. The '
-        'values with xyxy, or yxyx where y comes before x, state the order of the columns in a '
-        'table of boxes, for models that remove overlapping boxes themselves.',
+        'Layout of the network output. Set it when the layout of a model is not recognized: '
+        'yolov5, yolov8, yolox, yolox_raw (boxes in units of grid cells), yolo_nas, rtdetr '
+        '(export by Ultralytics) and detr (export by Transformers) are named after the models. '
+        'end_to_end is for models that remove overlapping boxes themselves and output boxes, '
+        'scores and classes in an order that can be recognized. If it cannot, choose the value '
+        'that names the columns in their order: xyxy or yxyx (left, top, right, bottom, or y '
+        'before x), score, class, and batch in front if the first column is the number of the '
+        'image in the batch.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )
@@ -164,8 +170,11 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
 
     base_frame: str = param(
         '',
-        "Name of the robot's base frame, whose pose relative to the camera on /tf_static tells "
-        'how the camera is rolled. Set it to the same as frames.base of rgbd_slam.',
+        "Name of the robot's base frame, whose z axis is up. The transform on /tf_static between "
+        "this frame and the camera's optical frame shows by how much the camera is mounted "
+        'rolled, so that images are turned upright before detection. Set it to the same as '
+        'frames.base of rgbd_slam. With an empty string, or if camera_roll_deg is not 0, '
+        '/tf_static is not used.',
     )
     # Decision 016: measured with 10, the scene mapper in the idle class.
     niceness: int = param(

@@ -56,7 +56,8 @@ class DetectorNode(ManagedNode):
         self._debug_images = DebugImages(self)
         has_base = bool(self._settings.config.base_frame)
         self._static = StaticFrameListener(self, self.diagnostics) if has_base else None
-        self._mounted_roll_deg = 0.0  # of the camera on the base, by /tf_static
+        # Roll of the camera in the base frame by /tf_static; 0 if it is not known or not used.
+        self._mounted_roll_deg = 0.0
         self.create_service(SetBool, topics.ENABLE, self._enable)
         Inputs(self, self._settings.config.input, self.diagnostics).color(self._take)
         self.begin(autostart=self._settings.config.autostart)
@@ -85,7 +86,11 @@ class DetectorNode(ManagedNode):
             self._worker.offer(msg)
 
     def _find_roll(self, camera_frame: str) -> None:
-        """Set the roll of the camera by its place on the base, unless the user has set it."""
+        """Set the roll of the camera from /tf_static, if `base_frame` is given.
+
+        A roll that the user has set (`camera_roll_deg`) takes precedence. If /tf_static does not
+        connect the base frame with the camera's optical frame, this is shown as a problem.
+        """
         config = self._settings.config
         if self._static is None or self._detector is None:
             return
@@ -162,7 +167,7 @@ class DetectorNode(ManagedNode):
             self._detector.check_classes(config.classes)
 
     def _reconfigure(self, config: DetectorNodeConfig) -> None:
-        """Apply parameters; the roll by /tf_static is used unless the user has set one."""
+        """Apply parameters; if `camera_roll_deg` is 0, the roll by /tf_static is used."""
         if self._detector is not None:
             roll_deg = config.camera_roll_deg or self._mounted_roll_deg
             self._detector.reconfigure(replace(config, camera_roll_deg=roll_deg))

@@ -45,8 +45,9 @@ class OnnxDetector:
         config: Parameters of the detector.
 
     Raises:
-        ModelError: The model cannot be read, its outputs are not finite, its layout is unknown,
-            or it does not name its classes.
+        ModelError: The model cannot be read, one of its outputs contains no finite number, its
+            layout is unknown, its class names are unknown or contain no name of people, or the
+            file `class_names_file` cannot be read.
         ConfigError: `classes` contains a class that the model lacks, or `providers` an unknown
             provider.
     """
@@ -108,8 +109,9 @@ class OnnxDetector:
             stamp_ns: Stamp of the image.
 
         Raises:
-            MessageError: The image has another shape.
-            ModelError: The network fails on the image.
+            MessageError: The image has another shape, or no pixels.
+            ModelError: The network fails on the image, its outputs do not fit the layout of the
+                model, or most boxes so far were outside their images.
         """
         if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or 0 in image_bgr.shape:
             raise MessageError(f'image must be (height, width, 3), got {image_bgr.shape}')
@@ -135,7 +137,11 @@ class OnnxDetector:
         return self._with_names(found, stamp_ns)
 
     def _decode(self, outputs: Sequence[NDArray[Any]], size_wh: Size) -> Candidates:
-        """Return the candidates; raise ModelError if the outputs do not have the layout."""
+        """Return the candidates of any class whose score is at least `score_threshold`.
+
+        Raises:
+            ModelError: The outputs do not have the layout, or a score is above 1.1.
+        """
         with _named(self.network):
             found = self.layout.decode(outputs, size_wh, self._config.score_threshold)
             highest = float(np.nanmax(found.scores, initial=0))
@@ -147,7 +153,7 @@ class OnnxDetector:
         return found
 
     def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
-        """Raise ModelError if most of the boxes so far were outside the image.
+        """Raise ModelError if most boxes so far, and at least three, were outside their images.
 
         Args:
             boxes_xyxy_px: (N, 4) in pixels of the image, which may exceed it.
@@ -179,7 +185,9 @@ class OnnxDetector:
             )  # fmt: skip
 
     def _count_non_finite(self, outputs: Sequence[NDArray[Any]], *, has_candidates: bool) -> None:
-        """Count images for which all outputs are NaN or Inf, and log a warning at the first one.
+        """Count images without a finite box for which an output contains NaN and Inf only.
+
+        A warning is logged at the first one.
 
         Args:
             outputs: Outputs of the network for an image.
@@ -224,6 +232,9 @@ def _layout_and_class_names(
     """Return the layout and the class names of a model.
 
     The network is run once on noise to recognize the layout, which also warms it up.
+
+    Raises:
+        ModelError: An output contains no finite number, or the layout or the names are unknown.
     """
     names = known_names(config.class_names_file, network.metadata)
     size_wh = _input_size(network, (640, 480), config)
@@ -284,7 +295,7 @@ def _is_finite(found: Candidates) -> BoolArray:
 def _in_image(found: Candidates, place: Placement) -> Candidates:
     """Return the candidates with boxes in image pixels, clipped to the image.
 
-    Candidates of which less than a pixel is visible are dropped.
+    Candidates whose part inside the image is less than a pixel wide or high are dropped.
     """
     boxes = place.boxes_to_image(found.boxes_xyxy_px)
     is_visible = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)
@@ -296,7 +307,11 @@ def _text(boxes: Float32Array) -> str:
 
 
 def _strongest(found: Candidates, layout: Layout, config: DetectorConfig) -> IntArray:
-    """Return the indices of the candidates to report, highest score first."""
+    """Return the indices of the candidates to report, highest score first.
+
+    Overlapping boxes of one class are removed if the layout needs it. At most `max_detections`
+    candidates remain.
+    """
     if layout.needs_nms:
         return nms(*found, config.nms_iou)[: config.max_detections]
     return np.argsort(-found.scores, kind='stable')[: config.max_detections]

@@ -17,9 +17,9 @@ _CODES = (None, cv2.ROTATE_90_CLOCKWISE, cv2.ROTATE_180, cv2.ROTATE_90_COUNTERCL
 
 
 def mounted_roll_deg(T_base_camera: FloatArray) -> float:
-    """Return the angle by which a camera is rolled on its base, clockwise as seen from behind.
+    """Return the angle [deg] by which a camera is mounted rolled, clockwise as seen from behind.
 
-    It is 0 for a camera that looks almost straight up or down.
+    It is 0 for a camera that looks more than 60 degrees up or down.
 
     Args:
         T_base_camera: (4, 4) pose of the optical frame in a base frame whose z axis is up.

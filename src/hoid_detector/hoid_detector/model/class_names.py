@@ -21,7 +21,7 @@ _BACKGROUND = ('background', '__background__', 'bg', 'n/a', '???', 'none', 'unla
 
 
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names of a model; None if neither source has any.
+    """Return the class names of a model; None if no file is given and the metadata have none.
 
     Args:
         file: Path of a text file with the names; if it is empty, the metadata are used.
@@ -80,7 +80,7 @@ def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
     The value may be a dict or list literal, or names separated by commas.
 
     Raises:
-        ModelError: The value is not a list of names.
+        ModelError: The value is not a list of names, or its class indices have gaps.
     """
     for key in _METADATA_KEYS:
         if text := metadata.get(key):

@@ -25,7 +25,7 @@ class Candidates(NamedTuple):
 
     boxes_xyxy_px: Float32Array  # (N, 4), of the network input
     scores: Float32Array  # (N,)
-    class_ids: IntArray  # (N,)
+    class_ids: IntArray  # (N,) indices of class names; negative: no class
 
     def select(self, keep: BoolArray | IntArray) -> Candidates:
         """Return the candidates that a mask (N,) or an array of indices selects."""

@@ -1,9 +1,10 @@
 """Finished boxes: outputs after non-maximum suppression, or of networks that need none.
 
 Exporters write the same boxes with different columns and class ids. Both follow from the names of
-the outputs and the metadata where these state them. Otherwise the first known reading is used
-that fits all answers so far. A warning names another one that fits but gives other boxes, and
-answers that fit none are refused.
+the outputs and the metadata where these state them. Otherwise, of the known readings (orders of
+columns with conventions of class ids), the first is used that fits the outputs for all images so
+far. A warning names another one that fits but gives other boxes, and outputs that fit none are
+refused.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ LARGEST_NORMALIZED = 2.0
 MAX_SCORE = 1.1
 """Highest score that is accepted. Chosen: quantized networks exceed 1 slightly."""
 _MAX_ID_ERROR = 1e-3
-_MIN_WEAK_ROWS = 10  # chosen: so many boxes of low scores show their unit as well
+_MIN_WEAK_ROWS = 10  # chosen: this many boxes of low scores show their unit as well
 
 
 class ClassIds(NamedTuple):
@@ -149,7 +150,7 @@ def columns(table: Float32Array, order: Order) -> Columns:
 
 
 class Reading(NamedTuple):
-    """A way to read the rows of a table."""
+    """An interpretation of the rows of a table: order of columns, and convention of class ids."""
 
     order: Order
     ids: ClassIds
@@ -167,12 +168,12 @@ class Reading(NamedTuple):
 
 @dataclass
 class FinishedDecoder:
-    """Decoder of finished boxes. It learns from each answer how the outputs are to be read."""
+    """Decoder of finished boxes, which excludes readings that do not fit the outputs so far."""
 
     table_of: Callable[[Outputs], Float32Array]  # returns the (N, C) table of the outputs
-    readings: Sequence[Reading]  # that fit all answers so far; the first is used
+    readings: Sequence[Reading]  # that fit the outputs of all runs so far; the first is used
     normalized: bool | None  # boxes are fractions of the input, else pixels; None: not known yet
-    has_answered: bool = False  # whether an answer had a box above the threshold
+    has_answered: bool = False  # whether the outputs for an image had a box above the threshold
     reported: set[str] = field(default_factory=set)  # other readings that a warning has named
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
@@ -188,17 +189,20 @@ class FinishedDecoder:
         return in_pixels(found, size_wh, normalized=bool(self.normalized))
 
     def rows(self, outputs: Outputs) -> Float32Array:
-        """Return the rows of the table without padding and without those that are not finite."""
+        """Return the rows of the table that are finite and are no padding.
+
+        In padding, all values from the second column on are equal.
+        """
         table = self.table_of(outputs)
         table = table[np.isfinite(table).all(axis=1)]
         rows: Float32Array = table[(table[:, 1:] != table[:, -1:]).any(axis=1)]
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude the readings that do not fit the rows of an answer.
+        """Exclude the readings that do not fit the rows of one table, and note the unit of boxes.
 
         Raises:
-            ModelError: None is left.
+            ModelError: No reading is left.
         """
         orders = dict.fromkeys(reading.order for reading in self.readings)
         plausible = {
@@ -228,7 +232,7 @@ class FinishedDecoder:
             self.normalized = _are_normalized(found, threshold)
 
     def _report_doubt(self, table: Float32Array, found: Candidates, threshold: float) -> None:
-        """Log a warning about other readings that fit all answers and differ for this one."""
+        """Log a warning, once for each, about other readings that fit but give other boxes."""
         for other in self.readings[1:]:
             if str(other) not in self.reported and not _are_equal(
                 found, other.candidates(table, threshold)

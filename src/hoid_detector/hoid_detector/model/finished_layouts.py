@@ -34,7 +34,7 @@ _PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.p
 
 
 def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[Decoder, int | None]:
-    """Return the decoder of boxes, labels and scores in outputs of their own."""
+    """Return the decoder of boxes, labels and scores that are separate outputs."""
     boxes, labels = probe.find(is_boxes), probe.find(is_labels)
     scores = probe.find(is_scores, 'score')
     if boxes is None or labels is None or scores is None:
@@ -109,8 +109,10 @@ def _finished(
 def _conventions(probe: Probe) -> list[ClassIds]:
     """Return the conventions that class ids may have, the most probable one first.
 
-    Where nothing states the convention, 0 comes last: if the ids count from 0, the first person
-    shows it. If they count from 1, nothing would show it, and a person would be a bicycle.
+    Where nothing states the convention of a model with several outputs, `from_0` comes last. If
+    the ids do count from 0, the first person, whose id is 0, excludes the others. If `from_0` came
+    first and the ids counted from 1, hardly any id would exclude it, and a person, whose id is
+    then 1, would be reported as a bicycle.
     """
     num_classes = probe.num_classes or len(COCO)
     from_1 = [COCO_91, FROM_1] if num_classes == len(COCO) else [FROM_1]

@@ -59,7 +59,8 @@ from hoid_detector.model.output_kinds import (
 from hoid_detector.model.probe import AUTO, Probe
 
 _COCO_CLASSES = len(COCO)
-# Columns of logits that are COCO's ids from 0 on, without and with one for "no object" (DETR).
+# Numbers of columns of logits with one column for each id of COCO from 0 to 90, without and with
+# a further one for "no object" (DETR).
 _COCO_COLUMNS = (COCO_IDS[-1] + 1, COCO_IDS[-1] + 2)
 _MIN_SCORE = -0.1  # chosen: quantized networks fall below 0 slightly
 _DETECT = 'detect'  # the only task that is supported, in the metadata of Ultralytics
@@ -94,11 +95,13 @@ def recognize(probe: Probe, requested: str = AUTO) -> Layout:
 
     Args:
         probe: Outputs of the network for a test image.
-        requested: Name of a layout, or AUTO for any. The first entry of `LAYOUTS` that matches is
-            taken; if none of this name does, the first one of the name.
+        requested: Name of a layout, or AUTO for any. Of the entries of `LAYOUTS` with this name
+            and number of outputs (one or several), the first that matches is taken; if none
+            matches a given name, the first of them.
 
     Raises:
-        ModelError: The outputs have no known layout, or not the requested one.
+        ModelError: The outputs have no known layout, or not the requested one, or the metadata
+            name another task than detection.
     """
     task = probe.metadata.get('task') or _DETECT
     if task != _DETECT:

@@ -92,7 +92,10 @@ class Letterbox:
     def _fill(
         self, plane: Any, values: NDArray[np.number[Any]], out: NDArray[np.number[Any]]
     ) -> None:
-        """Write the values of the bytes of a color plane."""
+        """Write the network input for the bytes of a color plane (H, W) into `out`.
+
+        `values` are the 256 input values of the bytes in this channel.
+        """
         if self._dtype is np.float32:
             np.multiply(plane, values[1] - values[0], out=out)
             if values[0]:
@@ -104,7 +107,7 @@ class Letterbox:
 def _values_of_bytes(
     preprocessing: Preprocessing, dtype: type[np.number[Any]]
 ) -> NDArray[np.number[Any]]:
-    """Return the input values (3, 256) of all bytes for each channel."""
+    """Return the network input values (3, 256) of all bytes, for each channel of the input."""
     values = np.tile(np.arange(256.0), (3, 1))
     if dtype is not np.uint8 and preprocessing.value_range != 'byte':  # bytes have no fractions
         values /= 255

@@ -1,9 +1,9 @@
 """Search for the detector's model file.
 
 The search has this order: the requested model, the model in the environment variable HOID_MODEL,
-`../shared/models` beside the workspace, the user's cache, a download into this cache. A model is
-given by the path of a file or by one of the names in `known_models()`. The default model is
-searched for in all folders before any other known model.
+`../shared/models` beside the workspace, `lab/models` in it, the user's cache, a download into this
+cache. A model is given by the path of a file or by one of the names in `known_models()`. The
+default model is searched for in all folders before any other known model.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ def find_model(requested: str | None = None) -> Path:
         requested: Path of an ONNX file or name of a known model; None or empty for the default.
 
     Raises:
-        ModelError: The requested model does not exist.
+        ModelError: The model that is requested, or named by HOID_MODEL, does not exist, or a
+            downloaded file has another digest than the known model.
         NoModelError: No model is found, and none can be downloaded.
     """
     if requested:
@@ -92,7 +93,7 @@ def _named(name: str, origin: str) -> Path:
 
 
 def _folders() -> list[Path]:
-    """Return the folders to search, `../shared/models` beside the workspace first."""
+    """Return the folders to search: two in or beside the workspace, then the user's cache."""
     here = Path(__file__).resolve()
     root = next((f for f in here.parents if (f / _WORKSPACE_MARK).is_file()), None)
     in_workspace = (
@@ -107,7 +108,12 @@ def _cache() -> Path:
 
 
 def _downloaded(name: str) -> Path:
-    """Download a known model into the user's cache, check its digest, and return the file."""
+    """Download a known model into the user's cache, check its digest, and return the file.
+
+    Raises:
+        ModelError: The digest is not that of the known model.
+        NoModelError: The file cannot be downloaded or stored.
+    """
     model, target = _KNOWN[name], _cache() / f'{name}.onnx'
     partial = target.with_suffix(f'.{os.getpid()}.part')
     _LOG.info('downloading %s to %s', model.url, target)

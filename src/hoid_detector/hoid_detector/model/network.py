@@ -42,9 +42,10 @@ _ORT_ERRORS = (
 
 
 class Network:
-    """Model with one image input, and in some a second input for the image size.
+    """An ONNX model with an image input and, in some models, a second input for its size.
 
-    The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow.
+    The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow. The second input gets the
+    width and height of the network input.
 
     Args:
         path: ONNX file.
@@ -52,7 +53,8 @@ class Network:
         threads: Number of CPU threads; 0 takes one per core.
 
     Raises:
-        ModelError: The file is missing or no ONNX model, or it has other inputs than a detector.
+        ModelError: The file is missing or no ONNX model, it has other inputs than a detector, or
+            its fixed input is larger than 4096 px.
         ConfigError: A provider is unknown.
     """
 

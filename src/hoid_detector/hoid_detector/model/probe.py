@@ -29,7 +29,7 @@ class Grid(NamedTuple):
     channels: Float32Array  # (C, N)
     anchors_last: bool  # whether the output is (C, N) itself, else (N, C)
     strides_px: tuple[int, ...]  # empty where the number of anchors fits no grid
-    anchors_per_cell: int
+    anchors_per_cell: int  # 0 where the number of anchors fits no grid
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class Probe:
     def find(self, matches: Callable[[str, NDArray[Any]], bool], word: str = '') -> int | None:
         """Return the index of the first output that matches by its lower-case name and values.
 
-        Outputs with `word` in their names come first.
+        Outputs with `word` in their names come first. None is returned if no output matches.
         """
         named = enumerate(zip(self.names, self.outputs, strict=True))
         found = [i for i, (name, a) in named if matches(name.lower(), a)]
