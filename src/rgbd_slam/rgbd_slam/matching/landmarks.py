@@ -16,13 +16,13 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 
 
 class Landmarks(NamedTuple):
-    """N positions in the map frame, and how they appeared in the image that saw them last."""
+    """N landmarks to match a frame with: map points, or depth readings of the last frame."""
 
     point: IntArray  # (N,) row of the map point; NO_POINT for a depth reading
-    position_m: FloatArray  # (N, 3)
-    octave: ByteArray  # (N,)
-    angle_deg: Float32Array  # (N,)
-    descriptors: ByteArray  # (N, 32)
+    position_m: FloatArray  # (N, 3) in the map frame
+    octave: ByteArray  # (N,) of the feature in the frame or keyframe that they were taken from
+    angle_deg: Float32Array  # (N,) of the same feature
+    descriptors: ByteArray  # (N, 32) of the map point, or of the feature with the depth reading
 
     def select(self, keep: BoolArray) -> Landmarks:
         """Return the landmarks that an (N,) mask selects."""
@@ -98,9 +98,10 @@ def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
 
 
 def temporal_landmarks(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Landmarks:
-    """Return the depth readings of a tracked frame at features that observe no map point.
+    """Return the depth readings of a tracked frame as landmarks.
 
-    These are the temporal points of ORB-SLAM3 (Tracking.cc, UpdateLastFrame), which uses them for
+    These are the readings at features that observe no map point but may create one.
+    ORB-SLAM3 calls them temporal points (Tracking.cc, UpdateLastFrame), and uses them for
     localization only. They help to track the next frame where the map has few points, and are
     discarded afterwards.
     """
@@ -126,8 +127,8 @@ def match_near_projections(
 ) -> Matches:
     """Return one-to-one matches of landmarks with features near their predicted projections.
 
-    The octave of a feature may differ by one from that in which the landmark was seen last. The
-    features of all matches have turned in the image by a common angle.
+    The octave of a feature may differ by one from that of the landmark. Matches whose features
+    have turned in the image by an unusual angle are left out (`rotation_consistent`).
 
     Args:
         landmarks: N landmarks.
@@ -149,6 +150,6 @@ def match_near_projections(
 
 
 def with_consistent_rotation(landmarks: Landmarks, frame: Frame, matches: Matches) -> Matches:
-    """Return the matches whose features have turned in the image by a common angle."""
+    """Return the matches whose features have turned in the image by one of the common angles."""
     consistent = rotation_consistent(landmarks.angle_deg[matches.q], frame.angle_deg[matches.k])
     return Matches(*(part[consistent] for part in matches))

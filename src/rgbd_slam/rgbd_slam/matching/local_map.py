@@ -26,13 +26,13 @@ _OBLIQUE_RADIUS_PX = 4.0
 
 
 class LocalMap(NamedTuple):
-    """The reference keyframe of a frame, and all points of the keyframes that show the same part.
+    """The reference keyframe of a frame, and the map points that the frame may show.
 
-    These are keyframes that observe points which the frame observes as well.
+    These are all points of the keyframes that share observed points with the frame.
     """
 
     reference_uid: int  # the keyframe that shares most points with the frame
-    points: IntArray  # (P,)
+    points: IntArray  # (P,) rows
 
 
 def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
@@ -40,8 +40,9 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
 
     Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
     not depend on the size of the map. If the mapper has not inserted the last reference keyframe
-    yet, its nearest ancestor in the map takes its place. If there is no such ancestor, the local
-    map is empty.
+    yet, or has removed it, its nearest ancestor in the map takes its place. If there is no such
+    ancestor, the local map is empty. If no candidate observes any of the points, the reference
+    keyframe stays the last one, and the local map has the points of this keyframe only.
 
     Args:
         atlas: The map.
@@ -67,7 +68,7 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
 class VisiblePoints(NamedTuple):
     """V map points that a camera should see, and the queries that search for these points."""
 
-    points: IntArray  # (V,)
+    points: IntArray  # (V,) rows
     queries: Queries
 
 

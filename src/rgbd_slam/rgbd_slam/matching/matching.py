@@ -66,7 +66,7 @@ def match_by_projection(
 
     A candidate lies in the search window and in the octave range of a query; if it has a depth
     reading, its u_right lies in the window as well. If the two best candidates have the same
-    octave, the distance of the best one must be less than `ratio` times that of the other one.
+    octave, the distance of the best one must be at most `ratio` times that of the other one.
 
     Args:
         queries: The map points to search.
