@@ -65,7 +65,7 @@ def align_image(
     camera: StereoCamera,
     rng: np.random.Generator,
 ) -> Alignment | None:
-    """Return the pose with which most of N matches agree, by RANSAC; None if too few agree.
+    """Return the pose with which most of N matches agree, by RANSAC; None if fewer than 15 agree.
 
     Args:
         measurement_px: (N, 3) undistorted u, v, u_right of the features.

@@ -29,7 +29,9 @@ class BundleProblem:
         point: (M,) index of the point of each observation. A keyframe observes a point at most
             once.
         measured_px: (3, M) u, v, u_right; u_right is NaN without depth.
-        inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
+        inv_sigma2: (M,) 1 / variance of u, and equally of v, of each observation [1/px^2]. The
+            outlier test applies it to u_right as well. In the fit, the disparity u - u_right has a
+            variance of its own, which the camera states, unless `joint_noise` is on.
     """
 
     T_camera_map: FloatArray

@@ -20,7 +20,9 @@ def local_bundle_adjustment(
 ) -> None:
     """Adjust keyframe `i`, the keyframes that share most points with it, and their points.
 
-    The result is written to the map, and observations that are outliers are removed from it.
+    The root of a map, and other keyframes that observe these points, keep their poses; if there is
+    no such keyframe, nothing is adjusted. The result is written to the map, and observations that
+    are outliers are removed from it.
     """
     free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
@@ -92,7 +94,7 @@ def bundle_problem(
 
 
 def _positions(rows: IntArray, wanted: IntArray) -> IntArray:
-    """Return the (M,) positions of the wanted rows in a list of rows (N,)."""
+    """Return the (M,) indices at which the wanted rows are in an array of rows (N,)."""
     order = np.argsort(rows)
     return np.asarray(order[np.searchsorted(rows, wanted, sorter=order)])
 

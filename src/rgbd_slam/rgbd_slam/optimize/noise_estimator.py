@@ -23,11 +23,11 @@ from rgbd_slam.optimize.residual_noise import noise_factor
 # Not tuned.
 _MIN_RESIDUALS = 50  # with fewer residuals, the noise of an image is not measured
 _PRIOR_IMAGES = 3  # weight of the configured noise, in images
-_MAX_IMAGES = 100  # about three seconds; older images count less
+_MAX_IMAGES = 100  # about three seconds: number of images over which the variances are averaged
 
 
 class NoiseEstimator:
-    """Averages the variances of pixels and disparities over tracked frames.
+    """Averages the variances of pixels and disparities over about the last 100 tracked frames.
 
     Args:
         camera: The camera with its configured noise.

@@ -37,14 +37,16 @@ _MEDIAN_COST = 2.366  # median of chi-square, three degrees of freedom: u, v and
 _MAX_COST = 9.832  # 5.991 + 3.841: 95 % quantiles for the pixel (two) and the disparity (one)
 _CHI2_DISTINCT = 16.812  # 99 % quantile of chi-square, six degrees of freedom: a twist
 _MIN_NOISE_SCALE = 0.01  # chosen: keeps the scale above zero where the matches are exact
-_MIN_HALF = 10  # not tuned: matches that a hypothesis needs; two with depth determine a pose
+_MIN_HALF = 10  # not tuned: matches that a hypothesis needs; three with depth determine a pose
 # Not tuned: passes in which a hypothesis collects the matches that fit it; the first one fits the
 # inliers of its half.
 _NUM_PASSES = 2
 # Not tuned: the first-order gain of leaving a region out, as a share of the required one, from
 # which the pose without it is computed.
 _MIN_FIRST_ORDER_GAIN = 0.4
-_MIN_COST_DIFFERENCE = 1.0  # chosen: a match prefers a motion if it costs it one variance less
+# Chosen: a match counts as fitting another pose better if its cost, which is a squared error in
+# units of the noise variance, is lower there by more than this.
+_MIN_COST_DIFFERENCE = 1.0
 
 
 class CompetingMotion(NamedTuple):
@@ -339,7 +341,7 @@ def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
 
 
 def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the (N,) costs of two poses, normalized by the noise of the better one, truncated."""
+    """Return the (N,) costs of two poses, normalized by the smaller of their noises, truncated."""
     scale = min(_noise_scale(cost), _noise_scale(other_cost))
     return np.minimum(cost / scale, _MAX_COST), np.minimum(other_cost / scale, _MAX_COST)
 
@@ -347,7 +349,7 @@ def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, Flo
 def _noise_scale(cost: FloatArray) -> float:
     """Return the noise variance that the median cost shows, as a share of the assumed variance.
 
-    The share is at most 1.
+    The share is at least 0.01 and at most 1.
 
     The noise in a new map is not measured yet. If it were assumed too large, a moving object would
     fit a pose halfway, and its few points would outweigh the many static ones.

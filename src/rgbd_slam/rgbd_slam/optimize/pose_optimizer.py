@@ -40,7 +40,10 @@ class PoseProblem:
     Attributes:
         points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) u, v, u_right; u_right is NaN without depth.
-        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2], at the
+            configured noise. The outlier test applies it to u_right as well. In the fit, the
+            disparity u - u_right has a variance of its own, which the camera states, unless
+            `joint_noise` is on.
     """
 
     points_m: FloatArray
@@ -94,5 +97,5 @@ def covariance(estimate: PoseEstimate) -> FloatArray:
     """Return the (6, 6) covariance of a pose in the camera frame, rotation first [rad^2, m^2]."""
     try:
         return np.asarray(np.linalg.inv(estimate.information))
-    except np.linalg.LinAlgError:  # no match constrains one of the motions
+    except np.linalg.LinAlgError:  # the matches do not constrain one of the six motions
         return np.asarray(np.linalg.pinv(estimate.information, hermitian=True))
