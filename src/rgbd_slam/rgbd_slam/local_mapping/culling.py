@@ -26,9 +26,12 @@ _MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe 
 
 
 def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
-    """Remove new points that few frames find, or that keyframe `i` misses although it faces them.
+    """Remove new points that few frames find, or that keyframe `i` should observe but does not.
 
-    A new point that has left the view stays, and is tested when it comes into view again.
+    A point is new while it has few observations; for the first of these tests, also during the
+    three keyframes after the one that created it. The second test begins at an age of two
+    keyframes. A new point that has left the view stays, and is tested when it comes into view
+    again.
     Therefore only the points around the keyframe are tested, whatever the size of the map.
     """
     points, uid = atlas.points, atlas.keyframes.uid[i]
@@ -56,7 +59,7 @@ def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: f
 
     An observation counts if its octave is at most one above the octave in which the neighbor
     itself observes the point. If hardly any point is close, as in a hall, all points are
-    considered.
+    considered. The root of a map stays, because it defines the frame of the map.
     """
     for neighbor in atlas.covisible(i, _MIN_SHARED).tolist():
         if _is_redundant(atlas, neighbor, config.redundant_share, close_limit_m):

@@ -14,13 +14,16 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
-_OBLIQUE_RADIUS_PX = 4.0  # the window of `matching.local_map` that its radius is a factor of
+# Search window of `matching.local_map` for points seen obliquely; the argument `radius` of
+# `visible_points` is a factor on it.
+_OBLIQUE_RADIUS_PX = 4.0
 
 
 def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Fuse points of keyframe `i` and of its neighbors that project to the same features.
 
-    Points of one keyframe that match features without a point in another one are observed there.
+    Where a point of one keyframe matches a feature of another one that observes no point, this
+    feature observes the point from then on.
     """
     neighbors = atlas.covisible(i, limit=config.neighbors)
     for neighbor in neighbors.tolist():

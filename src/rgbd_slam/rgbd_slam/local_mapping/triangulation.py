@@ -22,7 +22,7 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
-_FAR_M = 1e4  # chosen: infinity
+_FAR_M = 1e4  # chosen: depth that stands for infinity
 _EPIPOLAR_CHI2 = 3.841  # 95 % quantile of chi-square, one degree of freedom
 _DEPTH_SHARE = 0.3  # not tuned: largest relative error of a depth reading
 # ORB-SLAM3, LocalMapping.cc, CreateNewMapPoints, ratioFactor: 1.5 times the scale factor, by which
@@ -52,7 +52,10 @@ def triangulate_with_neighbors(
 def _triangulate_with(
     atlas: Atlas, camera: StereoCamera, i: int, n: int, config: TriangulationConfig
 ) -> int:
-    """Triangulate new points between keyframes `i` and `n`; return their number."""
+    """Triangulate new points between keyframes `i` and `n`; return their number.
+
+    It is 0 if the cameras are nearer to each other than `min_baseline_m`.
+    """
     T_map_camera = atlas.keyframes.T_map_camera
     T_n_i = se3.inverse(T_map_camera[n]) @ T_map_camera[i]
     if np.linalg.norm(T_n_i[:3, 3]) < config.min_baseline_m:
@@ -116,8 +119,10 @@ def epipolar_segments(
 ) -> FloatArray:
     """Return the (N, 4) u, v [px] of both ends of features' epipolar segments in the second view.
 
-    A depth reading limits the segment; without a depth reading it extends from `min_depth_m` to
-    infinity. It is NaN for points that cannot be in front of the second camera.
+    A depth reading limits the segment to 30 % around this depth; without a depth reading it
+    extends from `min_depth_m` to infinity. The part whose depth in the second camera is below
+    `min_depth_m` is cut off. The segment is NaN if nothing remains, or if the depth in the second
+    camera does not increase along the ray.
 
     Args:
         views: The two keyframes.
