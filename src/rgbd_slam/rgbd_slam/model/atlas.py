@@ -157,9 +157,10 @@ class Atlas(MapTables):
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
-        """Set the positions (N, 3) of points (N,), and remove points that are no longer anywhere.
+        """Set the positions (N, 3) of points (N,) in the frame of their map.
 
-        An adjustment moves a point without parallax or depth as far away as it likes.
+        Points with a coordinate that is NaN or not below `MAX_POSITION_M` are removed: an
+        adjustment may move a point without parallax and depth to any distance.
         """
         self.points.position_m[j] = position_m
         self.points.shifted[j] = self.version
@@ -260,7 +261,10 @@ class Atlas(MapTables):
         points.version[new.rows] = self.version
 
     def count_sightings(self, counts: PointCounts) -> None:
-        """Add how often points were visible and found; points that were removed are skipped."""
+        """Add the numbers of frames in which points were visible and in which they were found.
+
+        Points that were removed are skipped.
+        """
         points = self.points
         same = points.uid[counts.points] == counts.uids
         j = counts.points[same]
@@ -271,7 +275,7 @@ class Atlas(MapTables):
     # ---- saved maps
 
     def make_younger(self, by: int) -> None:
-        """Increase the ids of all maps, so that older maps can be added with lower ids."""
+        """Increase the ids of all maps by `by`, so that older maps can be added with lower ids."""
         keyframes, points = self.keyframes, self.points
         i, j = keyframes.indices(), points.indices()
         keyframes.map_id[i] += by
@@ -295,7 +299,7 @@ class Atlas(MapTables):
         return i
 
     def adopt(self, loaded: Atlas, version: int, first_point_uid: int) -> None:
-        """Take over the content of another atlas, which gets the old one.
+        """Take over the content of another atlas, which gets the content of this one instead.
 
         The tables stay the same objects, because others refer to them; their columns are
         exchanged. The old content is not freed here: that takes 90 ms for 10,000 keyframes.

@@ -124,7 +124,10 @@ class KeyframeTable(SoaTable):
         return column.array
 
     def release_memory(self) -> None:
-        """Let the operating system take the memory of the features of a large map."""
+        """Let the operating system take the memory of the features of a large map.
+
+        They are read from the file again when they are used.
+        """
         for column in self._on_disk.values():
             column.release_memory()
 

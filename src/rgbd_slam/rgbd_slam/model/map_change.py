@@ -17,10 +17,10 @@ _MAX_REMEMBERED = 4096
 
 
 class Redirect(NamedTuple):
-    """The parent of a removed keyframe: poses relative to the keyframe become relative to it."""
+    """A removed keyframe and its parent, to which poses relative to the keyframe now refer."""
 
-    uid: int
-    parent_uid: int
+    uid: int  # of the removed keyframe
+    parent_uid: int  # of its parent in the spanning tree, which may have been removed later
     T_parent_camera: FloatArray  # (4, 4) pose of the removed keyframe relative to its parent
 
 
@@ -35,12 +35,12 @@ class PendingKeyframe(NamedTuple):
 
 
 class Connections(NamedTuple):
-    """The keyframes that each of R keyframes shares points with."""
+    """The neighbors of each of R keyframes, with which it shares points."""
 
-    rows: IntArray  # (R,)
+    rows: IntArray  # (R,) rows of the keyframes
     lengths: IntArray  # (R,) numbers of neighbors
-    neighbors: IntArray  # (sum of lengths,) rows
-    shared: IntArray  # (sum of lengths,) numbers of shared points
+    neighbors: IntArray  # (sum of lengths,) rows of the neighbors, keyframe after keyframe
+    shared: IntArray  # (sum of lengths,) numbers of points shared with them
 
 
 class FeatureStates(NamedTuple):
@@ -48,14 +48,14 @@ class FeatureStates(NamedTuple):
 
     i: NDArray[np.int32]
     k: NDArray[np.int32]
-    j: NDArray[np.int32]  # NO_POINT: none
+    j: NDArray[np.int32]  # NO_POINT: the feature observes no point
     may_seed: NDArray[np.bool_]  # whether the feature may create a point
 
 
 class PointPositions(NamedTuple):
     """The positions of N points."""
 
-    rows: NDArray[np.int32]  # (N,)
+    rows: NDArray[np.int32]  # (N,) rows of the points
     position_m: FloatArray  # (N, 3) in the frame of their map
 
 
@@ -81,7 +81,7 @@ class MapChange(NamedTuple):
 
 
 class Redirects:
-    """The redirects of a map: `take` returns each of them once, `find` knows the latest ones."""
+    """The redirects of a map: `take` returns each of them once, `find` the latest 4096 by uid."""
 
     def __init__(self) -> None:
         self._to_take: list[Redirect] = []

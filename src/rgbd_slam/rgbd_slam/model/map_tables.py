@@ -43,10 +43,11 @@ _NOTHING = np.empty(0, np.int64)
 
 
 class MapTables:
-    """What every copy of a map has, to be read; only `Atlas` changes it.
+    """The tables of a map, with the methods that read them and keep copies of them equal.
 
-    Live the mapper has its own copy in a separate process and sends `MapChange`s (what changed
-    since the last one), which the tracker applies to its copy between two frames.
+    The operations that change a map are those of `Atlas`. Live the mapper has its own copy in a
+    separate process and sends `MapChange`s (what changed since the last one), which the tracker
+    applies to its copy between two frames.
     """
 
     def __init__(self, scale_factor: float, num_octaves: int) -> None:
@@ -63,7 +64,13 @@ class MapTables:
         self._moves: list[Move] = []  # since the last change was sent
 
     def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
-        """Return (N,) keyframes that share at least `min_shared` points with `i`, most first."""
+        """Return the (N,) rows of keyframes that share points with `i`, most shared points first.
+
+        Args:
+            i: Row of the keyframe.
+            min_shared: Least number of shared points.
+            limit: Largest number of keyframes that are returned; None: all.
+        """
         return self._graph.neighbors(i, min_shared).rows[:limit]
 
     def edges(self) -> Edges:
@@ -71,11 +78,11 @@ class MapTables:
         return self._graph.edges()
 
     def points_of(self, keyframes: IntArray) -> IntArray:
-        """Return the (P,) points, ascending, that any of the keyframes (N,) observes."""
+        """Return the (P,) rows, ascending, of points that any of the keyframes (N,) observes."""
         return self._graph.points_of(self.keyframes.point_of_feature, keyframes)
 
     def count_observed(self, j: IntArray, keyframes: IntArray) -> IntArray:
-        """Return how many of the points (P,) each of the keyframes (N,) observes."""
+        """Return the (N,) numbers of the points `j` (P,) that each of the keyframes observes."""
         return self._graph.count_observed(j, keyframes)
 
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
@@ -142,7 +149,11 @@ class MapTables:
         return pose
 
     def drop_pending(self, uid: int) -> None:
-        """Replace a pending keyframe by its parent, because the mapper will not insert it."""
+        """Replace a pending keyframe by its parent, because the mapper will not insert it.
+
+        A keyframe that is not pending is ignored. The first keyframe of a map has no parent; its
+        pose is unknown from then on.
+        """
         lost = self.pending.pop(uid, None)
         if lost is not None and lost.parent_uid is not None:
             self.redirects.add([Redirect(lost.uid, lost.parent_uid, lost.T_parent_camera)])
@@ -172,9 +183,10 @@ class MapTables:
         return change
 
     def skip_changes(self) -> int:
-        """Discard the changes that `take_changes` would return; the copies already have them.
+        """Discard the changes that `changes_since` would return; the copies already have them.
 
-        Both processes have just restored the same saved map. Returns the version of the copies.
+        Call it after both processes have restored the same saved map. Returns the version of the
+        map that the copies have.
         """
         self._moves, self._has_copies = [], True
         self.keyframes.is_reobserved[:] = False

@@ -17,7 +17,7 @@ class PointStatistics(NamedTuple):
     """Columns of points (P,) that are derived from their observations."""
 
     rows: IntArray  # (P,) ascending
-    view_direction: FloatArray  # (P, 3) unit
+    view_direction: FloatArray  # (P, 3) unit vectors from the cameras to the point, map frame
     reference_keyframe_uid: IntArray  # (P,)
     max_distance_m: Float32Array  # (P,)
     descriptors: ByteArray  # (P, 32)
@@ -30,7 +30,8 @@ def point_statistics(
 
     `max_distance_m` is the largest distance at which some octave can detect the point: its
     distance in the reference keyframe times the scale of the octave in which it was observed
-    there.
+    there. If the reference keyframe does not observe the point any more, the keyframe of its first
+    observation becomes the reference keyframe.
 
     Args:
         keyframes: The keyframes.

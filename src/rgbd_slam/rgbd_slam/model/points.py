@@ -11,7 +11,7 @@ from rgbd_slam.records.soa_table import SoaTable
 
 MAX_POSITION_M = 1e5  # chosen: largest coordinate of a pose or point in a map
 _INITIAL_CAPACITY = 4096
-_NOT_COUNTED = -2  # no uid of a point or an empty row
+_NOT_COUNTED = -2  # a number that is neither the uid of a point nor that of an empty row
 
 
 class PointTable(SoaTable):
@@ -49,8 +49,8 @@ class PointTable(SoaTable):
         self.num_stereo: IntArray = np.zeros(n, np.int64)  # of these, with a depth reading
         self.num_visible: IntArray = np.zeros(n, np.int64)  # frames that should show it
         self.num_found: IntArray = np.zeros(n, np.int64)  # frames in which it was found
-        self.first_keyframe_uid: IntArray = np.zeros(n, np.int64)  # its creator
-        # The keyframe whose octave determines that range.
+        self.first_keyframe_uid: IntArray = np.zeros(n, np.int64)  # keyframe that created it
+        # The keyframe whose octave and distance determine the range of distances.
         self.reference_keyframe_uid: IntArray = np.zeros(n, np.int64)
         self.map_id: IntArray = np.zeros(n, np.int64)
         # Version of the map at the last change of the position.
@@ -89,7 +89,7 @@ class PointTallies:
         self._counted: list[IntArray] = []  # rows, possibly with repetitions
 
     def add(self, tally: PointTally) -> None:
-        """Count the points of one frame; the counts of points removed from the map are dropped."""
+        """Count the points of one frame. If a row was reused for a new point, it counts from 0."""
         if self._points.capacity > len(self._uid):
             more = (0, self._points.capacity - len(self._uid))
             self._uid = np.pad(self._uid, more, constant_values=_NOT_COUNTED)

@@ -33,7 +33,7 @@ class TrackedFrame:
     def current_pose(self, atlas: Atlas) -> FloatArray:
         """Return T_map_camera (4, 4) by the current pose of the reference keyframe.
 
-        If that is unknown, it is the pose at the time of tracking.
+        If the pose of that keyframe is unknown, `self.T_map_camera` is returned.
         """
         T_map_reference = atlas.pose(self.reference_uid)
         if T_map_reference is None:
@@ -74,7 +74,7 @@ def tracked_keyframe(
     Args:
         frame: The frame that became the keyframe.
         atlas: The map.
-        uid: The keyframe; it observes no point while it is pending.
+        uid: Uid of the keyframe; it observes no point while it is pending.
         unseen: (N,) mask of features whose observations are left out, although the map has them.
     """
     i, T_map_camera = atlas.keyframes.index_of(uid), atlas.pose(uid)

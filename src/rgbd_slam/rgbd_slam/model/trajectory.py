@@ -37,7 +37,7 @@ _UNKNOWN = 0  # row of the sentinel, for poses whose reference keyframe was remo
 
 
 class _MapLink(NamedTuple):
-    """The measured motion from a keyframe of a map that was lost to the first one of the next."""
+    """The measured motion from a keyframe of one map to a keyframe of the map started after it."""
 
     before_uid: int
     after_uid: int
@@ -45,7 +45,9 @@ class _MapLink(NamedTuple):
 
 
 class TrajectoryRecorder:
-    """Stores the poses of all frames, relative to keyframes so that they follow corrections.
+    """Stores two poses of each frame: as published, and relative to its reference keyframe.
+
+    The second one follows the corrections of the map.
 
     Args:
         keyframes: The keyframes of the map.
@@ -96,7 +98,7 @@ class TrajectoryRecorder:
         self._frames[n] = frame
 
     def become_keyframe(self, uid: int) -> None:
-        """Make the final pose of the last frame that of a keyframe that is still to be mapped."""
+        """Make the final pose of the last frame that of a keyframe, which may still be pending."""
         frame = self._frames[len(self) - 1]
         frame['reference_uid'], frame['T_reference_camera'] = uid, np.eye(4)[:3]
         self._frames[len(self) - 1] = frame
@@ -244,7 +246,10 @@ def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 def _find(ascending: IntArray, uids: IntArray) -> IntArray:
-    """Return the index of each uid (K,) among ascending ones (the last of equals), or 0."""
+    """Return the index of each uid (K,) among ascending ones, or 0 if it is not among them.
+
+    Of equal ones, it is the last.
+    """
     n = np.searchsorted(ascending, uids, side='right') - 1
     return np.where(ascending[n] == uids, n, 0)
 
