@@ -31,13 +31,17 @@ class DiskArray:
     """
 
     def __init__(self, rows: Array) -> None:
-        self.array = rows  # (N, ...), another object after `grow` and `release`
+        self.array = rows  # (N, ...), another object after `grow`
         self._map: mmap.mmap | None = None
         self._file: IO[bytes] | None = None
         self._has_failed = False
 
     def grow(self, num_rows: int) -> None:
-        """Enlarge the array to `num_rows` rows; the new ones are zero."""
+        """Enlarge the array to `num_rows` rows; the new ones are zero.
+
+        If the file cannot be enlarged, a warning is logged, and the array is in memory from then
+        on.
+        """
         old = self.array
         shape = num_rows, *old.shape[1:]
         if not self._has_failed:

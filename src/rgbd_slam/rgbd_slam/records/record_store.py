@@ -83,6 +83,9 @@ class RecordStore:
         """Replace a record.
 
         The block of an old record is kept in memory until blocks are written next.
+
+        Raises:
+            InputError: The file cannot be read.
         """
         number, i = divmod(n, BLOCK)
         with self._lock:
@@ -91,7 +94,7 @@ class RecordStore:
             self._held[number][i] = record
 
     def newest(self) -> NDArray[np.void]:
-        """Return copies of the newest records (N,): at least 1024, or all if there are fewer."""
+        """Return copies of the newest records (N,): 1025 to 2048, or all if there are fewer."""
         last = max(0, self._count - 1) // BLOCK
         first = max(0, last + 1 - _NUM_NEWEST)
         blocks = [self._block(number) for number in range(first, last + 1)]

@@ -20,7 +20,7 @@ _ALIGNMENT = 64  # bytes; chosen: a cache line
 
 
 class RecordLocation(NamedTuple):
-    """Where a process finds a record: small enough to be sent."""
+    """The location of a `SharedRecord`, which is sent to other processes instead of the arrays."""
 
     path: str
     kind: type[Record]
@@ -44,7 +44,7 @@ class RecordLocation(NamedTuple):
 
 
 class SharedRecord(Generic[R]):
-    """A record in an unnamed temporary file, which ends with this object.
+    """A record in an unnamed temporary file, which is deleted with this object.
 
     Args:
         record: The record, which is copied.

@@ -17,12 +17,12 @@ _MANY = 1000  # chosen: from this number of rows, sorting the heap is faster tha
 
 
 class SoaTableRows(NamedTuple):
-    """Copies of some rows of a table, to be sent to another copy of the map."""
+    """Copies of the rows of a table that changed since a version, for another copy of the map."""
 
     capacity: int
     rows: NDArray[np.int32]  # (M,)
     columns: dict[str, Column]  # (M, ...) each
-    new_rows: NDArray[np.int32]  # (L,) of these, the rows that hold a new element
+    new_rows: NDArray[np.int32]  # (L,) of these, the rows that were allocated since then
     fixed_columns: dict[str, Column]  # (L, ...) each
     next_uid: int
 
@@ -67,7 +67,7 @@ class SoaTable:
         return self._num_alive
 
     def index_of(self, uid: int) -> int | None:
-        """Return the row of an element, or None if it was removed."""
+        """Return the row of an element, or None if the table does not hold it (any more)."""
         rows = np.flatnonzero(self.uid == uid)
         return int(rows[0]) if uid != DEAD and len(rows) else None
 
