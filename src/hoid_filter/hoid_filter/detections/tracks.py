@@ -14,12 +14,15 @@ from hoid_filter.detections.prediction import match_greedily
 from hoid_native import intersections_over_union
 
 _MIN_IOU = 0.2  # chosen: least overlap of a predicted box and a detection of the same object
-# Chosen: the same for a detection that may be false. It must continue a track closely.
+# Chosen: least overlap of a predicted box and a detection that may be false, which must therefore
+# continue the track closely.
 _MIN_IOU_UNSURE = 0.5
-# Detectors alternate between classes for one object, with nearly the same box. A detection of
-# another class with another box is another object.
+# Least overlap of a predicted box and a detection of another class. Detectors alternate between
+# classes for one object, with nearly the same box; with another box, it is another object.
 _MIN_IOU_OTHER_CLASS = 0.5  # decision 011
-_OTHER_CLASS_PENALTY = 0.15  # chosen: at equal overlap, the same class is preferred
+# Chosen: subtracted from the overlap with a detection of another class, so that at equal overlap
+# the same class is preferred.
+_OTHER_CLASS_PENALTY = 0.15
 _VELOCITY_GAIN = 0.3  # chosen: beta of an alpha-beta filter with alpha = 1; box edges are noisy
 _MIN_VISIBLE_SHARE = 0.15  # chosen: with less of its box inside the image, an object has left it
 # Chosen: a track with fewer than `_ESTABLISHED_HITS` detections may be false. When it is missed,

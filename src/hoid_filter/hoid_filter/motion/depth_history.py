@@ -15,7 +15,8 @@ from hoid_filter.motion.downscaled_view import DownscaledView
 from hoid_filter.motion.shutter_shift import shift_px
 from hoid_native import depth_ranges_3x3, occlusion_log_odds
 
-# Chosen: every image of a 30 Hz camera is stored, and every other image of a 60 Hz camera.
+# Chosen, least time between stored images: every image of a 30 Hz camera is stored, and every
+# other image of a 60 Hz camera.
 _MIN_SPACING_S = 1 / 40
 # Chosen: an image may differ from the wanted age by 30 % of this age, or by 0.1 s where that is
 # more, as at low frame rates.

@@ -44,7 +44,8 @@ _FULL_WEIGHT_S = 0.2
 # A tracked point whose depth changes by more than 5 % plus 3 m/s has slipped to another surface.
 # Chosen for the depth noise at an edge, and for a speed above that of people indoors.
 _MAX_DEPTH_CHANGE, _MAX_SPEED_MPS = 0.05, 3.0
-_MIN_WEIGHT_DEPTH_M = 0.3  # chosen: least depth in a point's weight, also without a reading
+# Chosen: the depth that weights points which are nearer than this or have no depth reading.
+_MIN_WEIGHT_DEPTH_M = 0.3
 _UNSEGMENTED_AREA_PX = 2.0  # chosen: area that a point on a depth edge, in no segment, represents
 
 
@@ -86,7 +87,7 @@ class MotionSegmentation:
         self._ego_motion = EgoMotion(self.camera)
         self._random = np.random.default_rng(0)
         self._tracks = PointTracks.none()
-        self._static_probability = np.empty(0)  # of each track
+        self._static_probability = np.empty(0)  # (N,) of the tracked points
         self._view: DownscaledView | None = None
         self._T_world_camera = self._T_camera_world = np.eye(4)
         self._T_previous_current = np.eye(4)
@@ -163,7 +164,8 @@ class MotionSegmentation:
         observed_px = self.camera.measure(self.camera.full_px(self._tracks.uv_px), depth_m)
         downscaled_pixel = self.camera.downscaled_of_pixel[pixels.pixel]
         segment = small.segments.label.ravel()[downscaled_pixel]
-        # Multiplied by the depth, equal areas in px count by the square root of their area in m2.
+        # Multiplied by the depth, equal areas in px count in proportion to the square root of
+        # their areas in m2.
         area = _area_per_point(small.segments.area_px, segment)
         area *= np.maximum(depth_m, _MIN_WEIGHT_DEPTH_M)
         points = PointObservations(

@@ -19,7 +19,9 @@ from hoid_native import segment_objects, values_at
 # Chosen: within this distance the descriptor patch of a static corner shows the moving object.
 _MARGIN_PX = 8
 _MARGIN_KERNEL = np.ones((2 * round(_MARGIN_PX / STRIDE_PX) + 1,) * 2, np.uint8)
-_PREDICTION_MARGIN = 0.1  # chosen: a predicted box may be off by this share of its sides
+# Chosen: a predicted box is enlarged by this share of its width and height to each side, because
+# it may be displaced by as much.
+_PREDICTION_MARGIN = 0.1
 
 
 class Mask(NamedTuple):

@@ -67,10 +67,10 @@ class HoidPlus:
         )
 
     def _unsure(self, detections: Detections, image_area_px2: int) -> BoolArray:
-        """Return (N,) flags: people of low score who cover much of the image, a frequent error.
+        """Return (N,) flags: people of low score who cover much of the image.
 
-        Depth does not reveal such a false detection: at arm's length a desk is as wide as a
-        person. With `doubt_large_people` off, no detection is flagged.
+        Such detections are often false. Depth does not reveal it: at arm's length a desk is as
+        wide as a person. With `doubt_large_people` off, no detection is flagged.
         """
         plus = self._config.plus
         if not plus.doubt_large_people:
