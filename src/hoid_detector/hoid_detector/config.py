@@ -72,7 +72,8 @@ class DetectorConfig(Config):
         'installed is used. If none of the list works, the CPU is used. A warning is shown unless '
         'the first provider of the list is used.',
     )
-    # Measured: a second thread saves 0.4 ms of 8.4 with YOLOX-nano and costs 3 ms of another core.
+    # Measured for an image with YOLOX-nano: a second thread saves 0.4 ms of 8.4 ms, and takes 3 ms
+    # of another core.
     threads: int = param(
         1,
         'Number of CPU threads of the network; 0 means one per core. Raise it for a large model '
@@ -176,7 +177,7 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
         'frames.base of rgbd_slam. With an empty string, or if camera_roll_deg is not 0, '
         '/tf_static is not used.',
     )
-    # Decision 016: measured with 10, the scene mapper in the idle class.
+    # Decision 016, measured with 10 while the scene mapper ran in the scheduling class SCHED_IDLE.
     niceness: int = param(
         10,
         'Number that is added to the niceness of the process, as the command nice does. A larger '

@@ -155,8 +155,9 @@ def is_finished_table(probe: Probe) -> bool:
         return True
     if not known_orders(num_columns):
         return False
-    # A table of queries with 2 or 3 classes has as many columns. Its first column is the center of
-    # the boxes; a constant one is the number of the image.
+    # A table of queries (RT-DETR) with 2 or 3 classes has as many columns as one of finished
+    # boxes. Its first column is the center of the boxes, which differs from row to row; a constant
+    # first column is the number of the image in the batch.
     rows = probe.table.reshape(-1, num_columns)
     is_constant = len(rows) > 1 and bool((rows[:, 0] == rows[0, 0]).all())
     if is_constant or not (num_columns - 4 == probe.num_classes and probe.table.ndim == 3):

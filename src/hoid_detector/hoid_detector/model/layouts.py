@@ -106,7 +106,7 @@ def recognize(probe: Probe, requested: str = AUTO) -> Layout:
     task = probe.metadata.get('task') or _DETECT
     if task != _DETECT:
         raise ModelError(f'is a model for the task "{task}"; export one for the task "{_DETECT}"')
-    # YOLOv5 up to 6.1 also outputs its grids before decoding, of five dimensions.
+    # YOLOv5 up to 6.1 has further outputs of five dimensions: its grids before decoding.
     has_one_output = all(output.ndim == 5 for output in probe.outputs[1:])
     possible = [
         entry
