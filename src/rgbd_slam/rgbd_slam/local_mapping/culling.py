@@ -15,8 +15,9 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 
-# ORB-SLAM3, LocalMapping.cc, MapPointCulling: ages in keyframes, and the number of observations
-# (one with depth counts twice) that a point of the minimum age must exceed.
+# ORB-SLAM3, LocalMapping.cc, MapPointCulling. A point is new up to the age _NEW_AGE. From the age
+# _MIN_AGE on, it needs more than _MIN_WEIGHT observations, of which one with depth counts twice.
+# Ages are numbers of keyframes since the one that created the point.
 _NEW_AGE = 3
 _MIN_AGE = 2
 _MIN_WEIGHT = 3

@@ -103,7 +103,7 @@ class KeyframeTable(SoaTable):
         self.descriptors: ByteArray = np.zeros((n, f, 32), np.uint8)
         self.may_seed: NDArray[np.bool_] = np.zeros((n, f), np.bool_)
         self._on_disk: dict[str, DiskArray] = {}  # columns of a large map
-        self._num_put = 0  # keyframes
+        self._num_put = 0  # number of keyframes whose features were stored
 
     @property
     def max_features(self) -> int:

@@ -41,8 +41,8 @@ _MIN_HALF = 10  # not tuned: matches that a hypothesis needs; three with depth d
 # Not tuned: passes in which a hypothesis collects the matches that fit it; the first one fits the
 # inliers of its half.
 _NUM_PASSES = 2
-# Not tuned: the first-order gain of leaving a region out, as a share of the required one, from
-# which the pose without it is computed.
+# Not tuned: the pose without a region is computed only if leaving the region out decreases the
+# cost, by a first-order estimate, by at least this share of the required decrease.
 _MIN_FIRST_ORDER_GAIN = 0.4
 # Chosen: a match counts as fitting another pose better if its cost, which is a squared error in
 # units of the noise variance, is lower there by more than this.
