@@ -75,7 +75,10 @@ class FeatureFilter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all earlier images. Call this when the stamps go back."""
+        """Forget all earlier images, tracked objects and moving regions.
+
+        Call this when the stamps go back.
+        """
         self._strategy = make_strategy(self._config)
         self._motion = (
             MotionDetector(self._config.motion) if self._strategy.senses_motion else None
@@ -168,7 +171,7 @@ class FeatureFilter:
         return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        """Return whether motion in an image needs no more segmentation: it is done or not used."""
+        """Return whether motion was segmented in an image, or the strategy does not use motion."""
         return self._motion is None or self._motion.has_result(stamp_ns)
 
     def select_and_describe(

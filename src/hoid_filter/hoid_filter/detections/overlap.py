@@ -17,7 +17,7 @@ def clip_boxes(boxes_xyxy_px: Boxes, width_px: int, height_px: int) -> FloatArra
 
 
 def areas_px2(boxes_xyxy_px: Boxes) -> FloatArray:
-    """Return the (N,) areas of (N, 4) boxes; 0 where a right or lower edge comes first."""
+    """Return the (N,) areas of (N, 4) boxes x1, y1, x2, y2; 0 where x2 < x1 or y2 < y1."""
     sides = np.maximum(boxes_xyxy_px[:, 2:].astype(np.float64) - boxes_xyxy_px[:, :2], 0.0)
     area: FloatArray = sides[:, 0] * sides[:, 1]
     return area

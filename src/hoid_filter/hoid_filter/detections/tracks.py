@@ -64,7 +64,10 @@ class BoxTrack:
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the track is used: after one trusted or enough doubtful detections."""
+        """Return whether the track has one trusted detection, or enough doubtful ones, to be used.
+
+        A person who is not confirmed does not count as a person.
+        """
         return self.hits >= self.hits_to_confirm
 
     def observe(
@@ -215,7 +218,7 @@ class BoxTracker:
 
 
 def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
-    """Return the time from the last detection of a track to a stamp."""
+    """Return the time [s] from the last detection of a track to a stamp."""
     return (stamp_ns - track.seen_ns) * S_PER_NS
 
 

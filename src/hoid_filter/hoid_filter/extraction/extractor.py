@@ -162,7 +162,10 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
 
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
-    """Return the (num_levels,) numbers of features per level, in proportion to 1 / scale."""
+    """Return the (num_levels,) numbers of features per level, in proportion to 1 / scale.
+
+    Their sum is `num_features`.
+    """
     weights = scale_factor ** -np.arange(num_levels, dtype=np.float64)
     ends = np.round(np.cumsum(weights) / weights.sum() * num_features).astype(np.int64)
     return np.concatenate([ends[:1], ends[1:] - ends[:-1]])

@@ -125,7 +125,10 @@ class DepthHistory:
         )
 
     def _nearest(self, now_s: float, age_s: float) -> _PastDepth | None:
-        """Return the stored depth image of about the age `age_s`; None if none is stored."""
+        """Return the stored depth image whose age is nearest to `age_s`.
+
+        None is returned if this age differs from `age_s` by more than the tolerance.
+        """
         if not self._past:
             return None
         tolerance_s = max(_AGE_TOLERANCE * age_s, _MIN_AGE_TOLERANCE_S)

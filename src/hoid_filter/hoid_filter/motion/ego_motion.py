@@ -72,7 +72,10 @@ class EgoMotion:
         self.noise_px = _MAX_NOISE_PX
 
     def update_noise(self, residuals_px: FloatArray) -> None:
-        """Update `noise_px` with the (N,) reprojection errors of mostly static points."""
+        """Update `noise_px` with the (N,) reprojection errors of mostly static points.
+
+        Fewer than `MIN_POINTS` errors are ignored.
+        """
         if len(residuals_px) < MIN_POINTS:
             return
         middle = len(residuals_px) // 2
