@@ -172,7 +172,10 @@ class OnnxDetector:
             )
 
     def _report_silence(self, *, has_boxes: bool) -> None:
-        """Log a warning if none of the first images had a box, as with a wrong input format."""
+        """Log a warning once if none of the first 300 images had a box.
+
+        A wrong input format (color order, value range or placement) has this effect.
+        """
         if has_boxes or self._num_empty is None:
             self._num_empty = None
             return

@@ -21,7 +21,7 @@ Outputs = Sequence[NDArray[Any]]
 
 
 class Candidates(NamedTuple):
-    """Boxes before non-maximum suppression."""
+    """N boxes with their scores and classes, before non-maximum suppression."""
 
     boxes_xyxy_px: Float32Array  # (N, 4), of the network input
     scores: Float32Array  # (N,)

@@ -79,7 +79,7 @@ CLASS_IDS = (FROM_0, FROM_1, COCO_91)
 
 
 def class_ids(name: str, num_classes: int) -> ClassIds:
-    """Return the convention of this name for a number of class names."""
+    """Return the convention `from_0`, `from_1` or `coco_91` for a number of class names."""
     index = np.arange(num_classes)
     if name == FROM_1:
         index = np.concatenate([[-1], index])
@@ -138,7 +138,7 @@ class Columns(NamedTuple):
 
 
 def columns(table: Float32Array, order: Order) -> Columns:
-    """Return the columns of a (N, C) table."""
+    """Split an (N, C) table into its columns, given their order; boxes become x1, y1, x2, y2."""
     at, found = 0, {}
     for word in order:
         width = 4 if word in _BOXES else 1
@@ -246,7 +246,10 @@ class FinishedDecoder:
 
 
 def _are_normalized(found: Columns, threshold: float) -> bool | None:
-    """Return whether boxes are fractions of the input, or None if too few show it."""
+    """Return whether boxes are fractions of the input, or None if there are too few to decide.
+
+    Only boxes with a score of at least the threshold are considered, if there are any.
+    """
     is_strong = found.scores >= threshold
     if is_strong.any():
         boxes = found.boxes[is_strong]

@@ -59,7 +59,10 @@ def _num_valid_rows(output: NDArray[Any]) -> int:
 
 
 def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
-    """Return the decoder of columns in several outputs, whose names state the order."""
+    """Return the decoder of finished boxes whose columns are in several outputs.
+
+    The names of the outputs state the order of the columns.
+    """
     order = _order_in_names(probe)
     if order is None:
         raise probe.unknown()
@@ -84,7 +87,12 @@ def _order_in_names(probe: Probe) -> Order | None:
 
 
 def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, int | None]:
-    """Return the decoder of a table, with the given order of columns or the possible ones."""
+    """Return the decoder of a table of finished boxes.
+
+    If no order of columns is given, the one that the name of the output or the metadata state is
+    taken. Without either, all known orders with this number of columns are possible, and the
+    decoder excludes those that do not fit.
+    """
     num_columns = probe.table.shape[-1]
     stated = order or order_in_name(probe.names[0], num_columns)
     if stated is None and _is_ultralytics(probe):
@@ -97,7 +105,7 @@ def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, in
 def _finished(
     probe: Probe, table_of: Callable[[Outputs], Float32Array], orders: Sequence[Order]
 ) -> FinishedDecoder:
-    """Return the decoder of finished boxes, which has learned from the test image."""
+    """Return a decoder that has excluded the readings that do not fit the test image."""
     normalized = None if probe.box_units == AUTO else probe.box_units == 'normalized'
     readings = [Reading(order, ids) for order in orders for ids in _conventions(probe)]
     decoder = FinishedDecoder(table_of, readings, normalized)

@@ -154,7 +154,10 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
 
 
 def _takes_one_image(shape: Sequence[int | str | None]) -> bool:
-    """Return whether an input shape is that of one color image; names and None are any size."""
+    """Return whether an input shape is that of one color image.
+
+    A name or None in the shape stands for any length.
+    """
     return len(shape) == 4 and 3 in shape[1::2] and (shape[0] == 1 or type(shape[0]) is not int)
 
 

@@ -51,7 +51,7 @@ class Probe:
 
     @property
     def num_classes(self) -> int | None:
-        """Return the number of class names, where they are known."""
+        """Return the number of class names; None if they are unknown."""
         return None if self.class_names is None else len(self.class_names)
 
     @property
