@@ -50,7 +50,10 @@ def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingC
 
 
 def _around(atlas: Atlas, i: int) -> IntArray:
-    """Return keyframe `i`, its parent, and the keyframes that share points with the parent."""
+    """Return rows: keyframe `i`, its parent, and the keyframes that share points with the parent.
+
+    Without a parent, it is keyframe `i` alone.
+    """
     parent = atlas.keyframes.index_of(int(atlas.keyframes.parent_uid[i]))
     return np.array([i]) if parent is None else np.r_[i, parent, atlas.covisible(parent)]
 

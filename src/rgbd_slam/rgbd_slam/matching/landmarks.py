@@ -70,7 +70,7 @@ class Correspondences(NamedTuple):
 
 
 def landmarks_of_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
-    """Return the map points that a tracked frame observed."""
+    """Return, as landmarks, the map points that a tracked frame observed and that still exist."""
     points = last.current_points(atlas)
     k = np.flatnonzero(points != NO_POINT)
     j, table = points[k], atlas.points
@@ -84,7 +84,7 @@ def landmarks_of_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
 
 
 def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
-    """Return the map points that a keyframe observes."""
+    """Return, as landmarks, the map points that the keyframe in row `i` observes."""
     keyframes, table = atlas.keyframes, atlas.points
     k = np.flatnonzero(keyframes.point_of_feature[i] != NO_POINT)
     j = keyframes.point_of_feature[i, k].astype(np.int64)

@@ -80,7 +80,7 @@ class Atlas(MapTables):
         return i
 
     def set_poses(self, i: IntArray, T_map_camera: FloatArray) -> None:
-        """Set the poses (N, 4, 4) of keyframes (N,)."""
+        """Set the poses T_map_camera (N, 4, 4) of the keyframes in rows `i` (N,)."""
         self.keyframes.T_map_camera[i] = T_map_camera
         self.keyframes.version[i] = self.version
 

@@ -111,7 +111,7 @@ class KeyframeTable(SoaTable):
         return int(self.point_of_feature.shape[1])
 
     def grow(self, capacity: int) -> None:
-        """Enlarge all columns to `capacity` rows."""
+        """Enlarge all columns to `capacity` rows; the new rows are empty."""
         old = self.capacity
         super().grow(capacity)
         self.point_of_feature[old:] = NO_POINT
@@ -235,7 +235,12 @@ class KeyframeTable(SoaTable):
         return change._replace(fixed_columns=kept)
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite rows with those of another copy of the table at a version of the map."""
+        """Overwrite the changed rows with those of another copy of the table.
+
+        Args:
+            change: The rows that changed, as `rows_since` of the other copy returned them.
+            version: Version of the map to which the change leads.
+        """
         if 'octave' in change.fixed_columns:
             width = change.fixed_columns['octave'].shape[1]
             if width > self.max_features:

@@ -74,7 +74,7 @@ class MapTables:
         return self._graph.neighbors(i, min_shared).rows[:limit]
 
     def edges(self) -> Edges:
-        """Return all pairs of keyframes that share points, by first and second row."""
+        """Return all pairs of keyframes that share points, sorted by first and second row."""
         return self._graph.edges()
 
     def points_of(self, keyframes: IntArray) -> IntArray:
@@ -82,7 +82,7 @@ class MapTables:
         return self._graph.points_of(self.keyframes.point_of_feature, keyframes)
 
     def count_observed(self, j: IntArray, keyframes: IntArray) -> IntArray:
-        """Return the (N,) numbers of the points `j` (P,) that each of the keyframes observes."""
+        """Return how many of the points in rows `j` (P,) each of the keyframes (N,) observes."""
         return self._graph.count_observed(j, keyframes)
 
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
@@ -252,7 +252,10 @@ class MapTables:
         return np.asarray(which >= 0)
 
     def _positions_since(self, version: int) -> PointPositions:
-        """Return the positions of points of which nothing else has changed after `version`."""
+        """Return the positions that changed after `version`, of points without other changes.
+
+        The positions of points with other changes are among the rows of `rows_since`.
+        """
         points = self.points
         rows = np.flatnonzero((points.shifted > version) & (points.version <= version))
         rows = rows[points.uid[rows] != DEAD]

@@ -55,7 +55,7 @@ class PoseProblem:
 
     @property
     def arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the three arrays in the order of the arguments of the kernels."""
+        """Return the three arrays in the order of the arguments of `hoid_native`'s functions."""
         return self.points_m, self.measured_px, self.inv_sigma2
 
     def select(self, keep: BoolArray) -> PoseProblem:

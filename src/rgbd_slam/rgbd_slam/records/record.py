@@ -77,12 +77,23 @@ class Record:
         }
 
     def write(self, path: Path) -> None:
-        """Write the record to a temporary file for another process."""
+        """Write the record to a file from which another process reads it.
+
+        Args:
+            path: The file, which is replaced if it exists; NumPy appends `.npz` to other names.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
         np.savez(path, allow_pickle=False, **self.arrays())
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file that `write` made."""
+        """Return the record in a file that `write` made.
+
+        Raises:
+            OSError: The file cannot be read.
+        """
         with np.load(path) as arrays:
             return cls.of(arrays)
 

@@ -120,7 +120,13 @@ class SoaTable:
     def append(
         self, columns: Mapping[str, Column], version: int, first_uid: int | None = None
     ) -> IntArray:
-        """Add elements with the given (N, ...) columns and return their (N,) rows."""
+        """Add N elements and return their (N,) rows.
+
+        Args:
+            columns: (N, ...) values by column. Other columns keep what these rows held before.
+            version: Version of the map.
+            first_uid: The uid of the first element; the others follow. None: the next unused one.
+        """
         rows = self.allocate(len(next(iter(columns.values()))), version, first_uid)
         for name, values in columns.items():
             getattr(self, name)[rows] = values
@@ -132,7 +138,10 @@ class SoaTable:
         self._next_uid += by
 
     def release(self, rows: IntArray, version: int) -> None:
-        """Remove the elements of rows, which become empty, at a version of the map."""
+        """Remove the elements of rows, which become empty; rows that are empty are skipped.
+
+        `version` is that of the map in which they are removed.
+        """
         rows = np.unique(rows[self.uid[rows] != DEAD])
         self.uid[rows] = DEAD
         self._num_alive -= len(rows)
@@ -175,7 +184,12 @@ class SoaTable:
         return values.astype(np.int32) if is_narrow else values
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite rows with those of another copy of the same table at a version of the map."""
+        """Overwrite the changed rows with those of another copy of the same table.
+
+        Args:
+            change: The rows that changed, as `rows_since` of the other copy returned them.
+            version: Version of the map to which the change leads.
+        """
         if change.capacity > self.capacity:
             self.grow(change.capacity)
         self._num_alive += int(np.count_nonzero(change.columns['uid'] != DEAD))
