@@ -138,7 +138,8 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
     """Return the image input of a model, and the input for the image size or None.
 
     Raises:
-        ModelError: The model has inputs of other kinds.
+        ModelError: The model does not have exactly one image input, or it has more than one
+            further input or one of another kind.
     """
     images = [i for i in inputs if _takes_one_image(i.shape) and i.type in _DTYPES]
     sizes = [

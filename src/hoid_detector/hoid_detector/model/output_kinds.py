@@ -14,9 +14,10 @@ _CLASS_WORDS = ('label', 'class', 'cls', 'logit', 'score')
 
 
 def is_boxes(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output contains boxes.
+    """Return whether an output contains boxes, by its four columns and its name.
 
-    A table of four classes has as many columns, so the name decides where it says what it is.
+    A table with the scores of four classes has four columns as well. Its name contains a word
+    such as `class` or `score`, but not `box`.
     """
     has_shape = output.ndim >= 2 and output.shape[-1] == 4
     return has_shape and ('box' in name or not any(word in name for word in _CLASS_WORDS))

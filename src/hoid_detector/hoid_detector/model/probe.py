@@ -80,7 +80,9 @@ class Probe:
 
     @property
     def num_before_classes(self) -> int | None:
-        """Return 4 (box) or 5 (box, objectness), or None where the output is no grid of anchors.
+        """Return the number of channels before the class scores; None if the output is no grid.
+
+        It is 4 for a box alone, and 5 for a box and objectness.
 
         Without class names, models with COCO's 80 classes are recognized. Others are assumed to
         have no objectness where the channels come before the anchors, as YOLOv8 exports them.

@@ -77,7 +77,7 @@ class BoxTrack:
 
         Args:
             box: x1, y1, x2, y2 of the detection in px.
-            expected: The box that was predicted for the stamp of the detection, likewise.
+            expected: The box predicted for the stamp of the detection, in the same form.
             class_name: Class of the detection.
             score: Score of the detection.
             stamp_ns: Stamp of the image in which the detection was made.

@@ -79,7 +79,7 @@ class DepthHistory:
         Args:
             view: The view.
             T_world_camera: (4, 4) camera pose of the view.
-            turn_radps: (3,) turn rate of the camera.
+            turn_radps: (3,) turn rate of the camera in the view.
         """
         if self._past and view.stamp_s - self._past[-1].stamp_s < _MIN_SPACING_S:
             return
