@@ -283,7 +283,7 @@ class Atlas(MapTables):
         keyframes.version[i] = points.version[j] = self.version
 
     def append_keyframes(self, saved: SavedKeyframes, first_uid: int | None = None) -> IntArray:
-        """Add keyframes of an earlier session and return their (N,) rows.
+        """Add keyframes of an earlier session, without observations, and return their (N,) rows.
 
         Args:
             saved: The keyframes.
@@ -299,7 +299,7 @@ class Atlas(MapTables):
         return i
 
     def adopt(self, loaded: Atlas, version: int, first_point_uid: int) -> None:
-        """Take over the content of another atlas, which gets the content of this one instead.
+        """Exchange the content of this atlas with that of another one.
 
         The tables stay the same objects, because others refer to them; their columns are
         exchanged. The old content is not freed here: that takes 90 ms for 10,000 keyframes.

@@ -106,9 +106,10 @@ def _refined(
     camera: StereoCamera,
     limit_px: FloatArray,
 ) -> tuple[FloatArray, BoolArray]:
-    """Return a pose hypothesis aligned again to all its inliers with depth, and the new inliers.
+    """Refine a pose hypothesis; return the pose with most inliers, and their (N,) mask.
 
-    Three points alone carry much noise (LO-RANSAC: Chum, Matas and Kittler, DAGM 2003).
+    The pose is aligned to its inliers with depth in up to four iterations, because a pose of three
+    points alone carries much noise (LO-RANSAC: Chum, Matas and Kittler, DAGM 2003).
     """
     best, most = T_camera_points, inliers
     for _ in range(_NUM_REFINEMENTS):

@@ -57,7 +57,7 @@ class DiskArray:
             self.array[: len(old)] = old
 
     def write_rows(self, first: int, rows: Array) -> None:
-        """Replace the rows from `first` on.
+        """Replace the rows from row `first` on by `rows`.
 
         Writing to the file takes half the time of filling its mapped pages one by one.
         """
