@@ -126,10 +126,10 @@ class DetectorConfig(Config):
         'Layout of the network output. Set it when the layout of a model is not recognized: '
         'yolov5, yolov8, yolox, yolox_raw (boxes in units of grid cells), yolo_nas, rtdetr '
         '(export by Ultralytics) and detr (export by Transformers) are named after the models. '
-        'end_to_end is for models that remove overlapping boxes themselves and output boxes, '
-        'scores and classes in an order that can be recognized. If it cannot, choose the value '
-        'that names the columns in their order: xyxy or yxyx (left, top, right, bottom, or y '
-        'before x), score, class, and batch in front if the first column is the number of the '
+        'The value end_to_end is for models that remove overlapping boxes themselves and output '
+        'boxes, scores and classes in an order that can be recognized. If it cannot, choose the '
+        'value that names the columns in their order: xyxy or yxyx (left, top, right, bottom, or '
+        'y before x), score, class, and batch in front if the first column is the number of the '
         'image in the batch.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,

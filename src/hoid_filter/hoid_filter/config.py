@@ -173,8 +173,8 @@ class FilterConfig(Config):
 
     strategy: str = param(
         'hoid+',  # docs/results/strategies.md
-        'How dynamic objects are identified. hoid+ removes people, the objects that they handle, '
-        'and other regions that move. Choose motion to remove all regions that move, without a '
+        'How dynamic objects are identified. Choose hoid+ to remove people, the objects that they '
+        'handle, and other regions that move, motion to remove all regions that move, without a '
         'detector, hoid2d or hoid3d for the rules of the HOID paper, person to remove people '
         'only, none to remove nothing; descriptor is a baseline for comparisons. Other packages '
         'may add strategies.',
