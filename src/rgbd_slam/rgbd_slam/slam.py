@@ -296,7 +296,8 @@ class RgbdSlam:
         last = self.odometry.last
         if last is None:
             return None
-        return self._tracker.track(frame, last, *self.odometry.predict())
+        odometry = self.odometry
+        return self._tracker.track(frame, last, *odometry.predict(), prior=odometry.prior())
 
     def _relocalize(self, frame: Frame) -> TrackerOutput | None:
         """Relocalize a lost frame in the map and continue from it; None if its place is unknown.

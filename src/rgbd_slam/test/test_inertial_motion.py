@@ -8,7 +8,9 @@ import pytest
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import NS_PER_S, FloatArray
+from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.config.slam_config import TrackingConfig
+from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import read_kalibr, snapped
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
@@ -45,6 +47,13 @@ def tracked(T_map_camera: FloatArray, stamp_ns: int = START_NS) -> TrackedFrame:
     return TrackedFrame(frame, T_map_camera, none, none, 0, T_map_camera)
 
 
+def rotated(R: FloatArray) -> FloatArray:
+    """Return the transform (4, 4) of a rotation (3, 3)."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    return T
+
+
 def image_pose(k: float) -> FloatArray:
     """Return T_world_camera (4, 4) of an image."""
     return pose(k * 1e-9 * IMAGE_NS)
@@ -55,6 +64,30 @@ def test_nothing_is_predicted_before_the_gyro_has_been_compared() -> None:
     source.advance(START_NS + 10 * IMAGE_NS)
     assert source.predict() is None
     assert source.bridge() is None
+
+
+def test_a_prior_of_the_rotation_is_near_the_truth_and_can_be_switched_off() -> None:
+    source, shaken, num = followed(6.0)
+    source.advance(START_NS + (num + 1) * IMAGE_NS)
+    prior = source.rotation_prior()
+    assert prior is not None
+    true = se3.inverse(image_pose(num)) @ image_pose(num + 1)
+    turn = se3.log(se3.inverse(true) @ rotated(prior.R_first_second))[:3]
+    assert np.rad2deg(np.linalg.norm(turn)) < 0.1
+    assert 0.2 < np.rad2deg(prior.sigma_rad) < 0.5
+    odometry = Odometry(Atlas(1.2, 8), gyro=source)
+    assert odometry.prior() is None  # nothing has been tracked
+    odometry.last = tracked(image_pose(num))
+    found = odometry.prior()
+    assert found is not None
+    error = se3.log(found.T_camera_map @ image_pose(num + 1))[:3]
+    assert np.rad2deg(np.linalg.norm(error)) < 0.1
+    off = InertialMotion(Imu(ImuConfig(prior=False)))
+    assert off.rotation_prior() is None
+    source.start(START_NS + (num + 9) * IMAGE_NS)  # another frame than the last one that was added
+    source.advance(START_NS + (num + 10) * IMAGE_NS)
+    assert source.rotation_prior() is None
+    assert shaken.imu.fault is None
 
 
 def test_the_next_image_is_predicted() -> None:

@@ -13,7 +13,7 @@ from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.optimize.pose_consensus import PoseConsensus
-from rgbd_slam.optimize.pose_optimizer import PoseProblem, optimize_pose
+from rgbd_slam.optimize.pose_optimizer import PosePrior, PoseProblem, optimize_pose
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
 from rgbd_slam.slam import RgbdSlam
@@ -128,6 +128,24 @@ def test_without_the_consensus_near_objects_capture_the_pose() -> None:
         consensus = off.solve(problem, is_well_observed, np.eye(4))
         assert error_m(consensus.estimate.T_camera_map) > 0.02
         assert consensus.competing is None
+
+
+def test_a_prior_of_the_rotation_holds_where_a_few_matches_are_wrong() -> None:
+    small = Group(14, (3.0, 5.0), is_well_observed=True, within_px=((250, 180), (390, 300)))
+    problem, is_well_observed = seen(small)
+    measured_px = problem.measured_px.copy()
+    measured_px[:, 0] += np.linspace(-2.0, 2.0, len(problem))
+    measured_px[:, 2] = np.nan  # no depth
+    blurred = replace(problem, measured_px=measured_px)
+    information = np.diag([1 / np.deg2rad(0.1) ** 2] * 3 + [0.0] * 3)
+    errors_deg = []
+    for prior in (None, PosePrior(TRUTH, information)):
+        consensus = PoseConsensus(CAMERA, ConsensusConfig(), prior)
+        estimate = consensus.solve(blurred, is_well_observed, TRUTH).estimate
+        turn = se3.log(estimate.T_camera_map @ se3.inverse(TRUTH))[:3]
+        errors_deg.append(float(np.rad2deg(np.linalg.norm(turn))))
+    assert errors_deg[0] > 0.2
+    assert errors_deg[1] < 0.1
 
 
 def test_in_a_static_scene_all_matches_determine_the_pose() -> None:

@@ -18,6 +18,12 @@ class ImuConfig(Config):
         'gyro that contradicts the images is ignored in any case.',
         expert=True,
     )
+    prior: bool = param(
+        default=True,
+        description='Whether the gyro also supports the rotation of tracked images, beside their '
+        'features. Set it to false to let the features alone determine tracked poses.',
+        expert=True,
+    )
     level: bool = param(
         default=True,
         description='Whether an accelerometer makes the map frame level: z points up also if the '

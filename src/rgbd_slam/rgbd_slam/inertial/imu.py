@@ -16,7 +16,7 @@ from rgbd_slam.inertial.faults import (
     is_saturated,
 )
 from rgbd_slam.inertial.gravity import GravityEstimator
-from rgbd_slam.inertial.gyro_calibration import GyroCalibration, GyroFit
+from rgbd_slam.inertial.gyro_calibration import UNKNOWN_BIAS_RADPS, GyroCalibration, GyroFit
 from rgbd_slam.inertial.gyro_integral import rotation_between, rotation_vector
 from rgbd_slam.inertial.mounting import Mounting, snapped
 from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
@@ -141,6 +141,16 @@ class Imu:
         of_bias = fit.bias_sigma_radps * elapsed_s
         noise = _NOISE_RAD * math.sqrt(elapsed_s)
         return MeasuredRotation(R, math.hypot(of_turn, of_offset, of_bias, noise))
+
+    @property
+    def gives_prior(self) -> bool:
+        """Return whether measured rotations may support the poses of tracked images."""
+        return self._config.prior
+
+    @property
+    def bias_sigma_radps(self) -> float:
+        """Return the standard deviation of the bias of the gyro."""
+        return UNKNOWN_BIAS_RADPS if self.fit is None else self.fit.bias_sigma_radps
 
     def mount(self, mounting: Mounting) -> None:
         """Use a mounting that has become known; one that was given before is kept."""

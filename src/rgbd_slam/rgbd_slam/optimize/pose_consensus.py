@@ -25,6 +25,7 @@ from rgbd_slam.optimize.pose_optimizer import (
     CHI2_STEREO,
     GATES,
     PoseEstimate,
+    PosePrior,
     PoseProblem,
     covariance,
     optimize_pose,
@@ -129,11 +130,15 @@ class PoseConsensus:
     Args:
         camera: The camera with its measured noise.
         config: Parameters.
+        prior: A prior of the pose, which holds for each hypothesis; None if there is none.
     """
 
-    def __init__(self, camera: StereoCamera, config: ConsensusConfig) -> None:
+    def __init__(
+        self, camera: StereoCamera, config: ConsensusConfig, prior: PosePrior | None = None
+    ) -> None:
         self._camera = camera
         self._config = config
+        self._prior = prior
 
     def solve(
         self,
@@ -152,7 +157,7 @@ class PoseConsensus:
             is_initial: True for a pose that only guides the search for more matches. A small bias
                 does no harm there, so that no biasing region is searched for.
         """
-        fit_to_all = optimize_pose(self._camera, problem, T_camera_map)
+        fit_to_all = optimize_pose(self._camera, problem, T_camera_map, self._prior)
         if not self._config.enabled:
             return Consensus(fit_to_all)
         deciding = self._deciding_matches(problem, is_well_observed)
@@ -177,7 +182,7 @@ class PoseConsensus:
         self, deciding: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
     ) -> _Hypothesis:
         """Return the pose fitted to the matches `fitted`, evaluated on all deciding matches."""
-        fit = optimize_pose(self._camera, fitted, T_camera_map)
+        fit = optimize_pose(self._camera, fitted, T_camera_map, self._prior)
         cost, inliers = self._evaluate(deciding, fit.T_camera_map)
         return _Hypothesis(fit.T_camera_map, fit.information, cost, inliers)
 
@@ -208,7 +213,7 @@ class PoseConsensus:
             fit: The pose of all D matches.
         """
         matches_of_half = deciding.select(half)
-        own = optimize_pose(self._camera, matches_of_half, fit.T_camera_map)
+        own = optimize_pose(self._camera, matches_of_half, fit.T_camera_map, self._prior)
         least = self._evaluate(matches_of_half, own.T_camera_map).cost
         if self._is_consistent(fit.cost[half], least, self._config.max_cost_increase):
             return None
@@ -269,7 +274,7 @@ class PoseConsensus:
         evaluated = self._evaluate(problem, hypothesis.T_camera_map)
         limit = CHI2_STEREO * _noise_scale(hypothesis.cost)
         fitting = problem.select(evaluated.inliers & (evaluated.cost <= limit))
-        refit = optimize_pose(self._camera, fitting, hypothesis.T_camera_map)
+        refit = optimize_pose(self._camera, fitting, hypothesis.T_camera_map, self._prior)
         is_kept = self._supports(deciding, hypothesis, refit, self._config.max_cost_increase)
         kept = refit if is_kept else hypothesis
         return PoseEstimate(

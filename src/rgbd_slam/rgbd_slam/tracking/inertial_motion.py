@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
+from rgbd_slam.inertial.attitude_filter import AttitudeFilter
 from rgbd_slam.inertial.imu import Imu, MeasuredRotation
 from rgbd_slam.tracking.motion_sources import BridgedMotion
 
@@ -33,11 +36,15 @@ class InertialMotion:
         self._imu = imu
         self._start_ns = self._stamp_ns = self._step_ns = 0
         self._velocity_mps: FloatArray = np.zeros(3)  # in the frame of the last tracked image
+        self._attitude = AttitudeFilter()
+        self._observed_ns = 0  # stamp of the last tracked image
         self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
 
     def start(self, stamp_ns: int) -> None:
         """Set the stamp of the tracked frame from which `predict` and `bridge` give the motion."""
         self._start_ns = self._stamp_ns = stamp_ns
+        if stamp_ns != self._observed_ns:
+            self._attitude.restart()
 
     def advance(self, stamp_ns: int) -> None:
         """Set the stamp of the image up to which `predict` and `bridge` give the motion."""
@@ -51,6 +58,10 @@ class InertialMotion:
         elapsed_s = self._elapsed_s
         if elapsed_s <= 0:
             return
+        rotation = self._rotation()
+        R_gyro = None if rotation is None else rotation.R_first_second
+        self._attitude.add(R_gyro, T_last_camera[:3, :3], elapsed_s)
+        self._observed_ns = self._stamp_ns
         velocity_mps = T_last_camera[:3, 3] / elapsed_s
         share = elapsed_s / (elapsed_s + _SMOOTHING_S / 2)
         mean_mps = self._velocity_mps + share * (velocity_mps - self._velocity_mps)
@@ -70,6 +81,20 @@ class InertialMotion:
         """
         rotation = self._rotation()
         return None if rotation is None else se3.inverse(self._motion(rotation))
+
+    def rotation_prior(self) -> MeasuredRotation | None:
+        """Return how the camera has turned since the last image by a filtered attitude.
+
+        The tracked rotation of the last image counts for a part only. None is returned without a
+        usable gyro, and before the filter has seen some images.
+        """
+        correction, rotation = self._attitude.R_tracked_filtered, self._rotation()
+        if correction is None or rotation is None or not self._imu.gives_prior:
+            return None
+        sigma_rad = self._attitude.sigma_rad(self._imu.bias_sigma_radps)
+        return MeasuredRotation(
+            correction @ rotation.R_first_second, math.hypot(sigma_rad, rotation.sigma_rad)
+        )
 
     def bridge(self) -> BridgedMotion | None:
         """Return the inverse motion T_last_camera with its covariances.

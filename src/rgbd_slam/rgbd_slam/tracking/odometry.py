@@ -13,11 +13,12 @@ from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
+from rgbd_slam.optimize.pose_optimizer import PosePrior
+from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.motion_sources import (
     MOTION_SOURCES,
     BridgedMotion,
     MotionLookup,
-    MotionSource,
 )
 from rgbd_slam.tracking.pose_noise import PoseNoise
 from rgbd_slam.tracking.tracker import TrackerOutput
@@ -63,7 +64,7 @@ class Odometry:
         self,
         atlas: Atlas,
         wheels: MotionLookup | None = None,
-        gyro: MotionSource | None = None,
+        gyro: InertialMotion | None = None,
     ) -> None:
         self.last: TrackedFrame | None = None
         self.T_odom_camera = np.eye(4)
@@ -98,6 +99,16 @@ class Odometry:
             sources = sorted(sources, key=lambda source: source.bridge() is None)
         predictions = (source.predict() for source in sources)
         return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
+
+    def prior(self) -> PosePrior | None:
+        """Return a prior of the rotation of the current image by a gyro; None without one."""
+        rotation = None if self._gyro is None else self._gyro.rotation_prior()
+        if rotation is None or self.last is None:
+            return None
+        T_last_camera, information = np.eye(4), np.zeros((6, 6))
+        T_last_camera[:3, :3] = rotation.R_first_second
+        information[:3, :3] = np.eye(3) / rotation.sigma_rad**2
+        return PosePrior(se3.inverse(self.pose() @ T_last_camera), information)
 
     def min_inliers(self, T_camera_map: FloatArray) -> int:
         """Return the number of inliers that a pose (4, 4) of the current image needs.

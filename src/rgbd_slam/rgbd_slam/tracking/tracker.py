@@ -30,8 +30,9 @@ from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import align_image
-from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
-from rgbd_slam.optimize.pose_optimizer import PoseProblem
+from rgbd_slam.optimize.frame_pose import FramePose, FramePoseEstimator
+from rgbd_slam.optimize.pose_consensus import Consensus
+from rgbd_slam.optimize.pose_optimizer import PosePrior
 
 # Inliers of the initial pose. ORB-SLAM3, Tracking.cc, TrackWithMotionModel: the local map has to
 # add the rest.
@@ -70,18 +71,6 @@ class TrackerOutput:
         return self.num_inliers / max(self.num_matches, 1)
 
 
-class _PoseEstimate(NamedTuple):
-    """An estimated pose of a frame, and the correspondences that fit it."""
-
-    consensus: Consensus
-    inliers: Correspondences
-
-    @property
-    def T_camera_map(self) -> FloatArray:  # noqa: N802
-        """Return the (4, 4) transform from the map to the camera."""
-        return self.consensus.estimate.T_camera_map
-
-
 class _LocalMapMatches(NamedTuple):
     """The result of searching the points of the local map in a frame."""
 
@@ -108,16 +97,20 @@ class Tracker:
         self._atlas = atlas
         self._config = config
         self._seed = seed
-        self._inv_sigma2 = atlas.octave_scale**-2.0
+        self._poses = FramePoseEstimator(camera, atlas, config.consensus)
         # Returns how many inliers a pose T_camera_map (4, 4) needs to be accepted.
         self.min_inliers: Callable[[FloatArray], int] = lambda _: config.min_inliers
 
     def use_camera(self, camera: StereoCamera) -> None:
         """Replace the camera by the same one with its measured noise."""
-        self._camera = camera
+        self._camera = self._poses.camera = camera
 
     def track(
-        self, frame: Frame, last: TrackedFrame, *T_camera_last: FloatArray
+        self,
+        frame: Frame,
+        last: TrackedFrame,
+        *T_camera_last: FloatArray,
+        prior: PosePrior | None = None,
     ) -> TrackerOutput | None:
         """Return the tracked frame; None if no pose has enough inliers, or the last map is gone.
 
@@ -130,7 +123,9 @@ class Tracker:
             last: The previous tracked frame.
             *T_camera_last: (4, 4) predicted motions since the last frame, the most likely first.
                 They only place the search windows; the matches determine the pose.
+            prior: A prior of the pose, which counts beside the matches; None if there is none.
         """
+        self._poses.prior = prior
         if self._atlas.anchor(last.reference_uid) is None:
             return None
         best = None
@@ -157,9 +152,10 @@ class Tracker:
             points: (N,) point that each feature observes, or NO_POINT.
             reference_uid: Uid of a keyframe that observes many of these points.
         """
+        self._poses.prior = None
         k = np.flatnonzero(points != NO_POINT)
         found = Correspondences(k, points[k], self._atlas.points.position_m[points[k]])
-        initial = self._optimize(frame, found, T_camera_map, is_initial=True)
+        initial = self._poses.estimate(frame, found, T_camera_map, is_initial=True)
         return self._refine(frame, initial, reference_uid)
 
     def _initial_poses(
@@ -167,7 +163,7 @@ class Tracker:
         frame: Frame,
         last: TrackedFrame,
         T_camera_last: Sequence[FloatArray],
-    ) -> Iterator[_PoseEstimate | None]:
+    ) -> Iterator[FramePose | None]:
         """Yield initial poses, from the cheapest search to the most expensive one.
 
         None is yielded for a search that fails. If the last frame observed at least `few_points`
@@ -195,7 +191,7 @@ class Tracker:
         landmarks: Landmarks,
         T_camera_map: FloatArray,
         radii_px: tuple[float, ...],
-    ) -> _PoseEstimate | None:
+    ) -> FramePose | None:
         """Return the pose from landmarks found near their predicted projections; None if few fit.
 
         `radii_px` are half sides of search windows in octave 0, each of which is tried until one
@@ -225,7 +221,7 @@ class Tracker:
 
     def _pose_by_descriptors(
         self, frame: Frame, last: TrackedFrame, known: Landmarks
-    ) -> _PoseEstimate | None:
+    ) -> FramePose | None:
         """Return the pose from descriptor matches with the last frame and its reference keyframe.
 
         No predicted pose is needed. None is returned if too few matches fit, or if the camera
@@ -271,24 +267,24 @@ class Tracker:
 
     def _initial_pose(
         self, frame: Frame, landmarks: Landmarks, matches: Matches, T_camera_map: FloatArray
-    ) -> _PoseEstimate | None:
+    ) -> FramePose | None:
         """Return the pose optimized on matches with landmarks; None if too few of them fit."""
         found = landmarks.matched(matches)
-        initial = self._optimize(frame, found, T_camera_map, is_initial=True)
+        initial = self._poses.estimate(frame, found, T_camera_map, is_initial=True)
         return initial if len(initial.inliers.k) >= _MIN_INITIAL_INLIERS else None
 
     def _refine(
-        self, frame: Frame, initial: _PoseEstimate, reference_uid: int
+        self, frame: Frame, initial: FramePose, reference_uid: int
     ) -> TrackerOutput | None:
         """Return the frame with its pose refined on the local map; None if too few points fit."""
         searched = self._match_local_map(frame, initial, reference_uid)
-        refined = self._optimize(frame, searched.correspondences, initial.T_camera_map)
+        refined = self._poses.estimate(frame, searched.correspondences, initial.T_camera_map)
         if len(refined.inliers.k) < self.min_inliers(refined.T_camera_map):
             return None
         return self._output(frame, searched, refined)
 
     def _match_local_map(
-        self, frame: Frame, initial: _PoseEstimate, reference_uid: int
+        self, frame: Frame, initial: FramePose, reference_uid: int
     ) -> _LocalMapMatches:
         """Return matches of a frame with the local map, which lies around a reference keyframe.
 
@@ -322,7 +318,7 @@ class Tracker:
         )
 
     def _output(
-        self, frame: Frame, searched: _LocalMapMatches, refined: _PoseEstimate
+        self, frame: Frame, searched: _LocalMapMatches, refined: FramePose
     ) -> TrackerOutput:
         """Return the tracked frame, without the points of an object that biases the pose.
 
@@ -368,33 +364,3 @@ class Tracker:
         share = self._config.convincing_share
         num_last = int(np.count_nonzero(last.points != NO_POINT))
         return tracking.inlier_share > share or tracking.num_inliers > share * num_last
-
-    def _optimize(
-        self,
-        frame: Frame,
-        found: Correspondences,
-        T_camera_map: FloatArray,
-        *,
-        is_initial: bool = False,
-    ) -> _PoseEstimate:
-        """Return the pose optimized on correspondences, and those that fit it.
-
-        Args:
-            frame: The frame.
-            found: The correspondences.
-            T_camera_map: (4, 4) pose at which the optimization starts.
-            is_initial: True for a pose that only guides the search for more matches.
-        """
-        problem = PoseProblem(
-            found.position_m,
-            frame.measurement_px.take(found.k, 0).astype(np.float64),
-            self._inv_sigma2[frame.octave[found.k]],
-        )
-        config = self._config.consensus
-        num_observations = self._atlas.points.num_observations[found.point]
-        is_in_map = found.point != NO_POINT
-        is_well_observed = is_in_map & (num_observations >= config.min_observations)
-        consensus = PoseConsensus(self._camera, config).solve(
-            problem, is_well_observed, T_camera_map, is_initial=is_initial
-        )
-        return _PoseEstimate(consensus, found.select(consensus.estimate.inliers))

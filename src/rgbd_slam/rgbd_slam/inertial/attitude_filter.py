@@ -1,0 +1,77 @@
+"""A filtered attitude: the gyro over short times, the tracked rotation over long ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.values import FloatArray
+from rgbd_slam.inertial.gyro_integral import rotation_vector
+
+# Chosen: time over which the tracked rotations are averaged. A bias that is found to 0.005 rad/s
+# turns the attitude by 0.15 degrees in it. A prior that hangs on the last image alone does harm:
+# it holds a wrong rotation.
+_AVERAGING_S = 0.5
+_LEAST_S = 0.1  # chosen: with fewer images, the attitude is that of the last one
+_SPREAD_S = 1.0  # chosen: time over which the spread of the tracked rotations is measured
+_INITIAL_SPREAD_RAD = np.deg2rad(0.5)  # chosen: of the rotations of blurred images
+_CORRELATED = 4.0  # chosen: factor of the variance, as errors of tracking last for some images
+_LEAST_SIGMA_RAD = np.deg2rad(0.2)  # chosen: of a prior; what the stamps leave open in fast turns
+
+
+class AttitudeFilter:
+    """Averages the differences between tracked rotations and those of a gyro.
+
+    This is a complementary filter (Mahony et al., TAC 2008) whose gain is 1 / n for the first n
+    images. It is kept relative to the last tracked image, so that corrections of the map do not
+    matter.
+    """
+
+    def __init__(self) -> None:
+        self._R_filtered_tracked: FloatArray = np.eye(3)  # at the last tracked image
+        self._variance_rad2 = _INITIAL_SPREAD_RAD**2  # of a tracked rotation about each axis
+        self._time_s = self._step_s = 0.0
+
+    def restart(self) -> None:
+        """Forget the average: the next tracked image does not continue the last one."""
+        self._R_filtered_tracked = np.eye(3)
+        self._time_s = 0.0
+
+    def add(self, R_gyro: FloatArray | None, R_tracked: FloatArray, elapsed_s: float) -> None:
+        """Add the rotation R_last_camera (3, 3) to the next image by the gyro and as tracked.
+
+        Args:
+            R_gyro: By the gyro; None if it is unknown, which restarts the filter.
+            R_tracked: As tracked.
+            elapsed_s: Time between both images.
+        """
+        if R_gyro is None or elapsed_s <= 0:
+            self.restart()
+            return
+        error_rad = rotation_vector(R_gyro.T @ self._R_filtered_tracked @ R_tracked)
+        self._step_s, self._time_s = elapsed_s, self._time_s + elapsed_s
+        share = min(elapsed_s / _SPREAD_S, 1.0)
+        self._variance_rad2 += share * (float(error_rad @ error_rad) / 3 - self._variance_rad2)
+        kept = 1.0 - min(elapsed_s / self._averaged_s, 1.0)
+        self._R_filtered_tracked = se3.exp(np.append(kept * error_rad, np.zeros(3)))[:3, :3]
+
+    @property
+    def R_tracked_filtered(self) -> FloatArray | None:  # noqa: N802
+        """Return the correction (3, 3) of the last tracked rotation; None after a restart."""
+        return None if self._time_s < _LEAST_S else self._R_filtered_tracked.T
+
+    def sigma_rad(self, bias_sigma_radps: float) -> float:
+        """Return the standard deviation of the filtered attitude about each axis.
+
+        Args:
+            bias_sigma_radps: Standard deviation of the bias of the gyro.
+        """
+        averaged_s = max(self._averaged_s, self._step_s)
+        of_images = math.sqrt(_CORRELATED * self._variance_rad2 * self._step_s / averaged_s)
+        return math.hypot(_LEAST_SIGMA_RAD, of_images, 0.5 * averaged_s * bias_sigma_radps)
+
+    @property
+    def _averaged_s(self) -> float:
+        return min(self._time_s, _AVERAGING_S)
