@@ -10,7 +10,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
-from hoid_common.values import NS_PER_S, S_PER_NS, CameraModel, Features, FloatArray, IntArray
+from hoid_common.values import CameraModel, Features, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.mapper import KeyframeRequest
@@ -28,7 +28,7 @@ from rgbd_slam.statistics import SlamStats, slam_stats
 from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
-from rgbd_slam.tracking.loss import LossTimer, NewMapPolicy
+from rgbd_slam.tracking.loss import LossTimer, NewMapPolicy, OffMapWatch
 from rgbd_slam.tracking.motion_sources import MotionLookup
 from rgbd_slam.tracking.odometry import Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
@@ -38,11 +38,6 @@ from rgbd_slam.tracking.tracking_result import TrackingResult
 from rgbd_slam.tracking.warm_up import WarmUp
 
 _MS = 1e3
-_OFF_MAP_NS = NS_PER_S  # chosen: tracking without the map for longer is reported
-_OFF_MAP = (
-    'for {:.0f} s fewer than {} points of the map have been seen; the pose rests on the depth of '
-    'the last image and drifts'
-)
 # Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
 # Triangulation adds points to the first map later.
 _MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
@@ -97,8 +92,7 @@ class RgbdSlam:
         close_px = self._camera.baseline_px_m / config.camera.close_limit_m
         self._policy = KeyframePolicy(atlas, config.keyframes, close_px)
         self._tallies = PointTallies(atlas.points)
-        self._off_map_since_ns: int | None = None
-        self.num_off_map = 0  # frames that were tracked with too few points of the map
+        self._off_map = OffMapWatch(config.tracking.min_inliers)
 
     def process(self, features: Features) -> TrackingResult:
         """Call `track` and then `learn`, and return the result; raises the errors of `track`."""
@@ -214,7 +208,7 @@ class RgbdSlam:
             num_inliers=tracking.num_inliers,
             stage_ms={'track': _MS * (time.thread_time() - start_s)},
             competing=tracking.consensus.competing,
-            note=self._off_map_note(tracking),
+            note=self._off_map.add(frame.stamp_ns, is_on_map=tracking.is_on_map),
             to_learn=tracking,
         )
         return self._tracked
@@ -247,23 +241,6 @@ class RgbdSlam:
             is_predicted=True,
             to_learn=None,
         )
-
-    def _off_map_note(self, tracking: TrackerOutput) -> str:
-        """Return a warning if the pose has not rested on the map for a second or more, else ''.
-
-        Also counts the frames that see too few map points.
-        """
-        stamp_ns = tracking.tracked.frame.stamp_ns
-        if tracking.is_on_map:
-            self._off_map_since_ns = None
-            return ''
-        self.num_off_map += 1
-        if self._off_map_since_ns is None or stamp_ns < self._off_map_since_ns:
-            self._off_map_since_ns = stamp_ns
-        off_ns = stamp_ns - self._off_map_since_ns
-        if off_ns < _OFF_MAP_NS:
-            return ''
-        return _OFF_MAP.format(S_PER_NS * off_ns, self._config.tracking.min_inliers)
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
         """Start a map with this frame; without enough depth readings, return no pose instead."""
@@ -321,7 +298,11 @@ class RgbdSlam:
         bridge = self.odometry.bridge()
         limit_s = self._config.places.new_map_after_s
         if self.map.takes_keyframes and self._new_map.wants(
-            frame, self.odometry.last, self._loss_timer.lost_s, limit_s
+            frame,
+            self.odometry.last,
+            self._loss_timer.lost_s,
+            limit_s,
+            is_bridged=bridge is not None and bridge.is_short,
         ):
             pose = bridge.T_map_camera if bridge else self.odometry.pose()
             before, started = self.odometry.last, self._start_map(frame, pose)

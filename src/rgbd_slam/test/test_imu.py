@@ -10,6 +10,7 @@ from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.inertial.faults import GyroFault
 from rgbd_slam.inertial.gyro_integral import rotation_between
 from rgbd_slam.inertial.mounting import Mounting
+from rgbd_slam.inertial.report import ImuReport, report_of
 from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 
 from .shaken_imu import IMAGE_NS, START_NS, UP_WORLD, ShakenImu, pose
@@ -106,6 +107,21 @@ def test_offset_rotation_and_bias_are_found(offset_ms: int, R_camera_imu: FloatA
     assert news.text.startswith('imu: its stamps are ')
     assert not news.is_problem
     assert shaken.imu.take_news() == []
+
+
+def test_the_report_says_what_was_found() -> None:
+    shaken = ShakenImu(ODD, 0.02, BIAS, accelerometer=True)
+    assert report_of(shaken.imu) == ImuReport()
+    shaken.run(8.0)
+    report = report_of(shaken.imu)
+    assert report.time_offset_ms == pytest.approx(20.0, abs=2.0)
+    assert report.rotation_deg is not None
+    expected_deg = np.rad2deg(se3.log(np.block([[ODD, np.zeros((3, 1))], [np.eye(4)[3:]]]))[:3])
+    np.testing.assert_allclose(report.rotation_deg, expected_deg, atol=0.5)
+    assert report.gyro_bias_radps == pytest.approx(BIAS, abs=2e-3)
+    assert report.up_sigma_deg is not None
+    assert report.up_sigma_deg < 1.5
+    assert report.fault == ''
 
 
 def test_the_bias_is_found_in_five_seconds() -> None:

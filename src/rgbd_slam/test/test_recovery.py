@@ -9,9 +9,12 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
-from hoid_common.values import Features, FloatArray
+from hoid_common.values import NS_PER_S, Features, FloatArray
+from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.inertial.imu import Imu, MeasuredRotation
 from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking.loss import OffMapWatch
 
 from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
 
@@ -112,6 +115,36 @@ def test_a_covered_view_waits_and_new_ground_starts_maps_ever_less_often(
     assert [n for n, state in enumerate(states) if state is TRACKING] == starts
     assert slam.process(seen(world, 108, POSES[20])).state is TRACKING
     assert slam.odometry.is_in_main_map
+
+
+class StillGyro(Imu):
+    """A calibrated gyro of a camera that does not turn."""
+
+    def rotation(self, first_ns: int, second_ns: int) -> MeasuredRotation:  # noqa: ARG002
+        """Return no rotation."""
+        return MeasuredRotation(np.eye(3), 0.01)
+
+
+@pytest.mark.parametrize(
+    ('depth_m', 'starts'), [(0.5, []), (5.0, [12, 37, 68])], ids=['covered', 'new ground']
+)
+def test_new_ground_starts_a_map_before_a_gyro_stops_bridging(
+    depth_m: float, starts: list[int]
+) -> None:
+    world, slam = World(), RgbdSlam(CAMERA, SlamConfig(), imu=StillGyro(ImuConfig()))
+    for n in range(20):
+        slam.process(seen(world, n, POSES[20]))
+    lost = [covering(seen(world, n, POSES[20]), depth_m, seed=n) for n in range(20, 90)]
+    states = [slam.process(features).state for features in lost]
+    assert [n for n, state in enumerate(states) if state is TRACKING] == starts
+
+
+def test_a_pose_without_the_map_for_a_second_is_reported() -> None:
+    watch = OffMapWatch(30)
+    step_ns = NS_PER_S // 10
+    notes = [watch.add(k * step_ns, is_on_map=k == 2) for k in range(14)]
+    assert [k for k, note in enumerate(notes) if note] == [13]
+    assert notes[13].startswith('for 1 s fewer than 30 points of the map have been seen')
 
 
 def test_a_map_starts_in_the_first_sharp_image_and_in_a_poor_view_after_a_second() -> None:

@@ -19,6 +19,7 @@ from hoid_bringup.run.provenance import Provenance
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.dense.voxel_map import ColoredCloud
+from rgbd_slam.inertial.report import ImuReport
 from rgbd_slam.scene.grid import Grid
 
 _LOG = logging.getLogger(__name__)
@@ -89,6 +90,7 @@ class RunResult:
     cloud: ColoredCloud | None = None  # dense map, in the map frame
     grid: Grid | None = None
     recording: Path | None = None  # path of the recording
+    imu: ImuReport | None = None  # None: there was no IMU, or the run was live
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,7 @@ class Summary:
     peak_rss_by_node_mb: Mapping[str, float]
     cpu_share_by_node: Mapping[str, float]
     filter: FilterCounts
+    imu: ImuReport | None  # None: there was no IMU, or the run was live
     options: Mapping[str, Any]
     made_by: Provenance
     versions: Mapping[str, str]
@@ -154,6 +157,7 @@ def summarize(result: RunResult) -> Summary:
         peak_rss_by_node_mb={n: round(mb, 1) for n, mb in result.rss_by_node_mb.items()},
         cpu_share_by_node={n: round(c, 3) for n, c in result.cpu_share_by_node.items()},
         filter=result.filter_counts,
+        imu=result.imu,
         options=dict(result.options),
         made_by=Provenance.of_this_process(result.options),
         versions=versions(),

@@ -1,4 +1,4 @@
-"""Measures for how long the camera has been lost, and decides when it starts a new map."""
+"""Measures for how long a camera has been lost or off the map; decides on new maps."""
 
 from __future__ import annotations
 
@@ -33,6 +33,14 @@ _CELL_PX = 80.0  # chosen: side of the cells of the image in which depths are co
 # Chosen: a surface hides a map point if the point is farther away than the surface by more than a
 # quarter. The motion of a camera between two images changes depths by less.
 _HIDDEN_RATIO = 1.25
+# Chosen: after two thirds of the time that a gyro bridges, new ground starts a map even in a blur.
+# Such a map stays connected with the one before; a later one would not.
+_LATE_BRIDGE_S = 1.0
+_OFF_MAP_NS = NS_PER_S  # chosen: tracking without the map for longer is reported
+_OFF_MAP = (
+    'for {:.0f} s fewer than {} points of the map have been seen; the pose rests on the depth of '
+    'the last image and drifts'
+)
 _COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden in a covered view
 
 
@@ -69,6 +77,33 @@ class LossTimer:
     def lost_s(self) -> float:
         """Return the time [s] for which the camera has been lost."""
         return S_PER_NS * self._lost_ns
+
+
+class OffMapWatch:
+    """Watches for how long the pose rests on the last image instead of the map.
+
+    Args:
+        min_points: Number of map points with which a pose rests on the map, for the text.
+    """
+
+    def __init__(self, min_points: int) -> None:
+        self._min_points = min_points
+        self._since_ns: int | None = None
+
+    def add(self, stamp_ns: int, *, is_on_map: bool) -> str:
+        """Add a tracked image, and return a warning if this lasts for a second or more, else ''.
+
+        Args:
+            stamp_ns: Stamp of the image.
+            is_on_map: Whether enough points of the map were seen in it.
+        """
+        if is_on_map:
+            self._since_ns = None
+            return ''
+        if self._since_ns is None or stamp_ns < self._since_ns:
+            self._since_ns = stamp_ns
+        off_ns = stamp_ns - self._since_ns
+        return '' if off_ns < _OFF_MAP_NS else _OFF_MAP.format(S_PER_NS * off_ns, self._min_points)
 
 
 class NewMapPolicy:
@@ -115,7 +150,13 @@ class NewMapPolicy:
             self._wait_s = _NEW_GROUND_S
 
     def wants(
-        self, frame: Frame, last: TrackedFrame | None, lost_s: float, limit_s: float
+        self,
+        frame: Frame,
+        last: TrackedFrame | None,
+        lost_s: float,
+        limit_s: float,
+        *,
+        is_bridged: bool = False,
     ) -> bool:
         """Return whether a new map should start with this frame.
 
@@ -124,6 +165,7 @@ class NewMapPolicy:
             last: The last tracked frame; None: there is none, and only `limit_s` decides.
             lost_s: Time (s) for which the camera has been lost.
             limit_s: Time (s) after which a map is started whatever the view.
+            is_bridged: Whether a gyro still continues the pose, so that the maps stay connected.
         """
         if last is None or lost_s > limit_s:
             return lost_s > limit_s
@@ -132,9 +174,12 @@ class NewMapPolicy:
             self._was_covered = is_covered
         self._num_lost += 1
         is_blur = lost_s <= self._wait_s or self._num_lost <= _NEW_GROUND_IMAGES
+        is_late = is_bridged and lost_s > _LATE_BRIDGE_S
         needed = _SHARP_SHARE * self._usual if lost_s < _MAX_BLUR_S else 0
         has_features = _num_seeds(frame) >= max(needed, _MIN_NEW_GROUND)
-        return bool(has_features and not is_blur and not (self._was_covered and is_covered))
+        return bool(
+            has_features and (is_late or not is_blur) and not (self._was_covered and is_covered)
+        )
 
     def _is_covered(self, frame: Frame, last: TrackedFrame) -> bool:
         """Return whether a surface in the frame hides most map points in view of the last pose."""
