@@ -56,7 +56,7 @@ LAYERS = {
         < command_reference message_reference refusal_reference < __main__
     """,
     'hoid_benchmarks': """
-        consistency plan < jobs < rooms faults < building < live < report
+        animation consistency plan < jobs < rooms faults < building < live < report
         < publish demo_picture pictures < commands demo
     """,
 }

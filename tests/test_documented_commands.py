@@ -96,6 +96,13 @@ def test_the_script_exists(shown: Shown) -> None:
     assert (ROOT / shown.command.split()[1]).is_file()
 
 
+@pytest.mark.parametrize('shown', of('sudo'), ids=ids)
+def test_apt_installs_all_tools_that_the_set_up_needs(shown: Shown) -> None:
+    needed = re.findall(r"missing\+='([^']+)'", (ROOT / 'hoid').read_text())
+    assert len(needed) >= 5
+    assert set(' '.join(needed).split()) <= set(shown.command.split()[3:])
+
+
 @pytest.fixture
 def _stand_in() -> Iterator[None]:
     """Remove the stand-ins for ROS's launch packages after the test."""
@@ -143,6 +150,7 @@ def test_no_other_command_is_shown() -> None:
         'make',
         'python',
         'export',
+        'sudo apt',
         'ros2 launch',
         'ros2 run',
         'ros2 service',

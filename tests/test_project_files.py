@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -58,3 +59,22 @@ def test_issue_templates_have_a_name_and_a_purpose(name: str) -> None:
     header = yaml.safe_load(text.split('---')[1])
     assert header['name']
     assert header['about']
+
+
+def test_a_long_set_up_names_the_package_at_work(tmp_path: Path) -> None:
+    text = (ROOT / 'hoid').read_text()
+    functions = text[text.index('newest_package() {') : text.index('usable_python() {')]
+    script = f"""
+log={tmp_path}/log; say() {{ echo "hoid: $*"; }}; die() {{ say "$*"; exit 1; }}
+{functions.replace('sleep 10', 'sleep 0.5')}
+job() {{ echo 'Collecting numpy==2 (from x)'; echo 'Starting >>> hoid_native'; sleep 0.8; }}
+pip() {{ job; echo 'Installing collected packages: a, b'; sleep 0.8; }}
+run_logged 'building' job; run_logged 'installing' pip; run_logged 'failing' false
+"""
+    done = subprocess.run(['bash', '-c', script], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()
+    assert re.fullmatch(r'hoid: building: \d s, package 2 \(hoid_native\)', lines[1])
+    assert re.fullmatch(r'hoid: building: done in \d s', lines[2])
+    assert re.fullmatch(r'hoid: installing: \d s, installing 2 packages', lines[5])
+    assert lines[-1] == f'hoid: failing failed; see the log {tmp_path}/log'

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo, write_animation
+from hoid_benchmarks.animation import write_animation
+from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo
 from hoid_benchmarks.plan.plan import load_profile
 from hoid_bringup.commands import dropped_frames, print_detection_note
 from hoid_bringup.evaluate.evaluation import align
@@ -47,9 +48,9 @@ from hoid_synth.config import SceneConfig
 _WORKERS = 2
 _FRAMES, _SECONDS = 150, 20.0
 _SNAPSHOTS = (0.35, 0.6, 0.85)  # as shares of the recording
-_ANIMATED_EVERY = 10
+_ANIMATED_EVERY = 8
 _MAPPED_EVERY = 5  # chosen: images whose features the floor plans show
-_ANIMATED_PX = (240, 180)
+_ANIMATED_PX = 320  # width
 # Predicted and remembered objects would clutter the picture.
 _DRAWN = (Reason.PERSON, Reason.HANDLED)
 # The baseline of the paper, this tracker without a filter, and the default configuration.
@@ -138,10 +139,7 @@ def _draw(bag: BagSequence, configs: Mapping[str, RunConfig], out: Path) -> tupl
     seen = {_RULES: everything, _WITHOUT: everything, _WITH: frames[::_MAPPED_EVERY]}
     runs = {label: _run(bag, out / _FOLDERS[label], seen[label]) for label in configs}
     draw_demo(picture, runs, [frames[int(share * len(frames))] for share in _SNAPSHOTS])
-    write_animation(
-        animation,
-        [cv2.resize(f.image_bgr, _ANIMATED_PX) for f in frames[::_ANIMATED_EVERY]],  # type: ignore[misc]
-    )
+    write_animation(animation, [f.image_bgr for f in frames[::_ANIMATED_EVERY]], _ANIMATED_PX)
     return picture, animation
 
 

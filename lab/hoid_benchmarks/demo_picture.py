@@ -1,4 +1,4 @@
-"""The picture and the animation of `hoid demo`."""
+"""The picture of `hoid demo`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from PIL import Image
 
 from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray, Reason
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, Bgr
@@ -24,8 +23,6 @@ _LEAST_SHOWN_M = 0.0005
 _SHOWN_M = (0.15, 2.3)  # heights of the points drawn in the floor plan
 _PLAN_X_M, _PLAN_Y_M = (-0.5, 7.0), (-0.5, 6.2)
 _SHOWN_ABOUT_CAMERA_M = (-1.0, 1.0)  # the same if the first camera is the origin
-_ANIMATED_MS = 130
-_PALETTE = 48  # colors of the animation
 
 
 class Snapshot(NamedTuple):
@@ -68,14 +65,6 @@ def draw_demo(path: Path, runs: Mapping[str, DemoRun], shown: Sequence[Snapshot]
     )
     _draw_errors(bottom.subplots(), runs)
     figure.savefig(path, format='png', metadata={'Software': None})
-
-
-def write_animation(path: Path, images_bgr: Sequence[ByteArray]) -> None:
-    """Write images (H, W, 3) as a looping GIF."""
-    frames = [Image.fromarray(image[..., ::-1]).quantize(_PALETTE) for image in images_bgr]
-    frames[0].save(
-        path, save_all=True, append_images=frames[1:], duration=_ANIMATED_MS, loop=0, optimize=True
-    )
 
 
 def _draw_snapshots(figure: SubFigure, shown: Sequence[Snapshot]) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 
 from hoid_bags.options import add_recording_arguments, open_recording
 from hoid_bags.sequence import Sequence
+from hoid_benchmarks.animation import write_animation
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
 from hoid_bringup.run.options import DETECTOR_HELP
 from hoid_bringup.run.run_config import RunConfig
@@ -26,11 +27,12 @@ from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import write_error
 from hoid_common.values import ByteArray, Detections, RgbdFrame
 from hoid_filter.config import FilterConfig
-from hoid_filter.drawing import draw_result, draw_title
+from hoid_filter.drawing import draw_legend, draw_result, draw_title
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.strategy_registry import STRATEGIES
 
 _NUM_SCENES = 3
+_ANIMATED_EVERY, _ANIMATED_PX = 2, 440
 _STATELESS = ('none', 'hoid2d', 'hoid3d')  # strategies that classify each image by itself
 
 
@@ -64,6 +66,11 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
         help='strategy whose verdicts are drawn',
     )
     parser.add_argument('--detector', metavar='MODEL', default='', help=DETECTOR_HELP)
+    parser.add_argument(
+        '--animation',
+        action='store_true',
+        help='also write verdicts.gif: every second image from the first to the last of --frames',
+    )
 
 
 def pictures_command(args: argparse.Namespace) -> None:
@@ -78,8 +85,13 @@ def pictures_command(args: argparse.Namespace) -> None:
     detect = detection_source(sequence, run)  # needed even if the strategy is "none"
     config = FilterConfig(strategy=args.filter)
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
-    for path in write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out):
-        sys.stdout.write(f'{path}\n')
+    paths = write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out)
+    if args.animation:
+        animated = range(min(wanted), max(wanted) + 1, _ANIMATED_EVERY)
+        drawn = [scene.verdict for _, scene in draw_scenes(sequence, animated, detect, config)]
+        paths += (args.out / 'verdicts.gif',)
+        write_animation(paths[-1], drawn, _ANIMATED_PX)
+    sys.stdout.writelines(f'{path}\n' for path in paths)
 
 
 def frame_numbers(requested: list[int] | None, num_frames: int) -> list[int]:
@@ -136,20 +148,20 @@ def write_sheets(
     titled = list(zip(names, scenes, strict=True))
     sheets: dict[str, ByteArray] = {
         'verdicts': np.hstack([draw_title(s.verdict, f'{n}: {strategy}') for n, s in titled]),
-        'features': np.hstack([draw_title(s.everything, f'{n}: all') for n, s in titled]),
+        'features': np.hstack([draw_title(s.everything, f'{n}: none') for n, s in titled]),
         'rules': np.vstack(
             [
                 np.hstack(
                     [
-                        draw_title(s.kept_2d, f'{n}: kept by the 2-D rule'),
-                        draw_title(s.kept_3d, f'{n}: kept by the 3-D rule'),
+                        draw_title(s.kept_2d, f'{n}: hoid2d'),
+                        draw_title(s.kept_3d, f'{n}: hoid3d'),
                     ]
                 )
                 for n, s in titled
             ]
         ),
     }
-    return tuple(_write(out / f'{name}.png', sheet) for name, sheet in sheets.items())
+    return tuple(_write(out / f'{name}.png', draw_legend(sheet)) for name, sheet in sheets.items())
 
 
 def _draw_stateless(

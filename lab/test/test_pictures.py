@@ -70,7 +70,7 @@ def test_sheets_are_written(tmp_path: Path) -> None:
     scenes = [scene for _, scene in draw_scenes(Recording(), [0, 1], seen, FilterConfig())]
     paths = write_sheets(scenes, [0, 1], 'hoid+', tmp_path / 'new')
     sizes = {path.stem: np.asarray(cv2.imread(str(path))).shape[:2] for path in paths}
-    assert sizes == {'verdicts': (266, 640), 'features': (266, 640), 'rules': (532, 640)}
+    assert sizes == {'verdicts': (318, 640), 'features': (318, 640), 'rules': (584, 640)}
 
 
 def test_frames_are_requested_or_spread() -> None:

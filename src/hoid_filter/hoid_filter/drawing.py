@@ -22,9 +22,20 @@ REASON_BGR: dict[Reason, Bgr] = {
     Reason.MOVING: (0, 230, 230),
 }
 _TEXT_BGR: Bgr = (255, 255, 255)
+_LEGEND = (
+    ('feature kept', KEPT_BGR, True),
+    ('feature removed', REMOVED_BGR, True),
+    ('static object', REASON_BGR[Reason.STATIC], False),
+    ('person', REASON_BGR[Reason.PERSON], False),
+    ('handled object', REASON_BGR[Reason.HANDLED], False),
+    ('predicted, not detected', REASON_BGR[Reason.PREDICTED], False),
+    ('handled before', REASON_BGR[Reason.REMEMBERED], False),
+    ('moves, whatever it is', REASON_BGR[Reason.MOVING], False),
+)
 _FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 _RADIUS_PX = 2
 _BAR_PX = 26
+_LEGEND_MARK_PX, _LEGEND_GAP_PX = 22, 18
 _BAR_BGR: Bgr = (50, 50, 50)
 
 
@@ -38,7 +49,9 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
     draw_points(picture, result.features.uv_px, KEPT_BGR)
     for item in result.objects:
-        draw_object(picture, item)
+        _draw_box(picture, item)
+    for item in result.objects:  # after all boxes, whose edges would cross them
+        _draw_label(picture, item)
     return picture
 
 
@@ -48,12 +61,36 @@ def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
         cv2.circle(picture, center, _RADIUS_PX, color, 1, cv2.LINE_AA)
 
 
-def draw_object(picture: ByteArray, item: DynamicObject) -> None:
-    """Draw the box of an object and its label onto the picture (H, W, 3)."""
-    color = REASON_BGR[item.reason]
+def draw_legend(picture: ByteArray) -> ByteArray:
+    """Return the picture (H, W, 3) with rows of 26 px below it that explain the colors."""
+    width_px = picture.shape[1]
+    bars = [np.full((_BAR_PX, width_px, 3), _BAR_BGR, np.uint8)]
+    x = _LEGEND_GAP_PX
+    for text, color, is_feature in _LEGEND:
+        (text_px, _), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
+        needed_px = _LEGEND_MARK_PX + text_px + _LEGEND_GAP_PX
+        if x > _LEGEND_GAP_PX and x + needed_px > width_px:
+            bars.append(np.full((_BAR_PX, width_px, 3), _BAR_BGR, np.uint8))
+            x = _LEGEND_GAP_PX
+        middle = _BAR_PX // 2
+        if is_feature:
+            cv2.circle(bars[-1], (x + 8, middle), 4, color, 1, cv2.LINE_AA)
+        else:
+            cv2.rectangle(bars[-1], (x, middle - 5), (x + 15, middle + 5), color, 2)
+        at = (x + _LEGEND_MARK_PX, _BAR_PX - 8)
+        cv2.putText(bars[-1], text, at, _FONT, _FONT_SCALE, _TEXT_BGR, 1, cv2.LINE_AA)
+        x += needed_px
+    return np.vstack([picture, *bars])
+
+
+def _draw_box(picture: ByteArray, item: DynamicObject) -> None:
     x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
-    cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), color, 2)
-    text = label(item)
+    cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.reason], 2)
+
+
+def _draw_label(picture: ByteArray, item: DynamicObject) -> None:
+    color, text = REASON_BGR[item.reason], label(item)
+    x1, y1 = (round(value) for value in item.box_xyxy_px[:2])
     (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
     top = max(y1, height + 4)  # keeps the label inside the picture
     cv2.rectangle(picture, (x1, top - height - 4), (x1 + width + 2, top), color, cv2.FILLED)
