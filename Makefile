@@ -25,6 +25,7 @@ check:  ## The quick experiments, held against stored bounds
 
 docs:  ## The documents as a site, out/site; broken links are errors
 	@NO_MKDOCS_2_WARNING=1 ./hoid dev python -m mkdocs build --quiet
+	@echo 'open out/site/index.html, or serve it: python3 -m http.server --directory out/site'
 
 reference:  ## Write the pages of parameters, commands, messages, refusals and decisions, and the tables of results, anew
 	@./hoid dev python -m hoid_bringup.parameter_reference > docs/reference/parameters.md

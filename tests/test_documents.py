@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hoid_bringup.run.summary import Summary
+from hoid_common.camera_topics import CAMERA_TOPICS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -47,3 +48,10 @@ def test_code_named_in_pages_exists() -> None:
             assert pkgutil.resolve_name(name), name
         for path in re.findall(r'`((?:src|bags|lab|tests|examples)/[\w./]+)`', text):
             assert (ROOT / path).exists(), f'{page}: {path}'
+
+
+def test_the_topics_of_every_camera_preset_are_documented() -> None:
+    page = (ROOT / 'docs/howto/another_camera.md').read_text()
+    for name, camera in CAMERA_TOPICS.items():
+        cells = ' | '.join(f'`{topic}`' for topic in (name, *camera.topics()))
+        assert name == 'bag' or f'| {cells} |' in page, name

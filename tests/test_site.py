@@ -30,7 +30,7 @@ def test_tables_of_results_sort_by_mouse_and_by_keyboard(tmp_path: Path) -> None
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     with headless_browser() as browser:
         page = browser.new_page()
-        page.goto((tmp_path / 'results/strategies/index.html').as_uri())
+        page.goto((tmp_path / 'results/strategies.html').as_uri())
         table = page.locator(_TABLE).first
         before = first_numbers(page, 5)
         table.get_by_role('button', name='better', exact=True).click()
