@@ -248,9 +248,7 @@ def test_the_uncertainty_of_a_loop_is_that_of_its_end_and_not_of_the_head_of_a_g
     uid = atlas.keyframes.uid
     turned = truth[-1] @ se3.exp(np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
     covariance = np.diag(np.square([0.2] * 3 + [0.001] * 3))
-    loop = Loop(
-        int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ turned, covariance
-    )
+    loop = Loop(int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ turned, covariance)
     region = region_around(atlas, rows[[0, -1]], len(rows))
     keyframes, T = closed_poses(atlas, region, [loop], 100)
     last = T[keyframes.tolist().index(int(rows[-1]))]

@@ -136,7 +136,8 @@ def _links(
     """Yield (g, h, T_g_h, covariance) for each loop between two groups g and h.
 
     T_g_h (4, 4) is the relative pose of their heads by the loop, and its covariance (6, 6) is in
-    the frame of the head of h, rotation first. A loop within a group, or with a keyframe outside of the graph, is left out.
+    the frame of the head of h, rotation first. A loop within a group, or with a keyframe outside
+    of the graph, is left out.
     """
     keyframes = atlas.keyframes
     for loop in loops:
