@@ -36,8 +36,8 @@ def errors_deg(noise_rad: float, bias_radps: float) -> tuple[float, float, float
             filtered.append(angle_deg(R_true.T @ R_tracked @ attitude.R_tracked_filtered))
             tracked.append(angle_deg(R_true.T @ R_tracked))
             expected.append(attitude.sigma_rad(bias_radps))
-    rms = (float(np.sqrt(np.square(item).mean())) for item in (filtered, tracked))
-    return (*rms, float(np.rad2deg(np.mean(expected))))
+    filtered_deg, tracked_deg = np.sqrt(np.square([filtered, tracked]).mean(1)).tolist()
+    return filtered_deg, tracked_deg, float(np.rad2deg(np.mean(expected)))
 
 
 def test_a_filtered_attitude_is_closer_than_tracked_ones() -> None:
