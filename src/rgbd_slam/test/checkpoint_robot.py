@@ -9,6 +9,8 @@ import numpy as np
 
 from hoid_common import se3
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.dense.depth_view import Surface
+from rgbd_slam.dense.submap import Evidence, Submap
 from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.model.map_state import snapshot
@@ -98,3 +100,20 @@ CHANGES: dict[str, Callable[[Robot], None]] = {
     'verdicts': forbid,
     'a reused row': cull_and_extend,
 }
+
+
+def surface(seed: int) -> Surface:
+    rng = np.random.default_rng(seed)
+    points_m = rng.uniform(0.1, 1.4, (500, 3))
+    return Surface(points_m, rng.integers(0, 255, (500, 3), np.uint8), np.ones(500))
+
+
+def no_evidence(count: int) -> Evidence:
+    none = np.zeros(count, np.bool_)
+    return Evidence(none, none, none)
+
+
+def submap(anchor_uid: int, seed: int) -> Submap:
+    made = Submap(np.eye(4), anchor_uid, 0, se3.exp(np.full(6, 0.1 * seed)), CONFIG)
+    made.update(no_evidence(0), surface(seed))
+    return made

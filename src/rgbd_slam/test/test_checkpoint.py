@@ -7,20 +7,17 @@ import re
 import shutil
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hoid_common import se3
 from hoid_common.errors import MapFileError
-from rgbd_slam.dense.depth_view import Surface
-from rgbd_slam.dense.submap import Evidence, Submap
 from rgbd_slam.dense.submap_export import SubmapExports
 from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import checkpoint, map_parts
-from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.map_io.map_parts import KeyframeCopy
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.scene.objects.object_map_state import ObjectMapState
@@ -33,6 +30,9 @@ from .checkpoint_robot import (
     change_points,
     cull,
     extend,
+    no_evidence,
+    submap,
+    surface,
 )
 from .map_content import OCTAVES, SCALE, objects_of
 from .ring_world import MODEL
@@ -215,15 +215,15 @@ def test_a_process_that_is_killed_at_any_write_leaves_a_complete_checkpoint(
     for at in range(100):
         robot = Robot(tmp_path / str(at))
         robot.write()
-        before = robot.stored()
+        before = robot.stored(), 7
         change_points(robot)
         extend(robot, 8, 10)
-        is_killed = killed(robot.write, at)
-        after = robot.expected()
-        assert robot.stored() in (before, after)
+        is_killed = killed(partial(robot.write, stamp_ns=8), at)
+        after = robot.expected(), 8
+        assert stamped(robot) in (before, after)
         if not is_killed:
             break
-    assert robot.stored() == after
+    assert stamped(robot) == after
     assert at > 8
 
 
@@ -266,8 +266,9 @@ def killed(function: Callable[[], object], at: int) -> bool:
         return wrapper
 
     pwrite = os.pwrite
+    system = [(os, name) for name in ('pwrite', 'fsync', 'utime')]
     with pytest.MonkeyPatch.context() as patch, suppress(KilledError):
-        for owner, name in ((os, 'pwrite'), (os, 'fsync'), (Path, 'replace'), (Path, 'unlink')):
+        for owner, name in (*system, (Path, 'replace'), (Path, 'unlink')):
             patch.setattr(owner, name, counted(getattr(owner, name)))
         function()
         return False
@@ -385,31 +386,8 @@ def segment_sizes(robot: Robot) -> dict[str, int]:
     return {path.name: path.stat().st_size for path in files if path.name != 'index'}
 
 
-def surface(seed: int) -> Surface:
-    rng = np.random.default_rng(seed)
-    points_m = rng.uniform(0.1, 1.4, (500, 3))
-    return Surface(points_m, rng.integers(0, 255, (500, 3), np.uint8), np.ones(500))
-
-
-def no_evidence(count: int) -> Evidence:
-    none = np.zeros(count, np.bool_)
-    return Evidence(none, none, none)
-
-
-def submap(anchor_uid: int, seed: int) -> Submap:
-    made = Submap(np.eye(4), anchor_uid, 0, se3.exp(np.full(6, 0.1 * seed)), CONFIG)
-    made.update(no_evidence(0), surface(seed))
-    return made
-
-
-def test_a_map_that_is_collected_in_parts_is_its_snapshot(
-    robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(map_parts, '_MAX_KEYFRAMES', 2)
-    monkeypatch.setattr(map_parts, '_MAX_POINTS', 40)
-    collector, changes = MapCollector(robot.copy), list(CHANGES.values())
-    while (state := collector.add(collector.copy())) is None:
-        if changes:
-            changes.pop(0)(robot)
-    assert not changes
-    assert state.digest() == snapshot(robot.copy).digest()
+def stamped(robot: Robot) -> tuple[str | None, int]:
+    """Return the digest of the map in the checkpoint, and the stamp of the last image in it."""
+    checkpoint = robot.folder.read()
+    assert checkpoint is not None
+    return robot.stored(), checkpoint.stamp_ns

@@ -57,6 +57,12 @@ class Checkpoint(NamedTuple):
         return 0 <= stamp_ns - self.stamp_ns <= _MAX_AWAY_NS
 
 
+def _set_stamp(index: Path | int, stamp_ns: int) -> None:
+    """Record the stamp of the last image in the modification time of an index."""
+    with suppress(OSError):
+        os.utime(index, ns=(stamp_ns, stamp_ns))
+
+
 class CheckpointFolder:
     """The checkpoint of one node.
 
@@ -90,8 +96,7 @@ class CheckpointFolder:
 
     def touch(self, stamp_ns: int) -> None:
         """Record that the map in the checkpoint still holds at the image with this stamp."""
-        with suppress(OSError):
-            os.utime(self._index, ns=(stamp_ns, stamp_ns))
+        _set_stamp(self._index, stamp_ns)
 
     def remove(self) -> None:
         """Delete the checkpoint, so that no node resumes its map."""
@@ -205,8 +210,10 @@ class CheckpointWriter:
                 content = CheckpointIndex(header, rows, kept, kept_objects)
                 content.write(file, self._segments)
                 written, self.num_bytes = self.num_bytes + file.tell(), 0
+                # Before the index replaces the old one: a kill after that must find it stamped.
+                file.flush()  # a later write would stamp the file with the time of day
+                _set_stamp(file.fileno(), stamp_ns)
         self._has_dense = len(kept.arrays()['anchor_uid']) > 0
-        self._folder.touch(stamp_ns)
         self._remove_unused()
         self._compact(keyframes)
         return written
