@@ -163,3 +163,12 @@ def test_while_the_mapper_is_late_a_changed_view_becomes_a_keyframe(
         newest = uid
     policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
     assert policy.wants(tracking(atlas, 9.0, 10, here)) is wanted
+
+
+def test_a_frame_becomes_a_keyframe_although_its_reference_keyframe_was_removed() -> None:
+    atlas = mapped(newer=0)
+    policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
+    seen = tracking(atlas, 1.0, 40)
+    removed = replace(seen.tracked, reference_uid=int(atlas.keyframes.uid[1]))
+    atlas.remove_keyframe(1)
+    assert policy.wants(replace(seen, tracked=removed))

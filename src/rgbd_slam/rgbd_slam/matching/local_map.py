@@ -41,8 +41,9 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
     Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
     not depend on the size of the map. If the mapper has not inserted the last reference keyframe
     yet, or has removed it, its nearest ancestor in the map takes its place. If there is no such
-    ancestor, the local map is empty. If no candidate observes any of the points, the reference
-    keyframe stays the last one, and the local map has the points of this keyframe only.
+    ancestor, the local map is empty. If no candidate observes any of the points, because that
+    ancestor has another view, all keyframes that observe some are candidates. If none does, the
+    reference keyframe stays the last one, and the local map has the points of this keyframe only.
 
     Args:
         atlas: The map.
@@ -56,10 +57,12 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
     around = atlas.covisible(anchor.row, limit=2 * limit)
     candidates = np.concatenate([[anchor.row], around])
     votes = atlas.count_observed(seen, candidates)
+    if not votes.any():
+        candidates, votes = np.unique(atlas.observations_of(seen).i, return_counts=True)
+        if len(candidates) == 0:
+            return LocalMap(last_reference_uid, atlas.points_of(np.array([anchor.row])))
     order = np.argsort(-votes, kind='stable')[:limit]
     best = candidates[order[0]]
-    if votes[order[0]] == 0:
-        return LocalMap(last_reference_uid, atlas.points_of(candidates[:1]))
     return LocalMap(
         int(atlas.keyframes.uid[best]), atlas.points_of(candidates[order[votes[order] > 0]])
     )

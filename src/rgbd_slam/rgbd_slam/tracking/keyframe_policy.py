@@ -75,16 +75,18 @@ class KeyframePolicy:
         """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
         While tracking is good, no keyframe is requested within `min_gap_s` of the last one. While
-        the mapper has not inserted the last one, only a change of the view counts. The result is
-        False if the reference keyframe is no longer in the map.
+        the mapper has not inserted the last one, only a change of the view counts. A reference
+        keyframe that was removed is replaced by its nearest ancestor in the map; the result is
+        False if there is none.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
         if self._atlas.pending:
             return self._leaves_pending(tracking)
-        i = self._atlas.keyframes.index_of(tracking.tracked.reference_uid)
-        if i is None:
+        anchor = self._atlas.anchor(tracking.tracked.reference_uid)
+        if anchor is None or anchor.row is None:
             return False
+        i = anchor.row
         gap_s = S_PER_NS * (tracking.tracked.frame.stamp_ns - self._last_ns)
         share = num_inliers / max(self._most_inliers, 1)
         is_falling = share < self._config.fallen_share
