@@ -6,12 +6,11 @@ demo:  ## Render a scene, replay it live through the three nodes, print the resu
 test:  ## Unit tests, then each node, topic and replay once; five minutes
 	@./hoid dev python -m pytest -n auto --dist worksteal -m 'not slow' src bags lab
 	@./hoid dev python -m pytest -n 2 --dist loadfile -m 'not alone and not thorough' tests
-	@./hoid dev python -m pytest -m 'alone and not thorough' tests
 
 test-all:  ## What `make test` leaves out: slow units, faults, kills, many seeds, browsers
 	@./hoid dev python -m pytest -n auto -m slow src bags lab
 	@./hoid dev python -m pytest -n 2 --dist loadfile -m 'thorough and not alone' tests
-	@./hoid dev python -m pytest -m 'thorough and alone' tests
+	@./hoid dev python -m pytest -m alone tests
 
 lint:  ## Style, spelling and types
 	@./hoid dev ruff check .

@@ -26,7 +26,7 @@ _PLAY_S = 40.0
 TOPIC = '/rgb/image'
 
 
-@pytest.fixture(params=['python', 'c++'])
+@pytest.fixture(params=['c++', pytest.param('python', marks=pytest.mark.thorough)])
 def driver(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[str, ...]:
     """Return the command of a driver."""
     return cpp_driver(tmp_path) if request.param == 'c++' else PYTHON

@@ -96,6 +96,7 @@ class Peer(SlamPeer):
         return self.answer_to(features_msg(seen.select(np.arange(0)) if is_covered else seen))
 
 
+@pytest.mark.thorough
 def test_a_covered_lens_is_bridged_and_the_map_is_level(start: Start, probe: Probe) -> None:
     start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
     peer = Peer(probe)

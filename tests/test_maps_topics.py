@@ -39,7 +39,7 @@ from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.saved_objects import saved_objects
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 SCENE = SceneConfig(num_frames=150)
 SCENE_NODE = '/rgbd_slam_scene'
@@ -299,7 +299,6 @@ def check_run_time(peer: Peer) -> None:
     )
 
 
-@pytest.mark.thorough
 def test_reset_empties_the_maps_and_mapping_continues(
     peer: Peer, messages: list[Messages]
 ) -> None:
@@ -315,7 +314,6 @@ def test_reset_empties_the_maps_and_mapping_continues(
     assert len(peer.cloud_m()) > 0
 
 
-@pytest.mark.thorough
 def test_no_process_outlives_a_killed_node(
     start: Start, probe: Probe, messages: list[Messages]
 ) -> None:
@@ -333,7 +331,6 @@ def test_no_process_outlives_a_killed_node(
     supervisor.stop()
 
 
-@pytest.mark.thorough
 def test_without_dense_map_and_objects_there_is_no_scene_process(
     start: Start, probe: Probe, messages: list[Messages]
 ) -> None:

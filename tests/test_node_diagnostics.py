@@ -86,6 +86,7 @@ def test_core_log_records_reach_the_logger_of_the_node(
     assert 'not this' not in output
 
 
+@pytest.mark.thorough
 def test_a_missing_camera_is_logged_in_one_line_by_all_nodes_together(
     start: Start, probe: Probe, tmp_path: Path
 ) -> None:

@@ -217,6 +217,7 @@ def test_any_signal_that_ends_a_recording_leaves_a_complete_bag(
     assert [path.name for path in tmp_path.iterdir()] == ['bag']
 
 
+@pytest.mark.thorough
 def test_a_killed_recording_loses_at_most_one_second(
     probe: Probe, commands: Commands, tmp_path: Path
 ) -> None:
