@@ -77,6 +77,10 @@ def test_a_damaged_bag_stays_beside_its_repair(bag: Path) -> None:
     assert (summarize(repaired).fault, summarize(repaired).num_messages) == (None, 180 - 24)
 
 
+def test_a_point_in_the_name_of_a_folder_is_no_suffix(bag: Path) -> None:
+    assert repair(bag.rename(bag.with_name('run.2'))) == bag.with_name('run.2_repaired')
+
+
 def test_what_is_still_recorded_is_left_alone(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'bag') as writer:
         writer.add_topic('imu', IMU, reliable_qos())

@@ -226,14 +226,15 @@ class BagReader:
         errors = [file.index_error for file in self._mcap_files if file.index_error is not None]
         if errors and not num_messages:
             raise InputError(f'{self.path}: no message can be read: {errors[0]}')
+        before = f'{self._fault}; ' if self._fault else f'{self.path}: '
         if any(file.is_cut_off for file in self._mcap_files):
             first_ns, last_ns = self.span_ns
             self._fault = (
-                f'{self.path}: cut off after {num_messages} messages'
+                f'{before}cut off after {num_messages} messages'
                 f' ({(last_ns - first_ns) / NS_PER_S:.2f} s); the rest is lost'
             )
         elif errors:
-            self._fault = f'{self.path}: the index is damaged: {errors[0]}; read without it'
+            self._fault = f'{before}the index is damaged: {errors[0]}; read without it'
 
 
 def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:

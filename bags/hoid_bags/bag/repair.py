@@ -21,7 +21,7 @@ def repair(path: Path) -> Path:
         path: The hidden folder `.NAME.partial-XXXX` of a killed recording. It is removed after its
             messages have been copied to the bag NAME, or to NAME_repaired if NAME exists. Or a
             damaged bag (a folder or a file), which is kept; its messages are copied to a bag with
-            its name, without the last suffix, and `_repaired`.
+            its name and `_repaired`. The suffix of a file is left out.
 
     Raises:
         InputError: The recorder still runs, nothing can be read, or the new bag exists already or
@@ -29,7 +29,8 @@ def repair(path: Path) -> Path:
     """
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
     if scratch is None:
-        return _copied(path, path.with_name(f'{path.stem}_repaired'))
+        name = path.name if path.is_dir() else path.stem
+        return _copied(path, path.with_name(f'{name}_repaired'))
     if path not in abandoned_scratch_folders(path.parent):
         raise InputError(f'{path}: is still being recorded')
     target = path.with_name(scratch['name'])

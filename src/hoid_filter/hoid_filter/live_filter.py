@@ -123,15 +123,15 @@ class LiveFilter:
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
         """Publish an image now, or hold it until the detector has sent its first message.
 
-        With a strategy that uses detections, all earlier images and objects are forgotten when
-        the stamps go back by a second or more.
+        All earlier images and objects are forgotten when the stamps go back by a second or more.
         """
-        if not self._filter.needs_detections:
-            self._publish(header, frame, None, has_final_detections=True)
-            return
         newest_ns = self._newest_image_ns
         if newest_ns is not None and newest_ns - frame.stamp_ns >= RESTART_NS:
             self._restart(frame.stamp_ns)
+        if not self._filter.needs_detections:
+            self._newest_image_ns = frame.stamp_ns
+            self._publish(header, frame, None, has_final_detections=True)
+            return
         self._held.append(_Held(header, frame, self._clock()))
         self._publish_held()
 

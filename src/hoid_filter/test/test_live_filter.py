@@ -238,6 +238,14 @@ def test_images_are_held_again_after_the_stamps_restart() -> None:
     assert bench.filter.num_resets == 1
 
 
+def test_a_strategy_without_detections_starts_anew_when_the_stamps_restart() -> None:
+    bench = Bench(FakeFilter(needs_detections=False, senses_motion=True))
+    bench.add_image(10 * S, 0.1)
+    assert bench.filter.num_resets == 0
+    assert bench.add_image(2, 0.2) == [((2, None), True)]
+    assert bench.filter.num_resets == 1
+
+
 def test_detections_that_come_first_are_final() -> None:
     bench = Bench()
     assert bench.detect(10, 0.0) == []

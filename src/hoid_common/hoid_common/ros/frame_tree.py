@@ -116,11 +116,11 @@ class FrameListener:
         """
         poses = ((*edge, buffer.at(stamp_ns)) for edge, buffer in self._moving.items())
         known = [(parent, child, T) for parent, child, T in poses if T is not None]
-        return self._static.with_edges(known).find(a, b)
+        return self._static.with_edges(known).find(a.lstrip('/'), b.lstrip('/'))
 
     def _on_transforms(self, msg: TFMessage, *, is_static: bool) -> None:
         for edge in msg.transforms:
-            names = edge.header.frame_id, edge.child_frame_id
+            names = edge.header.frame_id.lstrip('/'), edge.child_frame_id.lstrip('/')
             if is_static:
                 self._static.add(*names, transform_from_msg(edge))
             else:

@@ -94,6 +94,7 @@ class SceneProcess:
         self._results: dict[int, SimpleQueue[CommandResult]] = {}  # of the commands in progress
         self._lock = RLock()  # guards `_state` and the start of a process that receives it
         self._num_cleared = 0  # how often the scene was discarded
+        self._unread: list[Path] = []  # files of results that came too late
         self._is_closed = False
         self._num_soon, self._started_s = 0, time.monotonic()
         self._worker: ChildWorker[SceneMessage, SceneReport] = ChildWorker(
@@ -165,9 +166,9 @@ class SceneProcess:
             A function that waits for the maps and returns them. It raises InputError as
             `await_result` does.
         """
-        submaps_path, objects_path = (
-            self._folder.path / f'saved-{next(self._numbers)}.npz' for _ in range(2)
-        )
+        self._remove_unread()
+        paths = [self._folder.path / f'saved-{next(self._numbers)}.npz' for _ in range(2)]
+        submaps_path, objects_path = paths
         with self._lock:
             self.send(keyframes)
             number = self.command(
@@ -178,7 +179,11 @@ class SceneProcess:
             num_cleared = self._num_cleared
 
         def receive() -> SceneExport:
-            self.await_result(number)
+            try:
+                self.await_result(number)
+            except InputError:
+                self._unread.extend(paths)  # a late process may write them yet
+                raise
             submaps = _taken(submaps_path, SubmapExport.read)
             objects = _taken(objects_path, ObjectMapState.read)
             with self._lock:
@@ -204,6 +209,11 @@ class SceneProcess:
             self._results[command.number] = SimpleQueue()
             self._worker.send(command)
         return command.number
+
+    def _remove_unread(self) -> None:
+        for path in [path for path in self._unread if path.exists()]:
+            path.unlink()
+            self._unread.remove(path)
 
     def _forget(self) -> None:
         self._views.clear()
