@@ -26,6 +26,7 @@ from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, mapper_of
+from hoid_system_tests.repeated_map import repeated
 from hoid_system_tests.slam_peer import (
     NO_SCENE,
     PERIOD_NS,
@@ -34,7 +35,6 @@ from hoid_system_tests.slam_peer import (
     features_msg,
 )
 from rgbd_slam.map_io import map_file
-from rgbd_slam.model.map_state import MapState
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 pytestmark = pytest.mark.thorough
@@ -189,20 +189,6 @@ def test_reset_discards_a_loaded_map(begin: Begin) -> None:
     assert status.keyframes == 1
 
 
-def repeated(state: MapState, times: int) -> MapState:
-    """Return a state with `times` copies of one, as separate maps."""
-    arrays = {name: np.concatenate([array] * times) for name, array in state.arrays().items()}
-    for name, size in (
-        ('parent', len(state)), ('point', len(state.position_m)), ('reference', len(state)),
-        ('map_id', 1),
-    ):  # fmt: skip
-        rows = getattr(state, name)
-        arrays[name] = np.concatenate(
-            [np.where(rows < 0, rows, rows + n * size) for n in range(times)]
-        )
-    return MapState.of(arrays)
-
-
 def saved_large_map(peer: Peer, folder: Path) -> map_file.MapFile:
     """Save a map of 300 keyframes or more as large.hoidmap, and return it."""
     assert peer.save('one').success
@@ -210,6 +196,12 @@ def saved_large_map(peer: Peer, folder: Path) -> map_file.MapFile:
     large = one._replace(map=repeated(one.map, 1 + 300 // len(one.map)))
     map_file.save(folder / 'large.hoidmap', large)
     return large
+
+
+def ready_client(peer: Peer, type_: type[Any], name: str) -> Any:
+    client = peer.probe.node.create_client(type_, f'rgbd_slam/{name}')
+    peer.probe.spin_until(client.service_is_ready, f'no {name}')
+    return client
 
 
 @pytest.mark.alone
@@ -220,8 +212,7 @@ def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Pat
     assert peer.load('large').success
     assert peer.set_mode('localization').success
     peer.send(39)
-    client = peer.probe.node.create_client(SaveMap, 'rgbd_slam/save_map')
-    peer.probe.spin_until(client.service_is_ready, 'no save_map')
+    client = ready_client(peer, SaveMap, 'save_map')
     waits_s: list[float] = []
     start_s = time.monotonic()
     saving = client.call_async(SaveMap.Request(name='again'))
@@ -243,8 +234,7 @@ def test_images_are_tracked_while_a_large_map_is_loaded(begin: Begin, folder: Pa
     peer, _ = begin()
     peer.send(*range(40))
     large = saved_large_map(peer, folder)
-    client = peer.probe.node.create_client(LoadMap, 'rgbd_slam/load_map')
-    peer.probe.spin_until(client.service_is_ready, 'no load_map')
+    client = ready_client(peer, LoadMap, 'load_map')
     loading = client.call_async(LoadMap.Request(name='large'))
     statuses, start_s = [], time.monotonic()
     while not loading.done():
@@ -289,8 +279,7 @@ def test_images_are_tracked_while_a_service_waits_for_the_mapper(
     peer, node = begin()
     peer.send(*range(10))
     assert peer.save().success
-    client = peer.probe.node.create_client(type_, f'rgbd_slam/{name}')
-    peer.probe.spin_until(client.service_is_ready, f'no {name}')
+    client = ready_client(peer, type_, name)
     with suspended_mapper(node):
         statuses = peer.send(*range(10, 60))
         assert statuses[-1].mapper_queue > 0
