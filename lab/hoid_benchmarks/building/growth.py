@@ -15,7 +15,7 @@ import numpy as np
 from hoid_benchmarks.building.drive import Drive
 from hoid_benchmarks.building.files import checkpoint_costs, load_costs
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.tiled_map import tiled
+from hoid_benchmarks.building.tiled_map import BASE_KEYFRAMES, tiled_to
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building
 from hoid_benchmarks.building.world.route import RATE_HZ, Route
@@ -23,7 +23,6 @@ from hoid_common.values import Trajectory
 from rgbd_slam.map_io.map_file import MapFile
 
 SIZES = (100, 1000, 10000)
-BASE_KEYFRAMES = 100
 _WARM_UP_IMAGES = 20  # relocalization and first calls
 _NUM_IMAGES = 200
 _MINUTE_IMAGES = round(60 * RATE_HZ)
@@ -56,7 +55,7 @@ def growth(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
     truth, last, base = driven_map(building, seed)
     rows: list[dict[str, Any]] = []
     for size in sizes:
-        content = tiled(base, max(round(size / BASE_KEYFRAMES), 1), seed)
+        content = tiled_to(base, size, seed)
         row = _measured(building, seed, truth, last, content)
         ratio = row['image ms'] / (rows[0] if rows else row)['image ms']
         rows.append(row | {'ratio': ratio})

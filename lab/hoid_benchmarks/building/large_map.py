@@ -16,9 +16,9 @@ from typing import Any, TypeVar
 import numpy as np
 import psutil
 
-from hoid_benchmarks.building.growth import BASE_KEYFRAMES, SIZES, driven_map
+from hoid_benchmarks.building.growth import SIZES, driven_map
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.tiled_map import tiled
+from hoid_benchmarks.building.tiled_map import tiled_to
 from hoid_benchmarks.building.world.floors import Building
 from hoid_common import se3
 from rgbd_slam.config.slam_config import SlamConfig
@@ -54,7 +54,7 @@ _COLUMNS = {
 def large_maps(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
     """Return the CPU times of a loop, the bytes sent for it, and the times of files."""
     _, _, base = driven_map(Building(seed=seed), seed)
-    rows = [_measured(tiled(base, max(round(size / BASE_KEYFRAMES), 1), seed)) for size in sizes]
+    rows = [_measured(tiled_to(base, size, seed)) for size in sizes]
     return Outcome('loop', 'A loop in a large map (CPU time, one core)', _COLUMNS, rows)
 
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from hoid_benchmarks.building.drive import Drive
-from hoid_benchmarks.building.growth import BASE_KEYFRAMES, driven_map
+from hoid_benchmarks.building.growth import driven_map
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.tiled_map import tiled
+from hoid_benchmarks.building.tiled_map import tiled_to
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building, CellKey, CellKind
 from hoid_benchmarks.building.world.route import Route
@@ -58,9 +58,8 @@ def merge(seed: int, size: int = SIZE, num_rooms: int = NUM_ROOMS) -> Outcome:
 
 def _overlapping(seed: int, size: int) -> dict[str, Any]:
     building = Building(seed=seed)
-    count = max(round(size / BASE_KEYFRAMES), 1)
     drives = [driven_map(building, seed + n) for n in range(2)]
-    maps = [tiled(base, count, seed + n) for n, (_, _, base) in enumerate(drives)]
+    maps = [tiled_to(base, size, seed + n) for n, (_, _, base) in enumerate(drives)]
     start_s = time.process_time()
     joined = join_maps(maps, SlamConfig())
     elapsed_s = time.process_time() - start_s

@@ -10,6 +10,7 @@ from rgbd_slam.model.map_state import NONE, MapState
 from rgbd_slam.records.record import Array
 
 _APART_M = 400.0
+BASE_KEYFRAMES = 100  # number of keyframes of the map that the benchmarks repeat
 
 
 def tiled(content: MapFile, count: int, seed: int = 0) -> MapFile:
@@ -25,6 +26,11 @@ def tiled(content: MapFile, count: int, seed: int = 0) -> MapFile:
     parts = [_copy(state, n, mask) for n, mask in enumerate(masks)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return content._replace(map=MapState.of(columns), dense=None)
+
+
+def tiled_to(base: MapFile, num_keyframes: int, seed: int) -> MapFile:
+    """Return copies of a map of `BASE_KEYFRAMES` with about that many keyframes."""
+    return tiled(base, max(round(num_keyframes / BASE_KEYFRAMES), 1), seed)
 
 
 def _copy(state: MapState, n: int, mask: Array) -> dict[str, Array]:

@@ -23,9 +23,9 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from hoid_bags.live.ros_session import ros_session
-from hoid_benchmarks.building.growth import BASE_KEYFRAMES, SIZES, driven_map
+from hoid_benchmarks.building.growth import SIZES, driven_map
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.tiled_map import tiled
+from hoid_benchmarks.building.tiled_map import tiled_to
 from hoid_benchmarks.building.world.floors import Building
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_common import topics
@@ -85,7 +85,7 @@ def publishing(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
     tracking thread in a second without subscribers.
     """
     _, _, base = driven_map(Building(seed=seed), seed)
-    rows = [_measured(tiled(base, max(round(size / BASE_KEYFRAMES), 1), seed)) for size in sizes]
+    rows = [_measured(tiled_to(base, size, seed)) for size in sizes]
     return Outcome('publish', 'Publishing the map (CPU time)', _COLUMNS, rows)
 
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from hoid_benchmarks.building.drive import Drive
-from hoid_benchmarks.building.growth import BASE_KEYFRAMES, driven_map
+from hoid_benchmarks.building.growth import driven_map
 from hoid_benchmarks.building.lag import longest_detached_s
 from hoid_benchmarks.building.report import Outcome
-from hoid_benchmarks.building.tiled_map import tiled
+from hoid_benchmarks.building.tiled_map import tiled_to
 from hoid_benchmarks.building.virtual_mapper import Delay
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building
@@ -43,7 +43,7 @@ def slow(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
     truth, last, base = driven_map(building, seed)
     rows: list[dict[str, Any]] = []
     for size in sizes:
-        content = tiled(base, max(round(size / BASE_KEYFRAMES), 1), seed)
+        content = tiled_to(base, size, seed)
         delay = Delay(cpu_factor=_CPU_FACTOR)
         with Drive(FeatureCamera(building, seed), truth, delay, content=content) as drive:
             num_keyframes = drive.num_keyframes

@@ -20,6 +20,7 @@ import numpy as np
 
 from hoid_common.errors import MapFileError
 from hoid_common.values import IntArray
+from rgbd_slam.records.disk_array import write_at
 from rgbd_slam.records.record import Array, Column, Record
 
 
@@ -60,7 +61,7 @@ class Segment:
         end, crc = self.num_bytes, self.crc
         for array in record.arrays().values():
             data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-            _write_at(self._descriptor, data, end)
+            write_at(self._descriptor, data, end)
             end, crc = end + len(data), zlib.crc32(data, crc)
         self.num_bytes, self.crc = end, crc
         self.num_rows += count
@@ -165,12 +166,6 @@ def _row_bytes(record: type[Record]) -> int:
 
 def _shape(column: Column, count: int) -> tuple[int, ...]:
     return tuple(axis if isinstance(axis, int) else count for axis in column.axes)
-
-
-def _write_at(descriptor: int, data: memoryview[Any], start: int) -> None:
-    done = 0
-    while done < len(data):
-        done += os.pwrite(descriptor, data[done:], start + done)
 
 
 def _mapped(path: Path, size: int) -> memoryview[Any]:

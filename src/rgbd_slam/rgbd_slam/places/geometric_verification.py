@@ -55,7 +55,7 @@ class PlaceMatch(NamedTuple):
         return self.T_map_camera[:3, 3]
 
 
-class Evidence(NamedTuple):
+class PlaceEvidence(NamedTuple):
     """How well an image agrees with the map points that are expected in it."""
 
     # Sum over the observable points of the probability that an image finds the point.
@@ -120,7 +120,9 @@ class PlaceVerifier:
         is_same &= evidence.contradicted_share <= self._config.max_contradicted_share
         return found if is_same else None
 
-    def compare(self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray) -> Evidence:
+    def compare(
+        self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
+    ) -> PlaceEvidence:
         """Return how well a frame near a given pose agrees with the points of K keyframes.
 
         Args:
@@ -160,7 +162,7 @@ class PlaceVerifier:
 
     def _evidence(
         self, frame: Frame, T_camera_map: FloatArray, found: IntArray, points: IntArray
-    ) -> Evidence:
+    ) -> PlaceEvidence:
         """Return how many of the points (P,) are expected, and the found and contradicted shares.
 
         Args:
@@ -178,7 +180,7 @@ class PlaceVerifier:
         found_share = np.count_nonzero(is_found & seen.observable) / max(expected, 1.0)
         num_contradicted = np.count_nonzero(seen.contradicted & ~is_found)
         contradicted_share = num_contradicted / max(len(view.points), 1)
-        return Evidence(expected, found_share, contradicted_share)
+        return PlaceEvidence(expected, found_share, contradicted_share)
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
         """Match the O observations of a keyframe with the features of a frame, by descriptor.

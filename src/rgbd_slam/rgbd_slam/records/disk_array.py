@@ -65,9 +65,7 @@ class DiskArray:
             self.array[first : first + len(rows)] = rows
             return
         data = rows.reshape(-1).view(np.uint8).data
-        start, done = first * rows[:1].nbytes, 0
-        while done < len(data):
-            done += os.pwrite(self._file.fileno(), data[done:], start + done)
+        write_at(self._file.fileno(), data, first * rows[:1].nbytes)
 
     def release_memory(self) -> None:
         """Let the operating system take the memory; the content is read again when it is used."""
@@ -97,3 +95,14 @@ def _owner(array: Array) -> object:
     while isinstance(owner, np.ndarray) and owner.base is not None:
         owner = owner.base
     return owner
+
+
+def write_at(descriptor: int, data: memoryview[Any], start: int) -> None:
+    """Write all bytes from a position of a file on.
+
+    Raises:
+        OSError: They cannot be written.
+    """
+    done = 0
+    while done < len(data):
+        done += os.pwrite(descriptor, data[done:], start + done)
