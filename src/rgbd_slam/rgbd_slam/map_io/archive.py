@@ -35,7 +35,7 @@ _MAX_EXPANSION = 50
 _SMALL_BYTES = 1_000_000  # chosen: so many unpacked bytes are harmless in any case
 # Chosen: a manifest has less than 1 kB.
 _MAX_MANIFEST_BYTES = 10_000
-_MAX_QUOTED = 120  # chosen: characters of an error, which may quote the file
+_MAX_QUOTED = 120  # chosen: characters of an error text that are shown; it may quote the file
 _PIECE_BYTES = 1 << 20  # arrays are written piecewise
 # The errors that zipfile, zlib, json and NumPy raise for damaged files.
 DAMAGE = (
@@ -54,9 +54,11 @@ DAMAGE = (
 
 @contextmanager
 def replaced(path: Path) -> Iterator[IO[bytes]]:
-    """Yield a new file that replaces `path` once it is completely on the disk.
+    """Yield a new binary file, which replaces `path` at the end of the block.
 
-    The new file is locked while it is written, so that one of a killed process is recognized.
+    It replaces `path` only after all its bytes are on the disk, and is removed if the block
+    raises. It is locked while it is written: an unlocked one was left by a killed process
+    (`abandoned_files`).
 
     Raises:
         MapFileError: The file cannot be written; an existing file is unchanged.
@@ -79,20 +81,27 @@ def replaced(path: Path) -> Iterator[IO[bytes]]:
 
 
 def abandoned_files(folder: Path) -> list[Path]:
-    """Return the unfinished files of killed processes: no running process has locked them."""
+    """Return the unfinished files of killed processes in a folder, sorted by name.
+
+    They are the files that `replaced` has begun and that no running process has locked. None is
+    found if the folder is missing or its file system has no locks.
+    """
     abandoned = []
     with suppress(OSError):  # the folder is missing or not readable
         for path in sorted(folder.glob(f'{PARTIAL}*')):
             if not path.is_file():  # opening a pipe would wait
                 continue
-            with suppress(OSError), path.open('rb') as file:  # a process holds the lock
+            with suppress(OSError), path.open('rb') as file:  # locked, or it cannot be locked
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 abandoned.append(path)
     return abandoned
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the renaming of a file permanent on the disk, if the file system supports that."""
+    """Write the entries of a folder to the disk, so that renamed files survive a power cut.
+
+    Errors are ignored, because some file systems cannot do this.
+    """
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -102,9 +111,12 @@ def sync_folder(folder: Path) -> None:
 
 
 def write(file: IO[bytes], manifest: Mapping[str, Any], records: Mapping[str, Record]) -> None:
-    """Write a manifest, and records by the names of their sections.
+    """Write an archive.
 
-    The lengths of the records are added to the manifest as `lengths`.
+    Args:
+        file: A file that is open for writing.
+        manifest: The manifest, to which the lengths of the records are added as `lengths`.
+        records: The records, by the names of their sections in the archive.
     """
     lengths = {section: record.lengths() for section, record in records.items()}
     # Not compressed: that saved 18 % of a map without images and took ten times as long.
@@ -120,10 +132,16 @@ def write(file: IO[bytes], manifest: Mapping[str, Any], records: Mapping[str, Re
 
 
 def read(path: Path, read_content: Callable[[Reader], T]) -> T:
-    """Open an archive, and return what a function makes of its content.
+    """Open an archive, and return the result of a function that reads its content.
+
+    Args:
+        path: The file.
+        read_content: Is called with a reader of the open archive. Errors that damaged content
+            causes in it (`HoidError`, `DAMAGE`) are raised as `MapFileError`.
 
     Raises:
-        MapFileError: The file does not exist or is damaged, or the function finds a fault in it.
+        MapFileError: The file does not exist, cannot be read, is damaged, or does not fit into
+            memory.
     """
     if not path.is_file():  # also refuses pipes, whose opening would wait
         raise MapFileError(f'{path}: there is no such file')
@@ -144,13 +162,14 @@ def read(path: Path, read_content: Callable[[Reader], T]) -> T:
 class Reader:
     """Reads an open archive.
 
+    Beside MapFileError, the methods raise the errors in `DAMAGE` where the file is damaged.
+
     Args:
         archive: The archive.
         file_bytes: Size of its file.
 
     Raises:
-        MapFileError: A member is compressed by an unknown method, or unpacks to a size that no
-            honest file has.
+        MapFileError: A member is neither stored uncompressed nor deflated.
     """
 
     def __init__(self, archive: zipfile.ZipFile, file_bytes: int) -> None:
@@ -166,7 +185,7 @@ class Reader:
         """Return the manifest.
 
         Raises:
-            MapFileError: There is none, or it is no dictionary.
+            MapFileError: There is none, it is too large, or it is no dictionary.
         """
         info = self._infos.get(MANIFEST)
         if info is None or info.file_size > _MAX_MANIFEST_BYTES:
@@ -179,14 +198,16 @@ class Reader:
     def records(
         self, kinds: Mapping[str, type[Record]], lengths: Mapping[str, Mapping[str, int]]
     ) -> dict[str, Record]:
-        """Return the records of the sections that have lengths, after checking their sizes.
+        """Return the records by section, after checking the sizes and headers of their arrays.
 
         Args:
-            kinds: The types of records by section.
-            lengths: The lengths of the named axes, by section.
+            kinds: The type of record of each section that the archive may have.
+            lengths: The lengths of the named axes of each section that the archive has.
 
         Raises:
-            MapFileError: The archive has other members, or a member has another size or type.
+            MapFileError: The archive would unpack to a size that no map has, has other members
+                than the arrays of these sections, or an array has another size, type or shape than
+                declared.
         """
         if self._unpacked > self._limit:
             raise MapFileError(
@@ -208,12 +229,15 @@ class Reader:
         }
 
     def _array(self, name: str, column: Column, lengths: Mapping[str, int]) -> Array:
-        """Return one array, read-only, after checking its size and header.
+        """Return one array, read-only, after checking its size, header and Boolean values.
 
         Args:
-            name: Name of the array's member in the file.
+            name: Name of the array's member in the archive.
             column: The declared type and shape.
             lengths: Lengths of the named axes.
+
+        Raises:
+            MapFileError: A check fails.
         """
         shape = column.shape(lengths)
         info = self._archive.getinfo(name)
@@ -233,7 +257,7 @@ def _member(section: str, name: str) -> str:
 
 
 def _header(column: Column, lengths: Mapping[str, int]) -> bytes:
-    """Return the only accepted header of an array's file (NPY format 1.0)."""
+    """Return the header of an array's member (NPY format 1.0); no other header is accepted."""
     shape = column.shape(lengths)
     text = f"{{'descr': {column.dtype.str!r}, 'fortran_order': False, 'shape': {shape}, }}"
     return struct.pack('<6sBBH', b'\x93NUMPY', 1, 0, _HEADER_BYTES - 10) + (

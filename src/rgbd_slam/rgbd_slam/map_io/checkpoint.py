@@ -1,8 +1,8 @@
-"""The checkpoint of a node: the map of a node that was killed, for the node that replaces it.
+"""The checkpoint of a node: its map on the disk, which the next node resumes if it is killed.
 
-A checkpoint is a folder of segments, to which only what is new is appended, and of an index
-(decision 042). The modification time of the index is the stamp of the last image that was tracked
-in its map, on the camera's clock. It shows whether the map fits the images that a new node
+A checkpoint is a folder with segments, to which only new and changed rows are appended, and an
+index (decision 042). The modification time of the index is the stamp of the last image that was
+tracked in its map, on the camera's clock. It shows whether the map fits the images that a new node
 receives: the stamps of a running camera are later by the time for which no node was running. Those
 of a recording that is played again are earlier, and those of another recording differ by more than
 ten minutes.
@@ -47,18 +47,25 @@ _SPARE_BYTES = 16_000_000  # chosen: dead bytes that are not worth writing a seg
 
 
 class Checkpoint(NamedTuple):
-    """A map and the time until which it was extended."""
+    """The map that was read from a checkpoint, and the time until which it was extended."""
 
     content: MapFile
     stamp_ns: int  # of the last image tracked in it
 
     def is_recent(self, stamp_ns: int) -> bool:
-        """Return whether a camera whose image has this stamp is probably still in the map."""
+        """Return whether the camera is probably still in the map at an image with this stamp.
+
+        That is the case if it is at most ten minutes later than the last image tracked in the map,
+        and not earlier.
+        """
         return 0 <= stamp_ns - self.stamp_ns <= _MAX_AWAY_NS
 
 
 def _set_stamp(index: Path | int, stamp_ns: int) -> None:
-    """Record the stamp of the last image in the modification time of an index."""
+    """Set the modification time of an index (path or file descriptor) to an image's stamp.
+
+    Errors are ignored.
+    """
     with suppress(OSError):
         os.utime(index, ns=(stamp_ns, stamp_ns))
 
@@ -68,7 +75,11 @@ class CheckpointFolder:
 
     Args:
         directory: The folder of all maps; `~` is the home folder.
-        owner: Name of the node, which must be unique on this machine.
+        owner: Name of the node, which must be unique on this machine. In the name of the folder,
+            characters other than letters and digits are replaced by "-".
+
+    Raises:
+        ConfigError: `directory` begins with `~`, and the home folder is not known.
     """
 
     def __init__(self, directory: str, owner: str) -> None:
@@ -79,7 +90,7 @@ class CheckpointFolder:
 
     @property
     def outdated(self) -> Path | None:
-        """Return the checkpoint file that an earlier version has left, which is a map file."""
+        """Return the checkpoint of an earlier version, a single map file; None: there is none."""
         path = self.path.with_name(self.path.name + SUFFIX)
         return path if path.exists() else None
 
@@ -87,7 +98,7 @@ class CheckpointFolder:
         """Return the checkpoint, or None if there is none.
 
         Raises:
-            MapFileError: It cannot be read.
+            MapFileError: It is damaged, or of another version.
         """
         if not self._index.exists():
             return None
@@ -95,11 +106,11 @@ class CheckpointFolder:
         return Checkpoint(read_checkpoint(self._index), stamp_ns)
 
     def touch(self, stamp_ns: int) -> None:
-        """Record that the map in the checkpoint still holds at the image with this stamp."""
+        """Set the stamp of the last image tracked in the map, if the map itself is unchanged."""
         _set_stamp(self._index, stamp_ns)
 
     def remove(self) -> None:
-        """Delete the checkpoint, so that no node resumes its map."""
+        """Delete the checkpoint, so that no node resumes its map; errors are ignored."""
         with suppress(OSError):
             self._index.unlink(missing_ok=True)  # first: what is left is no checkpoint
         shutil.rmtree(self.path, ignore_errors=True)
@@ -108,9 +119,9 @@ class CheckpointFolder:
 class CheckpointWriter:
     """Writes the checkpoints of one map, which replace a checkpoint of an earlier map.
 
-    `parts` copies the map between two images. Each of its parts is passed to `append`, and the
-    last one of a checkpoint to `finish` as well. After an error, the same part may be copied and
-    appended again.
+    `parts` copies the map between two images. Each of its parts is passed to `append`. If it is
+    the last part of a checkpoint, its keyframes are passed to `finish` as well. After an error,
+    the rows of the failed part are copied and appended again.
 
     Args:
         folder: The checkpoint of the node.
@@ -119,7 +130,7 @@ class CheckpointWriter:
 
     def __init__(self, folder: CheckpointFolder, atlas: Atlas) -> None:
         self.parts = MapParts(atlas)
-        self.num_bytes = 0  # that were written for the current checkpoint
+        self.num_bytes = 0  # written to segments since the last checkpoint was finished
         self._folder = folder
         self._segments = {name: self._new_segment(name) for name in SEGMENTS}
         self._submaps = _StoredSubmaps()
@@ -128,7 +139,10 @@ class CheckpointWriter:
 
     @property
     def submaps_since(self) -> ExportMark | None:
-        """Return the mark of the stored dense map; None: no submap is stored."""
+        """Return the mark of the export up to which changes of the dense map are stored.
+
+        None is returned if all submaps have to be exported.
+        """
         return self._submaps.mark
 
     @property
@@ -138,7 +152,7 @@ class CheckpointWriter:
 
     @property
     def total_bytes(self) -> int:
-        """Return the size of all segments."""
+        """Return the size of all segments in bytes, including rows that are no longer used."""
         return sum(segment.num_bytes for segment in self._segments.values())
 
     def close(self) -> None:
@@ -147,7 +161,7 @@ class CheckpointWriter:
             segment.close()
 
     def append(self, part: MapPart) -> None:
-        """Append a part to the segments, where no reader finds it before `finish`.
+        """Append a part to the segments; readers ignore it until `finish` has written the index.
 
         Raises:
             MapFileError: It cannot be written.
@@ -171,19 +185,25 @@ class CheckpointWriter:
         objects: ObjectMapState | None = None,
         keep_submaps: bool = False,
     ) -> int:
-        """Replace the checkpoint by the map whose parts were appended; return its bytes written.
+        """Replace the checkpoint by the map whose parts were appended.
 
         Args:
-            header: What the map is.
+            header: Camera, octaves and frame of the map.
             keyframes: The keyframes, from the last part.
-            submaps: The dense map; None: there is none.
+            submaps: The changes of the dense map since `submaps_since`; None: there is no dense
+                map.
             stamp_ns: Stamp of the last image that was tracked in the map.
-            objects: The object map, with rows of these keyframes; None: there is none.
-            keep_submaps: Whether dense map and object map are unknown: keep those of the last
-                checkpoint.
+            objects: The object map, whose anchors are rows of these keyframes; None: there is
+                none.
+            keep_submaps: Keep the dense map and the object map of the last checkpoint, and ignore
+                `submaps` and `objects`, because the present ones could not be obtained.
+
+        Returns:
+            Number of bytes written to segments and index since the last checkpoint.
 
         Raises:
-            MapFileError: It cannot be written; the old checkpoint is unchanged.
+            MapFileError: The checkpoint cannot be written, or the dense map is to be kept but its
+                segments are to be written anew; the old checkpoint is unchanged.
         """
         columns = keyframes.columns | {
             'first_feature': self.parts.first_feature[keyframes.rows],
@@ -226,13 +246,17 @@ class CheckpointWriter:
             for segment in self._segments.values():
                 segment.sync()
         except OSError:
-            # Linux forgets which bytes are missing on the disk: write all to new segments.
+            # After this error, Linux no longer knows which bytes are missing on the disk, so that
+            # everything has to be written to new segments.
             self._replace_all()
             raise
 
     @contextmanager
     def _anew_if_missing(self) -> Iterator[None]:
-        """Let the next checkpoint write everything if somebody has deleted a segment."""
+        """Replace all segments by empty ones if somebody has deleted one; raise the error again.
+
+        The next checkpoint then writes everything.
+        """
         try:
             yield
         except FileNotFoundError:
@@ -240,7 +264,7 @@ class CheckpointWriter:
             raise
 
     def _compact(self, keyframes: KeyframeCopy) -> None:
-        """Replace segments most of which is dead; the next checkpoint fills the new ones."""
+        """Replace segments by empty ones, which the next checkpoint fills, if most rows are dead."""
         num_features = int(keyframes.columns['num_features'].sum())
         alive = {'features': num_features, 'states': num_features, 'points': keyframes.num_points}
         alive['voxels'], alive['cubes'] = self._submaps.num_voxels, len(self._submaps)
@@ -266,7 +290,7 @@ class CheckpointWriter:
                 self._submaps = _StoredSubmaps()
 
     def _remove_unused(self) -> None:
-        """Remove the files that belong neither to the index nor to the next one."""
+        """Remove all files of the folder but the index and the segments that it refers to."""
         used = {_INDEX, *(segment.path.name for segment in self._segments.values())}
         with suppress(OSError):
             for path in self._folder.path.iterdir():
@@ -284,13 +308,16 @@ class CheckpointWriter:
 
 
 class _StoredObjects(NamedTuple):
-    """The object map of the last checkpoint that had one."""
+    """The object map that was passed last; None: there was none."""
 
     state: ObjectMapState | None
-    keyframe_uids: IntArray  # (K,) of its rows
+    keyframe_uids: IntArray  # (K,) uids of the keyframes whose rows are the anchors of `state`
 
     def record(self, keyframe_uids: IntArray) -> ObjectMapState | None:
-        """Return the record of the objects whose anchors are among the keyframes (M,)."""
+        """Return the objects whose anchors are among the keyframes with these ascending uids (M,).
+
+        None is returned if there is no object map.
+        """
         if self.state is None:
             return None
         rows = np.searchsorted(keyframe_uids, self.keyframe_uids)
@@ -307,7 +334,7 @@ class _StoredSubmap(NamedTuple):
 
 
 class _StoredSubmaps:
-    """Where the submaps of the dense map are in the segments."""
+    """The rows at which the submaps of the dense map are stored in the segments."""
 
     def __init__(self) -> None:
         self.mark: ExportMark | None = None
@@ -323,7 +350,12 @@ class _StoredSubmaps:
         return sum(submap.num_voxels for submap in self._stored.values())
 
     def append(self, export: SubmapExport | None, segments: dict[str, Segment]) -> None:
-        """Append the submaps that have changed, and forget those that are gone."""
+        """Append the changed submaps to the segments, and forget those that no longer exist.
+
+        Args:
+            export: The changes since the last call; None: there is no dense map.
+            segments: The segments by name, of which `voxels` and `cubes` are extended.
+        """
         if export is None:
             self.mark, self._stored = None, {}
             return
@@ -350,7 +382,7 @@ class _StoredSubmaps:
         self.mark, self._stored, self._voxel_m = export.mark, stored, float(state.voxel_m[0])
 
     def record(self, keyframe_uids: IntArray) -> IndexedSubmaps:
-        """Return the record of the submaps whose anchors are among the keyframes."""
+        """Return the index of the submaps whose anchors are among the keyframes (M,)."""
         saved = set(keyframe_uids.tolist())
         kept = [submap for submap in self._stored.values() if submap.anchor_uid in saved]
         return IndexedSubmaps.of(

@@ -1,4 +1,4 @@
-"""The index of a checkpoint: which rows of its segments are valid, and what is not in segments.
+"""The index of a checkpoint: which rows of its segments are valid, and data that has no segment.
 
 The index is a small archive that is replaced as a whole, so that a checkpoint is either the last
 complete one or the one before, whenever a process or a computer dies.
@@ -50,33 +50,33 @@ class CubeRows(Record):
 
 @dataclass(frozen=True, eq=False)
 class IndexedKeyframes(Record):
-    """The K keyframes by ascending uid, and where their features are in the segments."""
+    """The K keyframes by ascending uid, and the rows of their features in the segments."""
 
     uid: Annotated[IntArray, column('i8', 'keyframes')]
     stamp_ns: Annotated[IntArray, column('i8', 'keyframes')]
     T_map_camera: Annotated[FloatArray, column('f8', 'keyframes', 4, 4)]  # core's map frame
     map_id: Annotated[IntArray, column('i8', 'keyframes')]
-    parent_uid: Annotated[IntArray, column('i8', 'keyframes')]
+    parent_uid: Annotated[IntArray, column('i8', 'keyframes')]  # in the spanning tree
     num_features: Annotated[IntArray, column('i8', 'keyframes')]
-    first_feature: Annotated[IntArray, column('i8', 'keyframes')]
-    first_state: Annotated[IntArray, column('i8', 'keyframes')]
+    first_feature: Annotated[IntArray, column('i8', 'keyframes')]  # row in segment `features`
+    first_state: Annotated[IntArray, column('i8', 'keyframes')]  # row in segment `states`
 
 
 @dataclass(frozen=True, eq=False)
 class IndexedSubmaps(Record):
-    """The S submaps of the dense map, and where their voxels and free space are."""
+    """The S submaps of the dense map, and the rows of their contents in the segments."""
 
     voxel_m: Annotated[FloatArray, column('f8', 1)]  # side of a voxel
-    anchor_uid: Annotated[IntArray, column('i8', 'submaps')]
+    anchor_uid: Annotated[IntArray, column('i8', 'submaps')]  # uid of the anchor keyframe
     T_anchor_submap: Annotated[FloatArray, column('f8', 'submaps', 4, 4)]
     num_voxels: Annotated[IntArray, column('i8', 'submaps')]
-    first_voxel: Annotated[IntArray, column('i8', 'submaps')]
-    cube: Annotated[IntArray, column('i8', 'submaps')]
+    first_voxel: Annotated[IntArray, column('i8', 'submaps')]  # row in segment `voxels`
+    cube: Annotated[IntArray, column('i8', 'submaps')]  # row in segment `cubes`: its free space
 
 
 @dataclass(frozen=True, eq=False)
 class Chunks(Record):
-    """The numbers of rows of the chunks of each segment."""
+    """For each segment: the number of rows of each of its chunks, in order."""
 
     features: Annotated[IntArray, column('i8', 'features')]
     states: Annotated[IntArray, column('i8', 'states')]
@@ -101,16 +101,16 @@ _SECTIONS: dict[str, type[Record]] = {
 
 
 class MapHeader(NamedTuple):
-    """What a map is, beside its rows."""
+    """The camera, the octaves and the frame of a map."""
 
     camera: CameraModel
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
-    T_map_core: FloatArray  # (4, 4) pose of the core's map frame in the published one
+    T_map_core: FloatArray  # (4, 4) pose of the core's map frame in the published map frame
 
 
 class CheckpointIndex(NamedTuple):
-    """The contents of an index."""
+    """The contents of an index; the rows of features, points and voxels are in the segments."""
 
     header: MapHeader
     keyframes: IndexedKeyframes
@@ -118,7 +118,10 @@ class CheckpointIndex(NamedTuple):
     objects: ObjectMapState | None = None  # small, and therefore in no segment
 
     def write(self, file: IO[bytes], segments: Mapping[str, Segment]) -> None:
-        """Write this index to a file; the rows of the segments must be on the disk already."""
+        """Write this index, with the file names, chunks and checksums of the segments.
+
+        The rows of the segments must be on the disk already.
+        """
         camera, scale_factor, num_octaves, T_map_core = self.header
         manifest = {
             'format': _FORMAT,
@@ -149,10 +152,13 @@ class CheckpointIndex(NamedTuple):
 
 
 def read_checkpoint(path: Path) -> MapFile:
-    """Return the map of an index and of the segments beside it, after checking them.
+    """Return the map of an index and of the segments in the same folder, after checking them.
+
+    Its poses are in the published map frame.
 
     Raises:
-        MapFileError: The index or a segment is damaged, or the index is of another version.
+        MapFileError: The index or a segment is missing or damaged, or the index is of another
+            version.
     """
 
     def read(reader: archive.Reader) -> MapFile:
@@ -197,7 +203,10 @@ def map_state(keyframes: IndexedKeyframes, rows: Mapping[str, Rows]) -> MapState
 
     Args:
         keyframes: The keyframes.
-        rows: The rows of features, states and points.
+        rows: The stored rows, by segment: `features`, `states` and `points`.
+
+    Raises:
+        MapFileError: A feature observes a point that is not stored.
     """
     counts = keyframes.num_features
     features = rows['features'].taken(keyframes.first_feature, counts)
@@ -224,14 +233,22 @@ def map_state(keyframes: IndexedKeyframes, rows: Mapping[str, Rows]) -> MapState
 
 
 def _rows_of_points(stored: Array, observed: Array) -> tuple[IntArray, IntArray]:
-    """Return which stored rows are the points of the map, and the new row of each old row.
+    """Return which stored rows are the points of the map, and the new row of each point.
 
     A point may be stored several times; the last time counts. Points that no feature observes any
     more are left out, because an atlas removes them.
 
     Args:
-        stored: (R,) rows in the atlas, in the order in which they were stored.
-        observed: (F,) rows that features observe, or NO_POINT.
+        stored: (R,) row in the atlas of each stored point, in the order of storing.
+        observed: (F,) row in the atlas of the point that each feature observes, or NO_POINT.
+
+    Returns:
+        The (P,) indices into `stored` of the points of the map, and an array that maps a row in
+        the atlas to the point's index among these P. The latter has NONE for rows that are left
+        out, and as its last element, which the index NO_POINT = -1 reads.
+
+    Raises:
+        MapFileError: A feature observes a point that is not stored.
     """
     capacity = 1 + max(int(stored.max(initial=-1)), int(observed.max(initial=-1)))
     last = np.full(capacity, NONE)

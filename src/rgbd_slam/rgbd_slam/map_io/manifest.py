@@ -22,7 +22,7 @@ SECTIONS: dict[str, type[Record]] = {
     'objects': ObjectMapState,
     'dense': DenseState,  # the images of the dense map, in files of earlier versions
 }
-MAX_DISTORTION = 14  # coefficients of the largest of OpenCV's lens models
+MAX_DISTORTION = 14  # number of coefficients of OpenCV's largest lens model
 _MAX_ROWS = 2**31
 
 
@@ -64,10 +64,11 @@ def read_manifest(reader: Reader) -> Manifest:
 
 
 def _schema(sections: object) -> dict[str, Any]:
-    """Return the schema of a manifest: nested dictionaries of predicates.
+    """Return the schema of a manifest: nested dictionaries with a predicate for each value.
 
     Args:
-        sections: The value of `lengths` in the manifest, by section; all but `map` are optional.
+        sections: The value of `lengths` in the manifest, which may be invalid. Its keys say which
+            of the sections besides `map`, which is required, the file has.
     """
     camera = {field.name: _is_number for field in fields(CameraModel)}
     size = {'width_px': _is_count, 'height_px': _is_count}

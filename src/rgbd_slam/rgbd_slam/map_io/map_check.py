@@ -1,4 +1,4 @@
-"""Checks that the arrays of a map file form a map, so that no file can harm the tracker."""
+"""Checks that the arrays of a map file form a valid map, so that no file can harm the tracker."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
 _ORTHONORMAL = 1e-6  # chosen: largest entry of R R^T - I; poses are stored in 64 bits
 _MIN_WEIGHT, _MAX_WEIGHT = 1e-30, 1e30  # chosen: no product with a color or a coordinate overflows
 _BLOCK = 64  # chosen: keyframes that are checked at once; their observations fit the cache
-_MIN_RAY_M = 1e-3  # chosen: a nearer point has no direction
+_MIN_RAY_M = 1e-3  # chosen: a point nearer to the camera has no viewing direction
 
 
 def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
@@ -32,8 +32,8 @@ def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
 
     Args:
         state: The map.
-        camera: The camera that it was made with.
-        num_octaves: Number of octaves of its features.
+        camera: The camera that the map was made with.
+        num_octaves: Number of octaves of the map's features.
     """
     lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
     is_lens = len(lens) <= _MAX_INTRINSICS and np.isfinite(lens).all()
@@ -47,11 +47,11 @@ def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
 
 
 def check_dense(state: DenseState, num_keyframes: int) -> None:
-    """Raise MapFileError if the arrays of a dense map break a rule; its text names this rule.
+    """Raise MapFileError if the images of a dense map break a rule; its text names this rule.
 
     Args:
-        state: The dense map.
-        num_keyframes: Number of keyframes of the map that it belongs to.
+        state: The images of the dense map, as files of earlier versions have them.
+        num_keyframes: Number of keyframes of the map in the same file.
     """
     _require(_within(state.keyframe, 0, num_keyframes), 'an image has no keyframe')
     _require(_are_poses(state.T_keyframe_camera), "an image's pose is invalid")
@@ -60,11 +60,11 @@ def check_dense(state: DenseState, num_keyframes: int) -> None:
 
 
 def check_submaps(state: SubmapState, num_keyframes: int) -> None:
-    """Raise MapFileError if the arrays of a dense map break a rule; its text names this rule.
+    """Raise MapFileError if the submaps of a dense map break a rule; its text names this rule.
 
     Args:
-        state: The dense map.
-        num_keyframes: Number of keyframes of the map that it belongs to.
+        state: The submaps of the dense map.
+        num_keyframes: Number of keyframes of the map in the same file.
     """
     _require(_within(state.voxel_m, 1e-3, 1.0), 'the size of a voxel is out of range')
     _require(_within(state.anchor, 0, num_keyframes), 'a submap has no keyframe')
@@ -83,7 +83,7 @@ def check_objects(state: ObjectMapState, num_keyframes: int) -> None:
 
     Args:
         state: The object map.
-        num_keyframes: Number of keyframes of the map that it belongs to.
+        num_keyframes: Number of keyframes of the map in the same file.
     """
     _require(_within(state.next_id, 1, _MAX_COUNT), 'the next number of an object is out of range')
     _require(_within(state.object_id, 1, int(state.next_id[0])), "an object's number is invalid")
@@ -135,7 +135,7 @@ def _require(holds: bool | np.bool_, otherwise: str) -> None:
 
 
 def _within(values: Array, low: float, end: float) -> bool:
-    """Return whether all values are in [low, end); false if one is NaN."""
+    """Return whether all values are in [low, end): true without values, false if one is NaN."""
     return values.size == 0 or bool(values.min() >= low and values.max() < end)
 
 
@@ -157,7 +157,7 @@ def _check_keyframes(state: MapState) -> None:
 
 
 def _check_tree(state: MapState) -> None:
-    """Check that the parents of the keyframes of each map form a tree with one root."""
+    """Check that the keyframes of each map form one tree, and that map ids count from 0."""
     count = len(state)
     _require(_within(state.parent, NONE, count), 'a parent does not exist')
     is_root = state.parent == NONE

@@ -13,10 +13,10 @@ from rgbd_slam.records.record import Record
 
 
 class MapCollector:
-    """Collects the parts of a map until they are the whole map at one version.
+    """Collects copies of the parts of a map until they are the whole map at one version.
 
     Args:
-        atlas: The map.
+        atlas: The running map, which may change between the copies of two parts.
     """
 
     def __init__(self, atlas: Atlas) -> None:
@@ -24,11 +24,14 @@ class MapCollector:
         self._records: dict[str, list[Record]] = {'features': [], 'states': [], 'points': []}
 
     def copy(self) -> MapPart:
-        """Copy the next part, between two images; `add` it before the next one is copied."""
+        """Return a copy of the next part, which must be passed to `add` before the next call.
+
+        The map must not change during the call: it is made between two images.
+        """
         return self._parts.copy()
 
     def add(self, part: MapPart) -> MapState | None:
-        """Add a part; return the map, in the core's map frame, if this was the last part."""
+        """Add a part; return the map in the core's map frame, or None if parts are missing."""
         firsts = (sum(map(num_rows, self._records[name])) for name in ('features', 'states'))
         self._parts.note(part, *firsts)
         for name, record in (

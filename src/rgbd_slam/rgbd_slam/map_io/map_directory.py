@@ -31,7 +31,7 @@ _MAX_ENDING = 8  # chosen: characters of a word after a dot that counts as an en
 class FileKind(NamedTuple):
     """A kind of file that a service writes or reads."""
 
-    noun: str
+    noun: str  # with its article, for error texts
     default: str  # name if the request has none
     endings: tuple[str, ...]  # the first one is appended to a name without an ending
 
@@ -52,8 +52,10 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
         kind: The kind of file.
 
     Raises:
-        InputError: The name might lead out of the folder, no file can have it, or it has the
-            ending of another kind of file; or the folder cannot be created.
+        InputError: The name contains a slash or characters that cannot be printed, begins with a
+            dot, is too long, has the ending of another kind of file, or is that of a symbolic
+            link; or the folder cannot be created.
+        ConfigError: `directory` begins with `~`, and the home folder is not known.
     """
     _check_name(name, directory)
     file_name = _with_ending(name or kind.default, kind)
@@ -71,17 +73,20 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
 
 
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
-    """Write files so that an existing file is replaced by a complete one or not at all.
+    """Write files so that each existing file is replaced by a complete one or not at all.
 
-    They are written in a scratch folder, then moved to the folder of `path`. The result of `write`
-    is returned.
+    They are written in a scratch folder, then moved to the folder of `path` one by one.
 
     Args:
         path: The main file; others that `write` creates beside it are moved along.
         write: Called with the path in the scratch folder to which it must write the main file.
 
+    Returns:
+        The result of `write`.
+
     Raises:
-        InputError: The files cannot be written; existing ones are unchanged.
+        InputError: The files cannot be written. Existing ones are unchanged, but for those that
+            had been replaced already when moving a later one failed.
     """
     try:
         with scratch_folder(path.parent, 'partial') as aside:
@@ -94,13 +99,16 @@ def write_whole(path: Path, write: Callable[[Path], T]) -> T:
 
 
 def remove_abandoned(directory: str) -> list[str]:
-    """Remove the unfinished files of killed processes; return their names.
+    """Remove the unfinished files and folders of killed processes; return the removed names.
 
-    Files and folders that a running process has locked, and those younger than a minute, whose
-    process may not have locked them yet, are left alone.
+    Those that a running process has locked are left alone, and so are those younger than a
+    minute, because their process may not have locked them yet.
 
     Args:
         directory: The folder of maps; `~` is the home folder.
+
+    Raises:
+        ConfigError: `directory` begins with `~`, and the home folder is not known.
     """
     folder, removed = expand_home(directory, 'map_directory'), []
     for path in [*abandoned_scratch_folders(folder), *abandoned_files(folder)]:
@@ -112,7 +120,7 @@ def remove_abandoned(directory: str) -> list[str]:
 
 
 def _check_name(name: str, directory: str) -> None:
-    # Names that cannot be typed or printed in one line, and hidden files, are refused.
+    # Refused are names that cannot be typed or printed in one line, hidden files, and paths.
     if not name.isprintable() or name.startswith('.') or '/' in name:
         raise InputError(
             f'"{printable(name)}" is no plain file name; files are in {directory} only'
@@ -133,6 +141,9 @@ def _with_ending(name: str, kind: FileKind) -> str:
 
 
 def printable(name: str) -> str:
-    """Return the beginning of a text from a request, without characters that break a line."""
+    """Return the first 40 characters of a text from a request, for an error text of one line.
+
+    Each character that cannot be printed is replaced by "?", and "..." follows a longer text.
+    """
     text = ''.join(c if c.isprintable() else '?' for c in name[:_MAX_PRINTED])
     return text + '...' * (len(name) > _MAX_PRINTED)

@@ -26,13 +26,13 @@ from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 SUFFIX = '.hoidmap'
 _SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
-_MAX_ZOOM = 1.1  # chosen: ratio of focal lengths up to which a camera extends the map of another
+_MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera extends another's map
 
 
 class MapFile(NamedTuple):
-    """The contents of a map file; poses are in the published map frame, with z up."""
+    """The contents of a map file; poses are in the published map frame, whose z axis points up."""
 
-    camera: CameraModel  # that the map was made with
+    camera: CameraModel  # with which the map was made
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
@@ -44,18 +44,22 @@ class MapFile(NamedTuple):
     ) -> MapFile:
         """Return the map as if it had been made with a given camera.
 
-        Its features lie at undistorted pixels, so that they are moved to those of the same rays.
+        The pixels of the features, which are undistorted, are replaced by those at which this
+        camera sees the same rays, and their octaves by those at which it sees the same details. If
+        it is the camera of the map, the map is returned unchanged.
 
         Args:
             camera: The camera.
-            scale_factor: Ratio of the sizes of two successive octaves of its features.
-            num_octaves: Number of octaves of its features.
+            scale_factor: Ratio of the scales of two successive octaves that the camera's features
+                have.
+            num_octaves: Number of octaves that the camera's features have.
             extend: Whether the camera will extend the map, and not only be localized in it. Then
-                its focal length must be similar, because features of the two are matched in both
-                directions.
+                its focal length must be similar, because features of the two cameras are matched
+                in both directions.
 
         Raises:
-            MapFileError: The map has other octaves, or the focal lengths differ too much.
+            MapFileError: The map has another number or scale of octaves, or the map is to be
+                extended and the focal lengths differ by more than 10 %.
         """
         if (self.scale_factor, self.num_octaves) != (scale_factor, num_octaves):
             raise MapFileError(
@@ -70,7 +74,7 @@ class MapFile(NamedTuple):
         return self._replace(camera=camera, map=state)
 
     def _is_of(self, camera: CameraModel) -> bool:
-        """Return whether a camera is that of the map."""
+        """Return whether a camera has the image size and the intrinsics of the map's camera."""
         is_size = _size_px(self.camera) == _size_px(camera)
         return is_size and bool(
             (np.abs(_intrinsics(camera) - _intrinsics(self.camera)) < _SAME).all()
@@ -78,7 +82,12 @@ class MapFile(NamedTuple):
 
 
 def check_extendable(made_with: CameraModel, camera: CameraModel) -> None:
-    """Raise MapFileError if a camera differs too much from that of a map to extend the map."""
+    """Raise MapFileError if a camera must not extend a map, as focal lengths differ by over 10 %.
+
+    Args:
+        made_with: The camera with which the map was made.
+        camera: The camera that is to extend the map.
+    """
     zoom = np.sqrt(camera.fx_px * camera.fy_px / made_with.fx_px / made_with.fy_px)
     if abs(np.log(zoom)) > np.log(_MAX_ZOOM):
         raise MapFileError(
@@ -109,8 +118,8 @@ def save(path: Path, content: MapFile) -> int:
     An existing file is replaced once the new one is completely on the disk.
 
     Raises:
-        MapFileError: The file cannot be written, or could not be loaded; an existing file is
-            unchanged.
+        MapFileError: The file cannot be written, or the map breaks a rule, so that it could not
+            be loaded again. An existing file is unchanged.
     """
     check(content)
     with archive.replaced(path) as file:
@@ -122,13 +131,17 @@ def load(path: Path) -> MapFile:
     """Return the contents of a map file, after checking them.
 
     Raises:
-        MapFileError: The file does not exist, is no map file of this version, or is damaged.
+        MapFileError: The file does not exist, cannot be read, is no map file of this version, is
+            damaged, or does not fit into memory.
     """
     return archive.read(path, _read)
 
 
 def check(content: MapFile) -> None:
-    """Raise MapFileError if the arrays of a map break a rule; its text names this rule."""
+    """Raise MapFileError if a map, its dense map or its object map breaks a rule.
+
+    The text of the error names the first such rule.
+    """
     with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
         if isinstance(content.dense, SubmapState):

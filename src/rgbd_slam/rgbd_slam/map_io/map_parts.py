@@ -22,8 +22,8 @@ from rgbd_slam.records.record import Array, Record, column
 # Chosen: a part of so many keyframes (5 MB of features) and points is copied in a few ms.
 _MAX_KEYFRAMES = 96
 _MAX_POINTS = 50_000
-_NEVER = -1  # no version of a map
-_UNKNOWN = -2  # no uid, not even that of an empty row
+_NEVER = -1  # instead of a version: the row has not been copied
+_UNKNOWN = -2  # instead of a uid: no features are stored; -1 is the uid of an empty row
 _FEATURE_COLUMNS = ('depth_m', 'octave', 'angle_deg', 'descriptors')
 _KEYFRAME_COLUMNS = ('uid', 'stamp_ns', 'T_map_camera', 'map_id', 'parent_uid', 'num_features')
 
@@ -41,7 +41,7 @@ class FeatureRows(Record):
 
 @dataclass(frozen=True, eq=False)
 class StateRows(Record):
-    """The part of features that changes."""
+    """The columns of features that change."""
 
     point: Annotated[NDArray[np.int32], column('i4', 'features')]  # row in the atlas, or NO_POINT
     may_seed: Annotated[BoolArray, column('?', 'features')]
@@ -51,29 +51,29 @@ class StateRows(Record):
 class PointRows(Record):
     """Map points."""
 
-    row: Annotated[NDArray[np.int32], column('i4', 'points')]  # in the atlas
+    row: Annotated[NDArray[np.int32], column('i4', 'points')]  # in the atlas's table of points
     position_m: Annotated[FloatArray, column('f8', 'points', 3)]  # in the core's map frame
     reference_uid: Annotated[IntArray, column('i8', 'points')]  # of the reference keyframe
-    num_visible: Annotated[IntArray, column('i8', 'points')]
-    num_found: Annotated[IntArray, column('i8', 'points')]
+    num_visible: Annotated[IntArray, column('i8', 'points')]  # frames that should show it
+    num_found: Annotated[IntArray, column('i8', 'points')]  # frames in which it was found
 
 
 class KeyframeCopy(NamedTuple):
     """All K keyframes without their features, by ascending uid."""
 
-    rows: IntArray  # (K,) in the atlas
-    columns: dict[str, Array]  # (K, ...)
-    num_points: int  # of the map
+    rows: IntArray  # (K,) in the atlas's table of keyframes
+    columns: dict[str, Array]  # (K, ...) by the names of the columns
+    num_points: int  # number of points of the map
 
 
 class MapPart(NamedTuple):
-    """Copies of some changed rows."""
+    """Copies of new and changed rows: those of M keyframes, and some map points."""
 
-    version: int  # of the map when they were copied
-    changed: IntArray  # (M,) rows of the keyframes whose states these are
-    uids: IntArray  # (M,) of these
-    num_features: IntArray  # (M,) of these
-    is_new: BoolArray  # (M,) whether their features are in this part, too
+    version: int  # of the map when the rows were copied
+    changed: IntArray  # (M,) rows of the keyframes in the atlas
+    uids: IntArray  # (M,) uids of these keyframes
+    num_features: IntArray  # (M,) numbers of their features, whose states are in `states`
+    is_new: BoolArray  # (M,) whether their features are in this part as well, in `features`
     states: StateRows
     features: FeatureRows
     points: PointRows
@@ -84,7 +84,8 @@ class MapParts:
     """Records which rows of a map are stored, and copies those that are not.
 
     `copy` is called between two images. After its part has been stored, `note` must be called.
-    Repeat both until a part has keyframes: then everything stored is the map at this version.
+    Both are repeated until a part has keyframes: all stored rows together are then the map at the
+    version of this part.
 
     Args:
         atlas: The map.
@@ -92,16 +93,21 @@ class MapParts:
 
     def __init__(self, atlas: Atlas) -> None:
         self.atlas = atlas
-        self._uid: IntArray = np.empty(0, np.int64)  # by row: whose features are stored
-        # By row: the version at which the states of the keyframe, or the point, was copied.
+        # By row of the table of keyframes: uid of the keyframe whose features are stored.
+        self._uid: IntArray = np.empty(0, np.int64)
+        # The version of the map at which the states of a keyframe's features were copied, by row
+        # of the table of keyframes, and that at which a point was copied, by row of the table of
+        # points.
         self._state_version: IntArray = np.empty(0, np.int64)
         self._point_version: IntArray = np.empty(0, np.int64)
-        # By row: the number of the first feature and of the first state in the segments.
+        # By row of the table of keyframes: the row of the keyframe's first feature among all
+        # stored features (the segment `features` of a checkpoint), and of its first state among
+        # all stored states (the segment `states`).
         self.first_feature: IntArray = np.empty(0, np.int64)
         self.first_state: IntArray = np.empty(0, np.int64)
 
     def copy(self) -> MapPart:
-        """Copy the next part."""
+        """Return a copy of the next rows that are not stored; it takes a few ms."""
         self._grow()
         atlas, kf, points = self.atlas, self.atlas.keyframes, self.atlas.points
         rows = kf.indices()
@@ -125,7 +131,13 @@ class MapParts:
         )
 
     def note(self, part: MapPart, first_feature: int, first_state: int) -> None:
-        """Record that a part is stored, from these rows of the segments on."""
+        """Record that a part is stored.
+
+        Args:
+            part: The part.
+            first_feature: Row of its first feature among all stored features.
+            first_state: Row of its first state among all stored states.
+        """
         new, counts = part.changed[part.is_new], part.num_features
         self._uid[new] = part.uids[part.is_new]
         self._state_version[part.changed] = part.version
@@ -134,19 +146,19 @@ class MapParts:
         self.first_state[part.changed] = first_state + _starts(counts)
 
     def forget_features(self) -> None:
-        """Copy the features of all keyframes again."""
+        """Let the next parts contain the features of all keyframes again."""
         self._uid[:] = _UNKNOWN
 
     def forget_states(self) -> None:
-        """Copy the states of all features again."""
+        """Let the next parts contain the states of all features again."""
         self._state_version[:] = _NEVER
 
     def forget_points(self) -> None:
-        """Copy all points again."""
+        """Let the next parts contain all points again."""
         self._point_version[:] = _NEVER
 
     def _grow(self) -> None:
-        """Make room for the rows of the map."""
+        """Enlarge the arrays to the present capacities of the map's tables."""
         keyframes, points = self.atlas.keyframes.capacity, self.atlas.points.capacity
         self._uid = _grown(self._uid, keyframes, _UNKNOWN)
         self._state_version = _grown(self._state_version, keyframes, _NEVER)

@@ -1,8 +1,9 @@
 """Segments: files to which the rows of records are only ever appended, in chunks.
 
-A chunk is the arrays of a record, one after the other. Nothing in a segment says how much of it is
-valid: whoever appends stores the lengths of the chunks and the checksum elsewhere, once the rows
-are on the disk. What a killed process has appended after that is not read.
+A chunk is the arrays of a record, one after the other. A segment does not contain how much of it
+is valid: the numbers of rows of its chunks and its checksum are stored elsewhere (in the index of
+the checkpoint) once the rows are on the disk. Rows that a killed process has appended after that
+are not read.
 """
 
 from __future__ import annotations
@@ -46,11 +47,13 @@ class Segment:
         self._descriptor: int | None = None
 
     def append(self, record: Record) -> int:
-        """Append the rows of a record, and return the number of the first one.
+        """Append the rows of a record as a chunk, and return the row number of the first one.
+
+        A record without rows adds no chunk.
 
         Raises:
             FileNotFoundError: Somebody has deleted the file since the last `sync`.
-            OSError: They cannot be written; the segment is as before.
+            OSError: The rows cannot be written; the valid part of the segment is as before.
         """
         first, count = self.num_rows, num_rows(record)
         if count == 0:
@@ -71,33 +74,33 @@ class Segment:
     def sync(self) -> None:
         """Wait until all rows are on the disk, and close the file until the next `append`.
 
-        A disk with a file that is open for writing cannot be made read-only.
+        It is closed because a disk with a file that is open for writing cannot be made read-only.
 
         Raises:
-            OSError: They cannot be written.
+            OSError: The rows cannot be written.
         """
         if self._descriptor is not None:
             os.fsync(self._descriptor)
             self.close()
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, if it is open."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
 
     def is_wasteful(self, num_alive: int, spare_bytes: int) -> bool:
-        """Return whether more than half of the segment, and more than `spare_bytes`, is dead.
+        """Return whether unused rows take over `spare_bytes` more bytes than the used ones.
 
         Args:
             num_alive: Number of the rows that are still used.
-            spare_bytes: Dead bytes that are accepted in any case.
+            spare_bytes: Unused bytes that are accepted in addition to those of the used rows.
         """
         return self.num_bytes > 2 * num_alive * self._row_bytes + spare_bytes
 
 
 class Rows(NamedTuple):
-    """The valid rows of a segment, mapped into memory and read-only."""
+    """The valid rows of a segment by chunk, read-only; those of a file are mapped into memory."""
 
     record: type[Record]
     chunks: list[dict[str, Array]]
@@ -105,16 +108,17 @@ class Rows(NamedTuple):
 
     @classmethod
     def read(cls, path: Path, record: type[Record], chunks: Sequence[int], crc: int) -> Rows:
-        """Map the rows of a segment.
+        """Return the rows of a segment file, mapped into memory, after checking their checksum.
 
         Args:
             path: The file.
             record: The type of its records.
             chunks: Numbers of rows of the chunks.
-            crc: The checksum of the chunks.
+            crc: CRC-32 of all chunks.
 
         Raises:
-            MapFileError: The file is shorter than its chunks, or damaged.
+            MapFileError: The file cannot be read, is shorter than its chunks, or has another
+                checksum.
         """
         counts = np.array(chunks, np.int64)
         size = int(counts.sum()) * _row_bytes(record)
@@ -140,10 +144,10 @@ class Rows(NamedTuple):
         return self._joined([(part, slice(None)) for part in self.chunks])
 
     def taken(self, first: IntArray, count: IntArray) -> dict[str, Array]:
-        """Return copies of runs of rows by column, one after the other.
+        """Return copies of runs of rows by column, one run after the other.
 
         Args:
-            first: (N,) number of the first row of each run, which lies in one chunk.
+            first: (N,) row number of the first row of each run. A run lies within one chunk.
             count: (N,) number of rows of each run.
         """
         chunk = np.searchsorted(self.starts, first, side='right') - 1
