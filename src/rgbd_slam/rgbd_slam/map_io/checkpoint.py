@@ -264,7 +264,7 @@ class CheckpointWriter:
             raise
 
     def _compact(self, keyframes: KeyframeCopy) -> None:
-        """Replace segments by empty ones, which the next checkpoint fills, if most rows are dead."""
+        """Replace segments of mostly unused rows by empty ones, which are filled next time."""
         num_features = int(keyframes.columns['num_features'].sum())
         alive = {'features': num_features, 'states': num_features, 'points': keyframes.num_points}
         alive['voxels'], alive['cubes'] = self._submaps.num_voxels, len(self._submaps)

@@ -1,4 +1,4 @@
-"""Write colored clouds as PLY files, and read them."""
+"""Writing and reading of colored clouds as PLY files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ _PLY = np.dtype([('xyz', '<f4', 3), ('rgb', 'u1', 3)])
 
 
 def write_ply(path: Path, cloud: ColoredCloud) -> None:
-    """Write a cloud as a binary little-endian PLY file with x y z (m) and red green blue."""
+    """Write a cloud as a binary little-endian PLY file with x y z [m] and red green blue.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
     rows = np.empty(len(cloud.points_m), _PLY)
     rows['xyz'], rows['rgb'] = cloud.points_m, cloud.colors_bgr[:, ::-1]
     header = (
@@ -26,10 +30,10 @@ def write_ply(path: Path, cloud: ColoredCloud) -> None:
 
 
 def read_ply(path: Path) -> ColoredCloud:
-    """Return the points of a PLY file of this suite; points without color are white.
+    """Return the points of a PLY file that this suite wrote; points without color are white.
 
     Raises:
-        InputError: It is another kind of file, or truncated.
+        InputError: The file cannot be read, is of another kind, or is truncated.
     """
     try:
         header, end, body = path.read_bytes().partition(b'end_header\n')

@@ -14,7 +14,7 @@ NO_FLOOR = (
     'of "hoid run"; otherwise let the camera see the floor'
 )
 """Why there is no grid, and what to do."""
-_TRIALS = 300  # level planes that are compared; not tuned
+_TRIALS = 300  # largest number of level planes that are compared; not tuned
 _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
 _THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `voxel_map.py`)
 _MAX_TILT_RAD = np.deg2rad(20.0)  # not tuned: without a base frame the map is only nearly level
@@ -31,14 +31,17 @@ _MIN_NORMAL_M2 = 1e-3  # twice the area of the smallest triangle that defines a 
 class Floor(NamedTuple):
     """A plane in the map frame."""
 
-    T_map_floor: FloatArray  # (4, 4); z along the normal, origin next to the map's origin
+    # (4, 4) pose of the floor frame: z along the upward normal, and as origin the point of the
+    # plane that is nearest to the map's origin.
+    T_map_floor: FloatArray
 
     @property
     def T_map_ground(self) -> FloatArray:  # noqa: N802 - a transform's name
-        """Return the affine transform (4, 4) to the map from the ground frame.
+        """Return the affine transform (4, 4) from the ground frame to the map frame.
 
-        The ground frame has the x and y of the map, and the height above the plane as z. A small
-        slope of the floor in a level map frame disappears in it. The transform is not rigid.
+        Coordinates in the ground frame are the x and y of the map frame, and as z the height above
+        the plane, so that a floor with a small slope in the map frame is level in it. The
+        transform is not rigid.
         """
         T_ground_map = np.eye(4)
         normal = self.T_map_floor[:3, 2]
@@ -54,8 +57,9 @@ class Floor(NamedTuple):
 def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | None:
     """Return the floor in a point cloud, found by RANSAC; None if there is none.
 
-    The floor is the level plane with most points that has almost all other points above it. It is
-    refitted by least squares (Fischler and Bolles, CACM 1981).
+    The floor is the level plane with most points, among those that have almost all other points
+    above them (RANSAC: Fischler and Bolles, CACM 1981). It is refitted by least squares. Planes
+    that tilt by more than 20 degrees, narrow strips and planes with few points are no floor.
 
     Args:
         points_m: (N, 3) points in the map frame.
@@ -88,7 +92,11 @@ def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | N
 def _sample_planes(
     points_m: FloatArray, up: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the (M, 3) normals and (M,) offsets of level planes through three points each."""
+    """Return the upward unit normals (M, 3) and offsets (M,) of level planes.
+
+    Each one passes through three random points. The offset [m] is the distance of the plane from
+    the map's origin along the normal.
+    """
     triples = points_m[rng.integers(0, len(points_m), (_TRIALS * _SAMPLES_PER_TRIAL, 3))]
     normals = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     norm = np.linalg.norm(normals, axis=1)
@@ -101,7 +109,7 @@ def _sample_planes(
 
 
 def _fit_plane(points_m: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
-    """Return the unit normal (3,) and the offset of the least-squares plane of points (N, 3)."""
+    """Return the least-squares plane of points (N, 3): upward unit normal (3,), offset [m]."""
     center = points_m.mean(0)
     _, _, vt = np.linalg.svd(points_m - center, full_matrices=False)
     normal = vt[2] * np.sign(vt[2] @ up)

@@ -1,8 +1,8 @@
-"""Which space above the floor the images have seen to be free.
+"""Determines which space above the floor the images have seen to be free.
 
-The floor under a table is seen long before the top of the table, so that a cell of the grid is
-free only if the whole space above it was seen. Each column of a submap keeps one bit per step of
-height (`Submap.free_above`).
+The floor under a table may be seen long before the top of the table. Therefore a cell of the grid
+is free only if all space above it was seen to be free, up to a limit of height. Each column of a
+submap keeps one bit per step of height (`Submap.free_above`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from rgbd_slam.dense.depth_view import DepthCamera, DepthView
 from rgbd_slam.dense.submap import Submap, transform
 from rgbd_slam.scene.floor import Floor
 
-_STEP_M = 0.05  # chosen: the thickness of a seat
-_HEIGHTS_M = (_STEP_M * (np.arange(16) + 0.5)).astype(np.float32)  # above the floor, one per bit
+_STEP_M = 0.05  # of height; chosen: the thickness of a seat
+# Heights above the floor of the centers of the steps, one per bit.
+_HEIGHTS_M = (_STEP_M * (np.arange(16) + 0.5)).astype(np.float32)
 _ALL_FREE = np.uint16(0xFFFF)
 _FLOOR_BAND_M = 0.1  # chosen: voxels this near to the floor count as floor
 _FREE_MARGIN_M = 0.03  # a point is free if the surface behind it is this much farther; not tuned
@@ -28,7 +29,7 @@ Bits = NDArray[np.uint16]
 
 
 def required_bits(low_m: float, high_m: float) -> np.uint16:
-    """Return the bits of the steps in a range of heights above the floor."""
+    """Return the bits of the height steps whose centers lie in a range above the floor [m]."""
     steps = np.flatnonzero((low_m < _HEIGHTS_M) & (high_m > _HEIGHTS_M))
     return np.uint16(np.sum(1 << steps))
 
@@ -40,12 +41,15 @@ def mark_free_space(
     camera: DepthCamera,
     read: Callable[[int], DepthView | None],
 ) -> None:
-    """Set the bits of the steps that the images since the last call have seen to be free.
+    """Set the bits of the height steps that new images have seen to be free.
+
+    New are the stored images with a submap in view that came since the last call, or since
+    `Submap.marked` was cleared.
 
     Args:
         submaps: The submaps of the main map.
         floor: The plane of the floor.
-        floor_m: Height of the floor of each submap above this plane.
+        floor_m: Height [m] of the floor of each submap above this plane.
         camera: The camera of the images.
         read: Returns a stored image by its slot; None if it has been removed.
     """
@@ -70,7 +74,7 @@ def mark_free_space(
 
 
 def _may_show_floor(submap: Submap, floor: Floor, floor_m: float) -> bool:
-    """Return whether the floor, at a height above its plane, passes through a submap."""
+    """Return whether the floor, `floor_m` above the plane, passes through a submap or near it."""
     up, origin_m = floor.T_map_floor[:3, 2], floor.T_map_floor[:3, 3]
     above_m = (submap.center_map_m - origin_m) @ up - floor_m
     reach_m = submap.radius_m / np.sqrt(3) * np.abs(submap.T_map_submap[:3, :3].T @ up).sum()
@@ -78,7 +82,7 @@ def _may_show_floor(submap: Submap, floor: Floor, floor_m: float) -> bool:
 
 
 class _Columns:
-    """The columns above the floor voxels of one submap."""
+    """The vertical columns of space above those voxels of one submap that show the floor."""
 
     def __init__(self, submap: Submap, floor: Floor, floor_m: float) -> None:
         self._submap = submap
@@ -98,17 +102,27 @@ class _Columns:
         return np.asarray(self._submap.free_above.reshape(-1)[self._columns])
 
     def count_open(self) -> int:
-        """Return the number of columns some of whose space is not known to be free."""
+        """Return the number of open columns: those with steps that are not known to be free."""
         return int(np.count_nonzero(self._bits != _ALL_FREE))
 
     def points_m(self, slot: int) -> Float32Array:
-        """Return the points (N, 16, 3) in the open columns, in the frame of an image."""
+        """Return the centers (N, 16, 3) of the steps of the N open columns.
+
+        They are in the camera frame of an image.
+
+        Args:
+            slot: The slot of the image, which had the submap in view.
+        """
         T_camera_submap = se3.inverse(self._submap.poses[slot])
         points_m = self._points_m[self._bits != _ALL_FREE]
         return transform(T_camera_submap, points_m.reshape(-1, 3)).reshape(-1, 16, 3)
 
     def take(self, bits: Bits) -> Bits:
-        """Take the bits of the open columns from the front of an array; return its rest."""
+        """Add the free steps of the open columns, from the front of an array; return its rest.
+
+        Args:
+            bits: (M,) at least one entry for each open column, in the order of `points_m`.
+        """
         is_open = self._bits != _ALL_FREE
         count = int(np.count_nonzero(is_open))
         new = self._bits

@@ -21,38 +21,44 @@ _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Cells over the floor; row 0 is at the smallest y, as in nav_msgs/OccupancyGrid.
+    """An occupancy grid over the floor; row 0 is at the smallest y, as in nav_msgs/OccupancyGrid.
 
-    The cells are in the level frame, which has x and y along the floor, and the height above the
-    floor as z.
+    The cells are in the level frame. Its x and y are along the floor or those of the map frame,
+    and its z is the height above the floor.
     """
 
     cells: NDArray[np.int8]  # (H, W): FREE, OCCUPIED or UNKNOWN
     resolution_m: float
-    T_map_level: FloatArray  # (4, 4); affine if the level frame keeps the map's x and y
-    low: tuple[int, int]  # column and row of cell (0, 0) from the level frame's origin
+    # (4, 4) transform from the level frame; affine, not rigid, if that has the map's x and y.
+    T_map_level: FloatArray
+    low: tuple[int, int]  # x and y of the corner of cell (0, 0) in the level frame, in cells
 
     @property
     def origin_m(self) -> tuple[float, float]:
-        """Return x and y of the outer corner of cell (0, 0) in the level frame."""
+        """Return x and y [m] of the outer corner of cell (0, 0) in the level frame."""
         return self.low[0] * self.resolution_m, self.low[1] * self.resolution_m
 
     @property
     def T_map_origin(self) -> FloatArray:  # noqa: N802 - a transform's name
-        """Return the pose (4, 4) of the outer corner of cell (0, 0) in the map frame."""
+        """Return the transform (4, 4) to the map frame from the outer corner of cell (0, 0).
+
+        It is affine and not rigid if `T_map_level` is.
+        """
         T_level_origin = np.eye(4)
         T_level_origin[:2, 3] = self.origin_m
         return self.T_map_level @ T_level_origin
 
 
 class SubmapCells(NamedTuple):
-    """The cells over one submap, each once."""
+    """The M cells that the voxels of one submap fall into, each once."""
 
     column_row: NDArray[np.int64]  # (M, 2), counted from the level frame's origin
-    kinds: NDArray[np.uint8]  # (M,) any of the flags below
-    free_above: NDArray[np.uint16]  # (M,) steps of height that are known as free
+    kinds: NDArray[np.uint8]  # (M,) flags of the kinds of voxels in the cell, see below
+    free_above: NDArray[np.uint16]  # (M,) bits of the height steps that are known to be free
 
 
+# Flags of a cell: it has a voxel of the floor, one above the floor, and one above the floor on
+# which too few images agree.
 _FLOOR, _OBSTACLE, _DOUBT = 1, 2, 4
 
 
@@ -62,12 +68,13 @@ def cells_of(
     free_above: NDArray[np.uint16],
     config: GridConfig,
 ) -> SubmapCells:
-    """Return the cells that points (N, 3) in the level frame fall into, with height as z.
+    """Return the cells that the voxels of one submap fall into.
 
     Args:
-        points_m: The voxels.
+        points_m: (N, 3) mean points of the voxels, in the level frame, with z above the floor.
         is_shown: (N,) whether enough images agree on a voxel.
-        free_above: (N,) steps of height above a voxel of the floor that are known as free.
+        free_above: (N,) bits of the height steps above a voxel that are known to be free; only
+            those of voxels of the floor are used.
         config: Gives the size of a cell and the limits of height.
     """
     height_m = points_m[:, 2]
@@ -89,11 +96,17 @@ def cells_of(
 def compose_grid(
     parts: Sequence[SubmapCells], T_map_level: FloatArray, config: GridConfig
 ) -> Grid:
-    """Return the grid of the cells of all submaps, of which there must be at least one.
+    """Return the grid that joins the cells of all submaps, of which there must be at least one.
 
-    A cell is occupied if a point is above it, between the limits of height. It is free if only
-    points of the floor are there, not even one unconfirmed point above it, and the space above
-    is known as free up to `clear_height_m`.
+    A cell is occupied if it has a voxel between `min_height_m` and `max_height_m` on which enough
+    images agree. It is free if it has such voxels of the floor, no voxel above the floor on which
+    too few images agree, and if the space above it is known to be free up to `clear_height_m`.
+    Other cells are unknown.
+
+    Args:
+        parts: The cells of each submap.
+        T_map_level: (4, 4) transform from the level frame of the cells to the map frame.
+        config: Gives the size of a cell and the limits of height.
     """
     cells, kinds, free = (np.concatenate(column) for column in zip(*parts, strict=True))
     is_known = (kinds & (_FLOOR | _OBSTACLE)) > 0
@@ -115,7 +128,13 @@ def compose_grid(
 
 
 def write_map_server(grid: Grid, stem: Path) -> None:
-    """Write a grid as `stem`.yaml and `stem`.pgm for the `trinary` mode of Nav2's map server."""
+    """Write a grid as `stem`.yaml and `stem`.pgm for the `trinary` mode of Nav2's map server.
+
+    The origin in the file is the corner of cell (0, 0) in the level frame, with height and yaw 0.
+
+    Raises:
+        OSError: The file `stem`.yaml cannot be written.
+    """
     cells = grid.cells[::-1]  # the image's first row is at the largest y
     # The value 205 is an occupancy of 1 - 205 / 255 = 0.196, which is just not below the limit of
     # free cells.

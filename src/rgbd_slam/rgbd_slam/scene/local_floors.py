@@ -1,4 +1,4 @@
-"""The height of the floor in each submap, so that a floor need not be one plane in a large map."""
+"""The height of the floor in each submap, because drift bends the floor of a large map."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hoid_common import se3
 from rgbd_slam.dense.submap import Submap, transform
 from rgbd_slam.scene.floor import Floor
 
-# Chosen: the floor of a submap is looked for this near to the floor of the nearest one: less than
-# a step of stairs, and more than the drift of a few meters.
+# Chosen: the floor of a submap is searched for within this height difference from the floor of the
+# nearest submap: less than a step of stairs, and more than the drift over a few meters.
 _BAND_M = 0.1
 _MIN_VOXELS = 100  # not tuned: fewer voxels show no floor
 
@@ -25,14 +25,16 @@ class LocalFloors:
 
     def __init__(self, floor: Floor) -> None:
         self.floor = floor
-        self._seen: dict[Submap, tuple[int, float, float]] = {}  # revision, nearest, own height
+        # Cached by submap: its revision, the expected height [m], and the height of its own floor
+        # [m] (NaN: it shows none).
+        self._seen: dict[Submap, tuple[int, float, float]] = {}
 
     def heights_m(self, submaps: Sequence[Submap]) -> dict[Submap, float]:
-        """Return the height of the floor of each submap above the plane.
+        """Return the height [m] of the floor of each submap above the plane.
 
-        It is the median height of the voxels near the expected floor, or the expected height
-        where these are too few. The expected height is that of the nearest earlier submap that
-        shows the floor, and at first 0.
+        It is the median height of the voxels within 0.1 m of the expected floor, or the expected
+        height where these are too few. The expected height is that of the nearest one of the
+        submaps before it in `submaps` that show the floor; it is 0 if there is none.
         """
         T_floor_map = se3.inverse(self.floor.T_map_floor)
         out: dict[Submap, float] = {}

@@ -15,19 +15,20 @@ from rgbd_slam.scene.floor import Floor
 _STRIDE = 4  # step between the pixels used [px]: boxes are many pixels wide
 _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 8.0  # chosen: where common depth cameras give readings
 _MIN_READINGS = 6  # fewer readings do not show where an object is
-# A layer is a range of depth as thick as 4 bins. The nearest one that has 0.6 times the readings
-# of the fullest is the object: the background behind it may fill more of the box.
+# A layer is a range of depth as thick as 4 bins. The object is the nearest layer that has at least
+# 0.6 times the readings of the fullest one: the background behind it may fill more of the box.
 _BIN_M, _LAYER_BINS, _NEARER_SHARE = 0.05, 4, 0.6
 _CENTRAL_CUT = 0.25  # share of a box cut off on each side, because the border shows the background
 _EXTENT_CUT = 0.08  # the same where the size of an object is measured
-_EXTENT_PERCENTILES = (4, 96)  # of an object's readings, against outliers
-# An object is still at its known depth if this share of the readings in its box is within this
-# distance [m] of this depth.
+_EXTENT_PERCENTILES = (4, 96)  # of an object's points, which measure its extent without outliers
+# An object is still at its known depth if more than this share of the readings in its box is
+# within this distance [m] of this depth.
 _KNOWN_SHARE, _KNOWN_M = 0.15, 0.15
-_THICKNESS_SHARE, _THICKNESS_M = 0.6, (0.12, 0.45)  # of an object, from its width, with limits
+# Readings this near to the layer's depth are the object's: share of its width, and limits [m].
+_THICKNESS_SHARE, _THICKNESS_M = 0.6, (0.12, 0.45)
 _TORSO_M = 0.45  # a person's readings are within this distance of the nearest layer
-_UPPER_SHARE = 0.6  # of a person's box, without the legs, which move back and forth
-# Assumed depth of an object that is seen from one side; its width if that is smaller.
+_UPPER_SHARE = 0.6  # upper part of a person's box, without the legs, which move back and forth
+# Assumed extent along the view of an object, whose back is hidden; its width if that is smaller.
 _HIDDEN_M = 0.15
 _BODY_RADIUS_M = 0.12  # from the surface of the chest to the center of the body
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero
@@ -39,7 +40,7 @@ class Sighting(NamedTuple):
     detection: DynamicObject
     position_map_m: FloatArray  # (3,) center
     size_m: FloatArray  # (3,) extent along the map's axes
-    is_at_known_depth: bool  # enough of the box is at the depth that its track predicts
+    is_at_known_depth: bool  # whether enough of the box is at the depth that its track predicts
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +57,22 @@ class DepthImage:
         return DepthImage(camera, depth_m[::_STRIDE, ::_STRIDE], T_map_camera)
 
     def depth_of_m(self, position_map_m: FloatArray) -> float:
-        """Return the depth [m] of a point (3,) in this image's camera frame."""
+        """Return the depth [m], in this image's camera frame, of a point (3,) of the map frame."""
         return float(self._in_camera(position_map_m)[2])
 
     def pixel_of(self, position_map_m: FloatArray) -> FloatArray | None:
-        """Return the pixel (2,) of a point (3,), or None if it is not in front of the camera."""
+        """Return the pixel (2,) u, v of the full image that shows a point (3,) of the map frame.
+
+        None is returned if the point is less than 0.3 m in front of the camera, or behind it.
+        """
         point = self._in_camera(position_map_m)
         return self.camera.project_px(point[None])[0] if point[2] > _MIN_RANGE_M else None
 
     def has_in_view(self, position_map_m: FloatArray) -> bool:
-        """Return whether a point (3,) projects into the image; it may be occluded."""
+        """Return whether a point (3,) of the map frame projects into the image.
+
+        Something may occlude it.
+        """
         uv = self.pixel_of(position_map_m)
         size_px = (self.camera.width_px, self.camera.height_px)
         return uv is not None and bool((uv >= 0).all() and (uv < size_px).all())
@@ -73,11 +80,11 @@ class DepthImage:
     def sees_through(self, position_map_m: FloatArray, margin_m: float) -> bool | None:
         """Return whether the surface measured in the direction of a point is behind the point.
 
-        None is returned if this is unknown: there are no readings, the point is out of range or
-        view, or something occludes it.
+        None is returned if this is unknown: there are too few readings, the point is nearer than
+        0.3 m, farther than 4 m or out of view, or something occludes it.
 
         Args:
-            position_map_m: (3,) point.
+            position_map_m: (3,) point in the map frame.
             margin_m: Difference of depth from which the surface counts as behind or in front.
         """
         point = self._in_camera(position_map_m)
@@ -90,7 +97,7 @@ class DepthImage:
         window = self.depth_m[row - 1 : row + 2, col - 1 : col + 2]
         read = window[window > 0]
         if len(read) < _MIN_READINGS or read.min() < point[2] - margin_m:
-            return None  # no readings, or something occludes the point
+            return None  # too few readings, or something occludes the point
         return bool(np.median(read) > point[2] + margin_m)
 
     def _in_camera(self, position_map_m: FloatArray) -> FloatArray:
@@ -99,10 +106,12 @@ class DepthImage:
     def readings(
         self, box_xyxy_px: tuple[float, ...], cut: float
     ) -> tuple[Float32Array, Float32Array]:
-        """Return the (M,) depths and (M, 2) pixels of the readings in a box.
+        """Return the (M,) depths [m] and (M, 2) pixels u, v of the readings in a box.
+
+        Readings beyond 8 m are left out.
 
         Args:
-            box_xyxy_px: Left, top, right and bottom of the box.
+            box_xyxy_px: Left, top, right and bottom of the box in the full image.
             cut: Share of the box that is left out on each side.
         """
         x1, y1, x2, y2 = box_xyxy_px
@@ -115,7 +124,7 @@ class DepthImage:
         return part[row, col], np.asarray(uv, np.float32)
 
     def points_map_m(self, uv_px: Float32Array, depth_m: Float32Array) -> FloatArray:
-        """Return the points (M, 3) in the map frame of pixels (M, 2) with depth (M,)."""
+        """Return the points (M, 3) in the map frame of raw pixels (M, 2) with depth (M,)."""
         rays = self.camera.undistort_px(uv_px).astype(np.float64)
         x = (rays[:, 0] - self.camera.cx_px) / self.camera.fx_px * depth_m
         y = (rays[:, 1] - self.camera.cy_px) / self.camera.fy_px * depth_m
@@ -133,9 +142,9 @@ def measure(
     Args:
         detection: The detection.
         image: The depth image.
-        known_map_m: (3,) position that the object's track predicts; None if it has no track. If
-            enough of the box is at this depth, the object is measured there; otherwise it is
-            measured at the nearest layer of depth.
+        known_map_m: (3,) position that the object's track predicts in the map frame; None if it
+            has no track. If enough of the box is at this depth, the object is measured there;
+            otherwise it is measured at the nearest layer of depth.
         floor: The floor that people stand on; None if it is unknown.
     """
     depth, _ = image.readings(detection.box_xyxy_px, _CENTRAL_CUT)
@@ -172,12 +181,13 @@ def _measure_person(
 ) -> Sighting | None:
     """Return the center and size of a person; None if there are too few depth readings.
 
-    The height is that of the box, down to the floor if it is known.
+    The person reaches from the top of the box down to the floor, or to the bottom of the box if
+    the floor is unknown.
 
     Args:
         detection: The detection.
         image: The depth image.
-        layer_m: Depth of the person.
+        layer_m: Depth of the person in the camera frame.
         floor: The floor; None if it is unknown.
         is_at_known_depth: Passed on to the sighting.
     """
@@ -209,10 +219,10 @@ def _measure_object(
     layer_m: float,
     is_at_known_depth: bool,
 ) -> Sighting | None:
-    """Return the center and size of an object at the depth `layer_m`, hidden side included.
+    """Return the center and size of an object at the depth `layer_m` in the camera frame.
 
-    None is returned if there are too few depth readings. The hidden side is estimated from the
-    width of the object.
+    The center is that of the whole object: its hidden back is estimated from its width. The size
+    is that of the visible part. None is returned if there are too few depth readings.
     """
     x1, _, x2, _ = detection.box_xyxy_px
     width_m = (x2 - x1) / image.camera.fx_px * layer_m

@@ -19,7 +19,7 @@ from rgbd_slam.scene.object_sighting import Sighting
 # None of these numbers was tuned.
 _START_SPEED_MPS = 1.0  # standard deviation of the velocity of a new track, a walking pace
 _MIN_IMAGES_WITHOUT = 5  # images that must see through an object's place before it counts as gone
-_FADE_S = 0.5  # time constant with which the velocity of an unseen track decays
+_FADE_S = 0.5  # time constant with which the velocity of an undetected object decays
 
 
 class ObjectState(Enum):
@@ -28,7 +28,7 @@ class ObjectState(Enum):
     PERSON = 0
     HANDLED = 1  # a person moves it
     AT_REST = 2  # at rest where it was first seen
-    MOVED = 3  # at rest in another place than before
+    MOVED = 3  # at rest in another place than before it was handled
     MOVING = 4  # noticed by its motion only, of unknown class
 
 
@@ -42,7 +42,7 @@ class TrackedObject:
     track_id: int
     class_name: str
     state: ObjectState
-    stamp_ns: int  # of the last sighting
+    stamp_ns: int  # of the image in which it was detected last
     score: float  # of the last detection, in [0, 1]
     position_map_m: FloatArray  # (3,)
     velocity_map_mps: FloatArray  # (3,); zero at rest
@@ -97,7 +97,8 @@ class KalmanTrack:
     def position_at_m(self, stamp_ns: int) -> FloatArray:
         """Return the predicted position (3,) [m] in the map frame at a time.
 
-        The velocity decays while the object is not detected.
+        It is that of the last detection if the object is at rest. Otherwise the velocity is
+        extrapolated, but decays with a time constant of 0.5 s while the object is not detected.
         """
         if self.is_settled:
             return self._position_m
@@ -106,7 +107,10 @@ class KalmanTrack:
         return np.asarray(self._position_m + ahead_s * self._velocity_mps)
 
     def value_at(self, stamp_ns: int) -> TrackedObject:
-        """Return the published state at a time."""
+        """Return the published state, with the position that is predicted for a time.
+
+        Velocity, score, size and stamp are those of the last detection.
+        """
         return TrackedObject(
             track_id=self.track_id,
             class_name=self.class_name,
@@ -131,7 +135,11 @@ class KalmanTrack:
         self.is_taken = True
 
     def is_alive(self, stamp_ns: int) -> bool:
-        """Return whether the object was detected recently enough for its track to be kept."""
+        """Return whether the object was detected recently enough for its track to be kept.
+
+        The limits are `forget_resting_s` for objects at rest, `forget_taken_s` for those that were
+        taken away, and `forget_moving_s` for all others and for unconfirmed tracks.
+        """
         config = self._config
         limit_s = config.forget_resting_s if self.is_settled else config.forget_moving_s
         if self.num_sightings < config.min_sightings:
@@ -143,8 +151,9 @@ class KalmanTrack:
     def correct(self, sighting: Sighting, stamp_ns: int) -> None:
         """Update the filter with a measured position.
 
-        A settled object that a person has moved away becomes HANDLED. A handled object that has
-        stayed in one place for some time becomes settled.
+        A settled object becomes HANDLED if the detection is dynamic and more than `moved_m` away.
+        A handled object that has stayed within `moved_m` of one place for `rest_s` becomes
+        settled.
 
         Args:
             sighting: The detection, measured in the map.
@@ -163,7 +172,7 @@ class KalmanTrack:
             self._settle_if_still(stamp_ns)
 
     def confirm(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Record that the object is still at rest at its place, without updating the position.
+        """Record that the object is still at rest at its place, without updating position or size.
 
         Use it while a person hides part of the object: the center of the visible part is not the
         center of the object.

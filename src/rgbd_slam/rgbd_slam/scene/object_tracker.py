@@ -1,8 +1,9 @@
 """Tracks people and handled objects in the map frame, for planners that keep a distance to them.
 
-A box that overlaps the box of a person often belongs to an object far behind the person. The depth
-image is therefore compared with the object's track first. An object that is still visible at its
-place is at rest there; an object that a person occludes keeps its track unchanged.
+A box that overlaps the box of a person often belongs to an object far behind the person, so that
+the filter calls an object dynamic that is at rest. The depth image is therefore compared with the
+object's track first: an object that is still visible at the depth of its place of rest stays at
+rest, and an object that a person occludes keeps its track unchanged.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ __all__ = ['ObjectState', 'ObjectTracker', 'TrackedObject']
 # None of these numbers was tuned.
 _OCCLUDED_M = 0.15  # a surface this far in front of an object's place occludes the object
 _GONE_M = 0.25  # a surface this far behind an object's place shows that the object is gone
-# Speed at which a person carries an object that is not detected, and longest time of that.
+# How far a person may carry an object while it is not detected: speed [m/s] and longest time [s].
 _CARRY_MPS, _CARRY_S = 1.5, 3.0
 
 
@@ -47,9 +48,9 @@ class ObjectTracker:
 
         Args:
             objects: The detections, with the filter's verdict which of them are dynamic.
-            image: The depth image with its pose, in a map whose z axis points up.
+            image: The depth image with its pose, in a map frame whose z axis points up.
             stamp_ns: Time of the image.
-            floor: The floor that people stand on, if it is known.
+            floor: The floor that people stand on; None if it is unknown.
         """
         free = [track for track in self._tracks if not track.is_taken]
         people_m: list[FloatArray] = []
@@ -80,9 +81,10 @@ class ObjectTracker:
     def _track_in_box(
         self, detection: DynamicObject, image: DepthImage, free: list[KalmanTrack], stamp_ns: int
     ) -> KalmanTrack | None:
-        """Return the track of a detection's class that is predicted nearest to its box's center.
+        """Return the track of the detection's class that is predicted nearest to its box's center.
 
-        None is returned if no track in `free` is predicted inside the box.
+        Only tracks in `free` whose predicted pixel is inside the box are considered; None is
+        returned if there is none.
         """
         x1, y1, x2, y2 = detection.box_xyxy_px
         center = np.array([(x1 + x2) / 2, (y1 + y2) / 2])
@@ -108,13 +110,13 @@ class ObjectTracker:
     ) -> None:
         """Update the track that a sighting belongs to, or start a new one.
 
-        A handled object out of every person's reach starts no track. An object that was taken away
-        continues its track.
+        A handled object out of every person's reach starts no track. If an object of the same
+        class was taken away, its track is continued instead of starting a new one.
 
         Args:
             sighting: The detection, measured in the map.
             free: The tracks that have no detection in this image yet; the updated one is removed.
-            people_m: Positions (3,) of the people in this image.
+            people_m: Positions (3,) in the map frame of the people in this image.
             image: The depth image.
             stamp_ns: Time of the image.
         """
@@ -151,10 +153,11 @@ class ObjectTracker:
     def _carried_here(
         self, sighting: Sighting, free: list[KalmanTrack], image: DepthImage, stamp_ns: int
     ) -> KalmanTrack | None:
-        """Return the published track of an object that a person can have carried to a sighting.
+        """Return the confirmed track of an object that a person can have carried to a sighting.
 
-        The last place of such an object is in view, and no detection has been assigned to it
-        there. None is returned if there is no such track.
+        It is the nearest such track of the sighting's class in `free`. The predicted place of the
+        object must be in view, where no detection was assigned to it. None is returned if there is
+        no such track, or if the sighting is not of a handled object.
         """
         if not _is_handled(sighting.detection):
             return None
@@ -181,7 +184,7 @@ class ObjectTracker:
         return max(taken, key=lambda track: track.stamp_ns, default=None)
 
     def _mark_gone(self, unseen: list[KalmanTrack], image: DepthImage) -> None:
-        """Count this image for the objects at rest that it shows to be gone from their places."""
+        """Count this image for the objects at rest whose places it shows to be empty."""
         for track in unseen:
             if track.is_settled and image.sees_through(track.position_at_m(0), _GONE_M):
                 track.count_seen_through()
@@ -198,14 +201,17 @@ class ObjectTracker:
 
 
 def _is_measured(item: DynamicObject) -> bool:
-    """Return whether the detector has found this box; a predicted box does not show a place."""
+    """Return whether the item is measured: a person, or a box that was not predicted.
+
+    A box that was predicted from older images does not show where an object is.
+    """
     return item.class_name == PERSON or item.reason is not Reason.PREDICTED
 
 
 def _is_handled(item: DynamicObject) -> bool:
-    """Return whether a person handles the object.
+    """Return whether the filter says that a person handles the object.
 
-    Objects of unknown class that were noticed by their motion may move by themselves.
+    Objects that were noticed by their motion only may move by themselves.
     """
     return item.class_name != PERSON and item.is_dynamic and item.reason is not Reason.MOVING
 
@@ -219,7 +225,13 @@ def _priority(item: DynamicObject) -> tuple[bool, bool]:
 
 
 def _is_occluded(sighting: Sighting, image: DepthImage, known_m: FloatArray | None) -> bool:
-    """Return whether the sighting is a surface in front of the object's known place (3,)."""
+    """Return whether a sighting is over 0.15 m nearer to the camera than the object's known place.
+
+    Args:
+        sighting: The detection, measured in the map.
+        image: The depth image.
+        known_m: (3,) predicted position of the object in the map frame; None: it is not known.
+    """
     if known_m is None:
         return False
     layer_m = image.depth_of_m(sighting.position_map_m)

@@ -1,9 +1,10 @@
-"""The ledger of the scene: its stored images, and what was fused into the submaps at which poses.
+"""The ledger of the scene: the stored images from which the submaps of the dense map are made.
 
-The ledger stores the images relative to keyframes and follows the corrections of the keyframes.
-A correction first moves each submap with its anchor keyframe. Where the images of a submap have
-moved relative to each other, the submap is bent, and is fused again from its stored images. The
-voxels of a saved map stay: they move with their keyframe, and images carve those that are wrong.
+The ledger stores the pose of each image relative to a keyframe, and follows the corrections of the
+keyframes. A correction first moves each submap rigidly with its anchor keyframe. A submap whose
+images have moved relative to it is bent: its voxels are made again from its stored images. The
+voxels of a loaded map have no images: they only move with their anchor keyframe, and new images
+carve those that are wrong.
 """
 
 from __future__ import annotations
@@ -29,24 +30,25 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 # camera sees in a room.
 _ROTATION_M_PER_RAD = 2.0
 _BENT_VOXELS = 0.5  # a smaller displacement is hidden by a voxel; not tuned
-_FORCED_VOXELS = 0.05  # the same if a correction of any size counts
-# Images stored within this distance of each other; beyond it, the most redundant one is removed.
-# A camera that drives past stores 6 images per meter; a voxel needs 3. Not tuned.
+_FORCED_VOXELS = 0.05  # the same at a forced correction, as at the end of a run
+# Largest number of stored images within this distance of a new one; if there are more, the most
+# redundant one is removed. A camera that drives past stores 6 images per meter; a voxel needs 3.
+# Not tuned.
 _NEAR_M, _MAX_NEAR = 2.0, 100
 # Not tuned: a submap is rebuilt only if this share of its images, or this number, is still stored.
 _MIN_SHARE, _ENOUGH = 0.5, 10
-_REGION_M = 3.0  # chosen: bounds the time to fuse one region again to about 2 s
+_REGION_M = 3.0  # radius; chosen: bounds the time to fuse one region again to about 2 s
 
 
 class SceneLedger:
     """Stores images relative to keyframes, and keeps the voxels consistent with both.
 
-    The images are in files, and their number grows with the space seen and not with time.
+    The images are in files. Their number grows with the space that was seen, and not with time.
 
     Args:
-        voxels: The map that is made of the images.
+        voxels: The dense map that is made of the images.
         config: Gives the size of a voxel.
-        folder: For the files of the images; None: a temporary one.
+        folder: Folder for the files of the images; None: a temporary one.
     """
 
     def __init__(self, voxels: VoxelMap, config: DenseConfig, folder: Path | None = None) -> None:
@@ -56,14 +58,14 @@ class SceneLedger:
             folder = self._own_folder.path
         self._folder = folder
         self._keyframes = NO_KEYFRAMES
-        self._views: dict[int, StoredView] = {}  # by slot, in the order of time
+        self._views: dict[int, StoredView] = {}  # by slot, in the order of storing
         self._reported: dict[int, StoredView] = {}  # as of the last `take_changes`
         self._next_slot = 0
-        self._camera_m = np.zeros(3)  # where the last image was taken
+        self._camera_m = np.zeros(3)  # position of the camera at the last image, map frame
 
     @property
     def views(self) -> tuple[StoredView, ...]:
-        """Return the stored images."""
+        """Return the stored images in the order of storing."""
         return tuple(self._views.values())
 
     @property
@@ -77,12 +79,23 @@ class SceneLedger:
         return sum(submap.is_bent for submap in self._voxels.submaps)
 
     def read(self, slot: int) -> DepthView | None:
-        """Return a stored image, or None if it has been removed."""
+        """Return the stored image of a slot, or None if it has been removed.
+
+        Raises:
+            OSError: Its file cannot be read.
+        """
         view = self._views.get(slot)
         return None if view is None else view.read()
 
     def add(self, request: SceneRequest, view: DepthView) -> None:
-        """Store and fuse an image, unless its keyframe has been removed since the request."""
+        """Store an image, and fuse it into the dense map.
+
+        It is ignored if its keyframe has been removed since the request.
+
+        Args:
+            request: Time, pose and keyframe of the image.
+            view: Its depth and color.
+        """
         keyframes = self._keyframes if request.keyframes is None else request.keyframes
         rows = np.flatnonzero(keyframes.uids == request.reference_uid)
         if len(rows) == 0:
@@ -93,10 +106,11 @@ class SceneLedger:
         self.restore(StoredView(view, request.reference_uid, T_keyframe_camera))
 
     def restore(self, view: StoredView) -> None:
-        """Store and fuse an image of a saved map, unless its keyframe does not exist.
+        """Store an image with a pose relative to a keyframe, and fuse it into the dense map.
 
-        A view with a slot was reported by the ledger of a process that has died; it keeps its slot
-        and is not reported again.
+        It is ignored if its keyframe or its file does not exist. A view without a slot (-1) gets
+        the next one. A view with a slot was reported by the ledger of a process that has died: it
+        keeps its slot and is not reported again.
         """
         if view.slot >= 0:
             self._reported[view.slot] = view
@@ -125,11 +139,12 @@ class SceneLedger:
 
         Args:
             keyframes: The poses of all keyframes.
-            force: Fuse all bent submaps again now, after corrections of any size, as at the end
-                of a run.
+            force: Whether to check all submaps against a ten times smaller limit, and to fuse the
+                bent ones of one map again now, as at the end of a run. It is the map of the one
+                that is nearest to the camera. Otherwise `fuse_bent` does that later.
 
         Returns:
-            Whether submaps are bent, or were fused again.
+            Whether there were bent submaps, which have been fused again if `force` is set.
         """
         before, self._keyframes = self._keyframes, keyframes
         if before is not NO_KEYFRAMES:
@@ -144,11 +159,16 @@ class SceneLedger:
         return is_bent
 
     def fuse_bent(self, region_m: float = _REGION_M) -> bool:
-        """Fuse the bent submaps of one region near the camera again; return whether any were.
+        """Make the voxels of bent submaps in one region again from their stored images.
+
+        The region is around the bent submap that is nearest to the camera.
 
         Args:
-            region_m: Radius of the region [m]. Near submaps are made of nearly the same images,
-                so that few images are read.
+            region_m: Radius of the region [m]. Submaps near each other are made of nearly the
+                same images, so that few images are read.
+
+        Returns:
+            Whether there were bent submaps.
         """
         bent = [submap for submap in self._voxels.submaps if submap.is_bent]
         if not bent:
@@ -179,7 +199,10 @@ class SceneLedger:
             self._discard(slot)
 
     def take_changes(self) -> Iterator[ViewChange]:
-        """Yield the changes of the stored images since the last call."""
+        """Yield which images were stored, attached to another keyframe or removed since last time.
+
+        For a removed image, the view of the change is None.
+        """
         before, self._reported = self._reported, dict(self._views)
         for slot, view in self._reported.items():
             old = before.pop(slot, None)
@@ -216,7 +239,16 @@ class SceneLedger:
         return self._keyframes.rows_of(uids)
 
     def _find_bent(self, moved: set[int], *, force: bool) -> None:
-        """Find the bent submaps among those that images of moved keyframes were fused into."""
+        """Update which submaps are bent.
+
+        Only submaps are checked whose anchor has moved, or into which images of moved keyframes
+        were fused. A submap is bent if its images have moved relative to it by more than half a
+        voxel, and if enough of them are still stored.
+
+        Args:
+            moved: Uids of the moved keyframes.
+            force: Check all submaps with stored images, and with a ten times smaller limit.
+        """
         slots = [s for s, v in self._views.items() if force or v.keyframe_uid in moved]
         touched = set(slots)
         voxels = _FORCED_VOXELS if force else _BENT_VOXELS
@@ -229,7 +261,7 @@ class SceneLedger:
             submap.is_bent = is_bent and len(submap.fused) >= needed
 
     def _limit_views(self, posed: PosedView) -> None:
-        """Remove the most redundant image near a new one if too many are stored there."""
+        """Remove the most redundant stored image near a new one if too many are stored there."""
         slots = list(self._views)
         T = self._poses(slots)
         near = np.linalg.norm(T[:, :3, 3] - posed.T_map_camera[:3, 3], axis=1) < _NEAR_M
@@ -239,9 +271,12 @@ class SceneLedger:
             self._discard(slots[rows[_most_redundant(T[rows])]])
 
     def _reattach(self, before: KeyframePoses) -> None:
-        """Attach images and submaps of removed keyframes to others of the same map.
+        """Attach images and submaps of removed keyframes to other keyframes of the same map.
 
-        Those of a map that was removed are discarded.
+        If none of its keyframes remains, they are discarded.
+
+        Args:
+            before: The keyframe poses before the correction.
         """
         remaining = set(self._keyframes.uids.tolist())
         removed = set(before.uids.tolist()) - remaining
@@ -278,7 +313,10 @@ def _moved_uids(before: KeyframePoses, after: KeyframePoses) -> set[int]:
 
 
 def _most_redundant(T: FloatArray) -> int:
-    """Return the row of the older one of the two most similar poses (N, 4, 4)."""
+    """Return the row of the older one of the two most similar poses (N, 4, 4), oldest first.
+
+    The difference of two poses is their distance [m] plus 2 m per rad between their view axes.
+    """
     gap = np.linalg.norm(T[:, None, :3, 3] - T[None, :, :3, 3], axis=2)
     cosine = np.clip(np.einsum('ik,jk->ij', T[:, :3, 2], T[:, :3, 2]), -1, 1)
     gap += _ROTATION_M_PER_RAD * np.arccos(cosine)

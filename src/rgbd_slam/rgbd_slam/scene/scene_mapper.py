@@ -37,8 +37,9 @@ from rgbd_slam.scene.scene_ledger import SceneLedger
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 _UP = np.array([0.0, 0.0, 1.0])
-_FLOOR_POINTS = 50_000  # chosen: of the cloud, to find the floor
-# Chosen, less than half a voxel: a floor that differs by less is kept; `LocalFloors` corrects it.
+_FLOOR_POINTS = 50_000  # chosen: about so many points of the cloud are used to find the floor
+# Chosen, less than half a voxel: the old floor is kept if the new one differs by less, because
+# `LocalFloors` corrects small differences.
 _SAME_FLOOR_M = 0.01
 
 
@@ -47,9 +48,8 @@ class SceneMapper:
 
     Each image comes with a `SceneRequest`, which gives its time, pose and keyframe for all maps.
     The voxels of the static scene are made of the images in the `ledger`. The grid is composed of
-    the cells over the submaps whenever it is requested; only submaps that have changed are
-    projected again.
-    Tracks of people and objects describe the present: they are updated once per image, and no
+    the cells below the submaps whenever it is requested; only submaps that have changed are
+    projected again. Tracks of people and objects describe the present: images update them, and no
     later correction of the map changes them.
 
     Args:
@@ -58,9 +58,9 @@ class SceneMapper:
         objects: Parameters of the object tracks.
         object_map: Parameters of the object map; None: there is none.
         is_map_level: Whether the map frame is level to within a degree or two, which it is if the
-            base frame is known. If so, the grid has the x and y of the map; otherwise it has a
-            level frame of its own.
-        folder: For the files of the stored images; None: a temporary one.
+            base frame is known. If so, the grid has the x and y of the map frame; otherwise it has
+            a frame of its own, which is level with the floor.
+        folder: Folder for the files of the stored images; None: a temporary one.
     """
 
     def __init__(
@@ -86,7 +86,10 @@ class SceneMapper:
         self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}  # with their key
 
     def reconfigure(self, dense: DenseConfig) -> bool:
-        """Apply the parameters that may change at run time; return whether the grid changes."""
+        """Apply the parameters of the dense map that may change at run time.
+
+        Return whether parameters of the grid differ from those before.
+        """
         is_other_grid = dense.grid != self._config.grid
         self._config = dense
         return is_other_grid
@@ -98,7 +101,7 @@ class SceneMapper:
 
     @property
     def has_floor(self) -> bool:
-        """Return whether a floor has been found, which the grid needs."""
+        """Return whether `grid` has found a floor; without a floor there is no grid."""
         return self._floors is not None
 
     def fuse(
@@ -110,14 +113,14 @@ class SceneMapper:
     ) -> None:
         """Integrate an image (H, W) into the dense map.
 
-        Pixels in the boxes of dynamic objects add no surface. Voxels in front of them are still
-        removed (carved).
+        Pixels in the boxes of dynamic objects add no surface, but voxels in front of the surface
+        that they show are removed (carved).
 
         Args:
             request: Time, pose and keyframe of the image.
             depth_m: (H, W) depth; 0: no reading.
             image_bgr: (H, W, 3) color.
-            objects: The detections in the image.
+            objects: The detections in the image, with the filter's verdicts.
         """
         boxes = [seen.box_xyxy_px for seen in objects if seen.is_dynamic]
         boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
@@ -127,12 +130,12 @@ class SceneMapper:
     def track_objects(
         self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
     ) -> tuple[TrackedObject, ...]:
-        """Update the tracks with an image, and return the confirmed tracks.
+        """Update the tracks with an image, and return the confirmed tracks by id.
 
         Args:
             request: Time and pose of the image.
             depth_m: (H, W) depth; 0: no reading.
-            objects: The detections in the image.
+            objects: The detections in the image, with the filter's verdicts.
         """
         image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
         self._tracks = self._tracker.update(objects, image, request.stamp_ns, self._floor)
@@ -141,18 +144,20 @@ class SceneMapper:
     def map_objects(
         self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
     ) -> None:
-        """Update the object map with an image, after `track_objects`.
+        """Update the object map, if it is on, with an image and the latest tracks.
+
+        If the image is for the tracks as well, `track_objects` must be called first.
 
         Args:
             request: Time, pose and keyframe of the image.
             depth_m: (H, W) depth; 0: no reading.
-            objects: The detections in the image.
+            objects: The detections in the image, with the filter's verdicts.
         """
         if self._object_map is not None:
             self._object_map.update(request, depth_m, objects, self._tracks)
 
     def mapped_objects(self) -> tuple[MapObject, ...]:
-        """Return the confirmed objects of the object map, by id; none if there is no such map."""
+        """Return the confirmed objects of the object map by id; none if the object map is off."""
         return () if self._object_map is None else self._object_map.objects(self._floor)
 
     def export_objects(self, keyframe_uids: IntArray) -> ObjectMapState | None:
@@ -180,7 +185,7 @@ class SceneMapper:
             self._object_map.load(state, keyframe_uids)
 
     def forget_object(self, object_id: int) -> bool:
-        """Remove an object from the object map; return whether it was in it."""
+        """Remove the object with this number from the object map; return whether there was one."""
         return self._object_map is not None and self._object_map.forget(object_id)
 
     @property
@@ -193,7 +198,7 @@ class SceneMapper:
 
         Args:
             keyframes: The poses of all keyframes.
-            force: Fuse all bent submaps again now (see `SceneLedger.correct`).
+            force: Whether to fuse bent submaps again now (see `SceneLedger.correct`).
         """
         self.ledger.correct(keyframes, force=force)
         if self._object_map is not None:
@@ -204,12 +209,12 @@ class SceneMapper:
         return None if self._floors is None else self._floors.floor
 
     def export(self) -> SubmapState | None:
-        """Return the dense map for a file with the present keyframes, or None if there is none."""
+        """Return the dense map for a file with the present keyframes; None if it has no voxels."""
         uids = self.ledger.keyframes.uids
         return self._voxels.export(uids) if len(self._voxels) else None
 
     def export_since(self, mark: ExportMark | None) -> SubmapExport | None:
-        """Return what has changed in the dense map since an export; None if there is none.
+        """Return the changes of the dense map since an export; None if it has no voxels.
 
         Args:
             mark: Mark of that export; None: return the whole dense map.
@@ -238,13 +243,16 @@ class SceneMapper:
                 self.ledger.restore(view)
 
     def cloud(self) -> ColoredCloud:
-        """Return the confirmed points of the dense map, in the map frame."""
+        """Return the confirmed points of the dense map (main map only), in the map frame."""
         return self._voxels.cloud()
 
     def grid(self, cloud: ColoredCloud) -> Grid | None:
-        """Return the grid of the dense map's cloud, or None while no floor has been seen.
+        """Return the grid of the dense map, or None while no floor has been found.
 
-        This also updates the floor, which is used to measure people.
+        This also updates the floor, which is used to measure people and furniture as well.
+
+        Args:
+            cloud: The present result of `cloud`, in which the floor is searched for.
         """
         self._update_floor(cloud.points_m[:: max(1, len(cloud.points_m) // _FLOOR_POINTS)])
         if self._floors is None:
@@ -271,10 +279,11 @@ class SceneMapper:
         return cells_of(points_m, submap.is_shown(), free, self._config.grid)
 
     def _update_floor(self, points_m: Float32Array) -> None:
-        """Find the floor of points (N, 3); keep the old one if it is about the same.
+        """Find the floor in points (N, 3) of the map frame.
 
-        A new plane moves the level frame of the grid and the space above the floor, so that all
-        submaps are projected again.
+        The old floor stays if none is found, or if the new one is less than 1 cm from it at all
+        points. A new floor moves the level frame of the grid and the steps of height above it, so
+        that all submaps are projected into the grid again.
         """
         points = points_m.astype(np.float64)
         floor = find_floor(points, _UP)

@@ -13,10 +13,10 @@ _EARLY_NS = 5_000_000  # chosen: stamps vary by a few milliseconds around the fr
 
 
 class SceneRequest(NamedTuple):
-    """Asks the scene mapper to use one image, and gives the time and pose of that image.
+    """The request to the scene mapper to use one image: its time, pose and keyframe.
 
-    The pose belongs to one version of the map. It is given relative to a keyframe as well, so that
-    it can be corrected with the map later.
+    The pose belongs to one version of the map. With the pose of the keyframe in that version, the
+    scene mapper stores it relative to the keyframe, so that it is corrected with the map later.
     """
 
     stamp_ns: int
@@ -48,7 +48,12 @@ class Rate:
         self._last_ns: int | None = None
 
     def take_due(self, stamp_ns: int) -> bool:
-        """Return whether the image with this stamp is selected; the next is due a period later."""
+        """Return whether the image with this stamp is selected.
+
+        If it is, the next one is due a period later. Calls must be in order of time. If a stamp is
+        much earlier than the last selected one, as when a recording starts again, its image is
+        selected.
+        """
         last_ns = self._last_ns
         if last_ns is None or stamp_ns < last_ns - RESTART_NS:
             self._last_ns = stamp_ns
@@ -65,7 +70,7 @@ class SceneScheduler:
     """Selects the images for the dense map, the object tracks and the object map.
 
     Args:
-        dense_rate_hz: Rate of images for the dense map; None: the dense map is off.
+        dense_rate_hz: Rate [Hz] of images for the dense map; None: the dense map is off.
         tracks_rate_hz: Rate of images for the object tracks; None: they are off.
         object_map_rate_hz: Rate of images for the object map; None: it is off.
     """
@@ -90,7 +95,7 @@ class SceneScheduler:
 
         Args:
             stamp_ns: Time of the image.
-            T_map_camera: (4, 4) pose of the image after tracking and mapping.
+            T_map_camera: (4, 4) pose of the image in the map frame, after tracking and mapping.
             reference_uid: Uid of the keyframe relative to which the pose is stored.
             keyframes: Returns the present poses of all keyframes; called only if they are needed.
         """

@@ -12,12 +12,16 @@ from rgbd_slam.scene.objects.mapped_object import MappedObject
 from rgbd_slam.scene.objects.object_view import ObjectView, readings_in
 from rgbd_slam.scene.objects.segmentation import KnownBox, Prior, Segment
 
-# Least scores of a pair of the same class, of classes that detectors confuse, and of others. From
-# a trial on six rendered rooms, before this code.
+# Smallest score with which a pair is associated, if segment and object have the same class,
+# classes that detectors confuse, or other classes. From a trial on six rendered rooms, before this
+# code.
 _SAME, _CONFUSABLE, _OTHER = 0.35, 0.5, 0.6
 _MARGIN_M = 0.04  # around the box of an object; not tuned
-_OWN_OVERLAP = 0.3  # of the visible voxels with a box, for these to be one object; not tuned
-# Share of a box, beside one strided pixel, by which its sides are uncertain; not tuned.
+# Smallest intersection over union of a detected box and the bounding box of an object's visible
+# voxels with which the box shows this object; not tuned.
+_OWN_OVERLAP = 0.3
+# Share of a detected box's size by which, in addition to one strided pixel, its sides are
+# uncertain; not tuned.
 _MISS_MARGIN = 0.05
 _CONFUSABLE_CLASSES = (
     frozenset({'chair', 'couch', 'bench', 'bed'}),
@@ -31,21 +35,21 @@ _CONFUSABLE_CLASSES = (
 
 
 class Visibility(NamedTuple):
-    """What one image shows of the voxels of one object."""
+    """What one image shows of the N voxels of one object."""
 
     uv_px: FloatArray  # (N, 2) in strided pixels; NaN: out of view
-    is_visible: BoolArray  # (N,) the surface is measured there
-    is_through: BoolArray  # (N,) a surface behind is measured there
-    is_solid: BoolArray  # (N,)
+    is_visible: BoolArray  # (N,) whether a surface is measured at the voxel
+    is_through: BoolArray  # (N,) whether a surface behind the voxel is measured
+    is_solid: BoolArray  # (N,) whether the voxel belongs to the object (`MappedObject.is_solid`)
 
     @property
     def visible_share(self) -> float:
-        """Return the share of the solid voxels that are visible."""
+        """Return the share of the solid voxels that are visible; 0 if there are none."""
         return float(np.count_nonzero(self.is_visible & self.is_solid)) / self._num
 
     @property
     def through_share(self) -> float:
-        """Return the share of the solid voxels that are seen through."""
+        """Return the share of the solid voxels that are seen through; 0 if there are none."""
         return float(np.count_nonzero(self.is_through & self.is_solid)) / self._num
 
     @property
@@ -54,7 +58,7 @@ class Visibility(NamedTuple):
 
 
 def look_at(objects: Sequence[MappedObject], view: ObjectView) -> list[Visibility]:
-    """Return what an image shows of each object."""
+    """Return what an image shows of the voxels of each object, in the order of the objects."""
     if not objects:
         return []
     points = [item.points_map_m() for item in objects]
@@ -80,10 +84,17 @@ def prior_of(
     seen: Sequence[Visibility],
     view: ObjectView,
 ) -> Prior:
-    """Return which detections show which known objects, and the pixels of these.
+    """Return which detections show confirmed objects of the map, and the pixels of these objects.
 
-    An object is shown by the detection of its class whose box its visible voxels fit best. Its
-    surface is then never that of an object behind it, and what hides it is not its surface.
+    A confirmed object is shown by the detection of its class whose box overlaps the bounding box
+    of its visible voxels most. The pixels of its known surface are then not given to the segment
+    of an object behind it, and a surface that hides it is not taken for its own.
+
+    Args:
+        detections: The detections in the image.
+        objects: The objects of the map that may be in view.
+        seen: What the image shows of each of these objects.
+        view: The image.
     """
     owner = np.full(view.depth_m.size, -1, np.int64)
     known: dict[int, tuple[float, KnownBox]] = {}
@@ -107,7 +118,7 @@ def prior_of(
 
 
 def _overlap(box_px: FloatArray, boxes_px: IntArray) -> FloatArray:
-    """Return the intersection over union (N,) of a box (4,) with boxes (N, 4)."""
+    """Return the intersection over union (N,) of a box (4,) with boxes (N, 4), all xyxy."""
     low = np.maximum(box_px[:2], boxes_px[:, :2])
     shared = np.maximum(np.minimum(box_px[2:], boxes_px[:, 2:]) - low, 0).prod(axis=1)
     areas = (boxes_px[:, 2:] - boxes_px[:, :2]).prod(axis=1)
@@ -117,11 +128,17 @@ def _overlap(box_px: FloatArray, boxes_px: IntArray) -> FloatArray:
 def associate(
     segments: Sequence[Segment], objects: Sequence[MappedObject], seen: Sequence[Visibility]
 ) -> dict[int, int]:
-    """Return the object of each segment that has one, by their indices.
+    """Associate segments with objects; return the index of the object by that of the segment.
 
-    The score of a pair is the geometric mean of two shares: of the points of the segment in the
-    box of the object, and of the visible voxels of the object in the box of the detection. Pairs
-    are chosen from the largest score down.
+    The score of a pair is the geometric mean of two shares: of the segment's points that are in
+    the box of the object, and of the object's visible voxels that are in the box of the detection.
+    Pairs are chosen from the largest score down, so that each segment and each object is in at
+    most one pair. Pairs below the smallest score for their classes are left out.
+
+    Args:
+        segments: The segments of the image.
+        objects: The objects of the map that may be in view.
+        seen: What the image shows of each of these objects.
     """
     score = np.zeros((len(segments), len(objects)))
     if score.size == 0:
@@ -143,7 +160,13 @@ def associate(
 
 
 def _score(segment: Segment, item: MappedObject, uv_px: FloatArray) -> float:
-    """Return the score of a pair, given the visible voxels (N, 2) of the object; 0: no pair."""
+    """Return the score of a pair, or 0 if it is below the smallest score for its classes.
+
+    Args:
+        segment: The segment.
+        item: The object.
+        uv_px: (N, 2) strided pixels of the object's visible voxels.
+    """
     inside = in_box(uv_px, segment.box_px)
     if not inside.any():
         return 0.0
@@ -153,7 +176,10 @@ def _score(segment: Segment, item: MappedObject, uv_px: FloatArray) -> float:
 
 
 def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> BoolArray:
-    """Return the (S, O) mask of the pairs whose bounding spheres touch; others share no point."""
+    """Return the (S, O) mask of the segments and objects whose bounding spheres touch.
+
+    Other pairs have no points in common.
+    """
     low = np.array([segment.points_map_m.min(axis=0) for segment in segments])
     high = np.array([segment.points_map_m.max(axis=0) for segment in segments])
     centers = np.array([item.center_map_m() for item in objects])
@@ -163,21 +189,32 @@ def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> 
 
 
 def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
-    """Return the (N,) mask of strided pixels (N, 2) that are in a box."""
+    """Return the (N,) mask of the strided pixels (N, 2) that are in a box.
+
+    Args:
+        uv_px: (N, 2) u and v; a pixel spans -0.5 to 0.5 around its integer center.
+        box_px: Left, top, right and bottom in strided pixels; right and bottom are excluded.
+    """
     left, top, right, bottom = box_px
     u, v = uv_px.T
     return np.asarray((u >= left - 0.5) & (u < right) & (v >= top - 0.5) & (v < bottom))
 
 
 def is_confusable(first: str, second: str) -> bool:
-    """Return whether detectors confuse two classes, or they are the same."""
+    """Return whether two classes are the same, or detectors confuse them."""
     return first == second or any({first, second} <= group for group in _CONFUSABLE_CLASSES)
 
 
 def missed_rows(segment: Segment, visibility: Visibility, view: ObjectView) -> IntArray:
-    """Return the visible voxels of an object that a segment shows not to belong to it.
+    """Return the rows (M,) of visible voxels that a segment shows not to belong to its object.
 
-    They are outside the box of the detection, or at a pixel of it that shows a removed plane.
+    They are outside the box of the detection, or at pixels of the box that show other things, such
+    as a plane that was removed.
+
+    Args:
+        segment: The segment that was associated with the object.
+        visibility: What the image shows of the object's voxels.
+        view: The image.
     """
     rows = np.flatnonzero(visibility.is_visible)
     uv = visibility.uv_px[rows]

@@ -1,7 +1,7 @@
 """Keeps the id of an object while a person carries it to another place.
 
-The tracker of the present (`object_tracker`) follows an object from hand to hand; the map takes
-from it only the number of its track, which is the same at the old place and at the new one.
+The object tracker (`object_tracker`) follows an object while a person carries it. The map uses the
+number of the object's track, which is the same at the old place and at the new one.
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ from rgbd_slam.scene.object_track import SETTLED, ObjectState, TrackedObject
 from rgbd_slam.scene.objects.mapped_object import MappedObject, PlaceState
 
 # None of these numbers was tuned.
-_SAME_M = 0.35  # a track nearer to an object is a track of the object
-_AWAY_M = 0.3  # a track farther away from its object carries it
-_MIN_THROUGH = 2  # looks through the old place that confirm that somebody handles an object
-_HOLDER_M = 1.2  # a person farther away does not handle it
-_ADOPT_NS = 600 * NS_PER_S  # time after which an object that is gone gets a new number
-# Largest ratio of the sizes of an object of a loaded map and of one that it may have become, as
-# nobody saw it moved.
+_SAME_M = 0.35  # a settled track nearer than this to an object is the object's track
+_AWAY_M = 0.3  # an object is carried if its handled track is at least this far from its place
+# Number of successive images that must show the old place empty before an object counts as
+# handled.
+_MIN_THROUGH = 2
+_HOLDER_M = 1.2  # largest horizontal distance from the track to the person who handles it
+_ADOPT_NS = 600 * NS_PER_S  # an object that has left its place for longer gets a new number
+# Largest ratio of the sizes of an object of a loaded map and of a new object that it may have
+# become: it may have been moved while nobody watched.
 _MAX_RATIO = 1.6
 
 
 class Carrying:
-    """Links tracks to objects of the map, and moves objects that were put down again."""
+    """Links tracks to objects of the map, and moves objects that were put down elsewhere."""
 
     def note_seen(self, item: MappedObject) -> None:
-        """Note a detection of an object at its known place: nobody has taken it away."""
+        """Record that an object was detected at its place: AT_REST or MOVED, without holder."""
         if not item.is_present:
             item.state = PlaceState.AT_REST if item.moved_from_m is None else PlaceState.MOVED
             item.holder_id = -1
@@ -37,7 +39,16 @@ class Carrying:
     def follow(
         self, objects: list[MappedObject], tracks: Sequence[TrackedObject], stamp_ns: int
     ) -> list[MappedObject]:
-        """Update what people handle; return the objects without those that were the same."""
+        """Update which objects people handle, and join objects with those that they have become.
+
+        Args:
+            objects: All objects of the map, which are changed.
+            tracks: The tracks of people and objects at this time.
+            stamp_ns: Time of the image.
+
+        Returns:
+            The objects without the new ones that turned out to be older ones that were carried.
+        """
         by_id = {track.track_id: track for track in tracks}
         self._link(objects, tracks)
         for item in objects:
@@ -47,7 +58,7 @@ class Carrying:
         return self._joined(objects, stamp_ns)
 
     def _link(self, objects: Sequence[MappedObject], tracks: Sequence[TrackedObject]) -> None:
-        """Give each object the number of the settled track at its place."""
+        """Give each object at rest the number of the settled track of its class at its place."""
         of_class: dict[str, list[TrackedObject]] = {}
         for track in tracks:
             if track.state in SETTLED:
@@ -69,7 +80,16 @@ class Carrying:
         tracks: Sequence[TrackedObject],
         stamp_ns: int,
     ) -> None:
-        """Mark an object whose track a person moves away while its place is seen empty."""
+        """Mark an object as HANDLED if its track is handled elsewhere and its place is seen empty.
+
+        Its holder is the person nearest to the track, or -1 if nobody is within 1.2 m.
+
+        Args:
+            item: The object, which is at rest according to the map.
+            track: Its track.
+            tracks: All tracks, of which those of people are used.
+            stamp_ns: Time of the image.
+        """
         away_m = np.linalg.norm(track.position_map_m - item.center_map_m())
         if track.state is not ObjectState.HANDLED or away_m < _AWAY_M:
             return
@@ -85,7 +105,10 @@ class Carrying:
         item.holder_id = person_id if distance_m < _HOLDER_M else -1
 
     def _joined(self, objects: list[MappedObject], stamp_ns: int) -> list[MappedObject]:
-        """Move each object that is away to the new object that it has become."""
+        """Move each object that has left its place to that of the new object that it has become.
+
+        Return the objects without these new ones.
+        """
         removed: set[int] = set()
         away = [item for item in objects if not item.is_present and item.is_confirmed]
         for item in sorted(away, key=lambda item: -item.last_ns):
@@ -102,7 +125,17 @@ class Carrying:
         removed: set[int],
         stamp_ns: int,
     ) -> MappedObject | None:
-        """Return the object that a carried one has become, or None."""
+        """Return the new object that an object which has left its place has become, or None.
+
+        It is of the same class and was first seen after the last sighting of `item`. One with the
+        same track is preferred, and among several the one that was seen first.
+
+        Args:
+            item: The object that has left its place.
+            objects: All objects.
+            removed: Ids of new objects that others have become already.
+            stamp_ns: Time of the image.
+        """
         if stamp_ns - item.left_ns > _ADOPT_NS:
             return None
         fitting = [
@@ -121,6 +154,6 @@ class Carrying:
 
 
 def _is_as_large(first: MappedObject, second: MappedObject) -> bool:
-    """Return whether two objects may be one, by their measured sizes."""
+    """Return whether the sizes of two objects differ so little that they may be one object."""
     small, large = sorted((first.radius_m(), second.radius_m()))
     return large <= _MAX_RATIO * small

@@ -15,30 +15,35 @@ from rgbd_slam.scene.objects.place import Place
 from rgbd_slam.scene.objects.segmentation import KnownBox, Segment
 from rgbd_slam.scene.objects.voxel_set import VoxelSet, keys_of
 
-# None of these numbers was tuned where no other source is named.
-_MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5  # of a published object
-_MIN_SEEN_SHARE = 0.5  # of the looks that showed its surface, in which it was detected
-_PERCENTILES = (2, 98)  # of the voxels, against outliers
-# An object is not thicker than this, or than it is wide, where its back was never seen (as in
+# None of these numbers was tuned where no other source is named. "Look" means an image in which
+# the object may be seen, and "sighting" one in which it was detected. Numbers of sightings, and
+# time between the first and the last one, of a published object.
+_MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5
+_MIN_SEEN_SHARE = 0.5  # of the looks that show its surface, in which it must have been detected
+_PERCENTILES = (2, 98)  # of the voxels, which bound the box without outliers
+# Assumed thickness of an object whose back was never seen; its width if that is smaller (as in
 # `object_sighting`).
 _HIDDEN_M = 0.15
-_ONE_SIDED = 0.9  # length of the mean viewing direction from which on one side only was seen
+# Length of the mean of the unit viewing directions from which on only one side was seen.
+_ONE_SIDED = 0.9
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
 _MAX_LIFT_M = 1.0  # a standing object whose lowest voxel is higher is not on the floor
 _CELL_SIGMAS = 2.0  # side of the cells in which hits are counted, in standard deviations of depth
-_GROWTH_M, _GROWTH_SHARE = 0.05, 0.15  # by which a known object may grow on each side in a look
+# By how much a known object may grow on each side in a look: length, and share of its size.
+_GROWTH_M, _GROWTH_SHARE = 0.05, 0.15
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero
-# Weights of a sighting, a missed detection and a look through the place on the probability.
+# Effect of a look on the probability that the object is still there: gain towards 1 of a sighting,
+# relative loss by a missed detection and by a look that shows the place empty.
 _SEEN_GAIN, _MISSED_LOSS, _THROUGH_LOSS = 0.3, 0.03, 0.35
 
 
 class PlaceState(Enum):
-    """Where an object is; the values are stored in maps."""
+    """Whether an object is at rest, handled or gone; the values are stored in map files."""
 
     AT_REST = 0  # where it was first seen
-    MOVED = 1  # at rest in another place than before
-    HANDLED = 2  # a person moves it; the place is its last place of rest
-    GONE = 3  # its place was seen empty; the place is its last one
+    MOVED = 1  # at rest where it was put down after it had been moved
+    HANDLED = 2  # a person moves it; its position is its last place of rest
+    GONE = 3  # its place was seen empty; its position is this place
 
 
 AT_PLACE = (PlaceState.AT_REST, PlaceState.MOVED)
@@ -49,57 +54,61 @@ class MapObject:
     """The published value of an object of the map."""
 
     object_id: int
-    class_name: str
+    class_name: str  # the class with the largest sum of scores
     class_scores: tuple[tuple[str, float], ...]  # sums of the scores of each class, largest first
     state: PlaceState
     T_map_object: FloatArray  # (4, 4) pose of the center of the box; the box is upright
     size_m: FloatArray  # (3,) extent along the axes of the box
-    num_sightings: int
-    first_ns: int
+    num_sightings: int  # number of images in which it was detected at rest
+    first_ns: int  # stamp of the first sighting
     last_ns: int  # stamp of the last sighting
     probability: float  # that it is still there, in [0, 1]
     holder_id: int = -1  # track of the person who handles or moved it; -1: unknown
-    moved_from_map_m: FloatArray | None = None  # (3,) the place before; None: it was not moved
-    moved_ns: int = 0  # when it was moved away from there
-    is_new: bool = False  # whether it was not in a map that was loaded before
+    # (3,) center of its box at the place before, in the map frame; None: it was not moved.
+    moved_from_map_m: FloatArray | None = None
+    moved_ns: int = 0  # stamp of its last sighting at the place before; 0: it was not moved
+    is_new: bool = False  # whether a map was loaded that did not contain it
 
     @property
     def is_present(self) -> bool:
-        """Return whether it is at rest at its place."""
+        """Return whether the object is at rest: AT_REST or MOVED."""
         return self.state in AT_PLACE
 
     @property
     def center_map_m(self) -> FloatArray:
-        """Return the center (3,) of the box."""
+        """Return the center (3,) of the box in the map frame."""
         return self.T_map_object[:3, 3]
 
 
 class MappedObject:
-    """One object: evidence of all looks at it, in a frame that moves with a keyframe.
+    """One object: the evidence of all looks at it, in a frame that moves with a keyframe.
 
     Args:
         object_id: Number of the object.
-        place: Its frame.
+        place: The object frame.
         stamp_ns: Time of the first detection.
     """
 
     def __init__(self, object_id: int, place: Place, stamp_ns: int) -> None:
         self.object_id = object_id
         self.state = PlaceState.AT_REST
-        self.scores: dict[str, float] = {}
+        self.scores: dict[str, float] = {}  # sum of the detections' scores, by class
+        # Images in which it was detected with its surface, and those that showed its surface,
+        # detected or not.
         self.num_sightings = self.num_visible = 0
         self.first_ns = self.last_ns = stamp_ns
-        self.num_through = 0  # looks in a row that showed its place empty
-        self.probability = 0.5
+        self.num_through = 0  # successive looks that showed its place empty
+        self.probability = 0.5  # that it is still at its place
         self.place = place
         self.voxels = VoxelSet()
-        self.direction_m: FloatArray = np.zeros(3)  # sum of the viewing directions, object frame
-        self.distance_m = 0.0  # sum of the distances from which it was seen
-        self.track_id = -1  # of the tracker
-        self.holder_id = -1
-        self.moved_from_m: FloatArray | None = None  # (3,) the place before, object frame
-        self.moved_ns = 0
-        self.left_ns = 0  # when its place was seen empty
+        # Sum over the sightings of the unit vectors from the camera to it, in the object frame.
+        self.direction_m: FloatArray = np.zeros(3)
+        self.distance_m = 0.0  # sum over the sightings of its distance from the camera
+        self.track_id = -1  # of its track in the object tracker; -1: none
+        self.holder_id = -1  # track of the person who handles or moved it; -1: unknown
+        self.moved_from_m: FloatArray | None = None  # (3,) center before, in the object frame
+        self.moved_ns = 0  # stamp of the last sighting at the place before
+        self.left_ns = 0  # stamp at which it was found to have left its place
         self.is_loaded = False  # whether it is from a loaded map
         # Cached, until the voxels change:
         self._box: tuple[FloatArray, FloatArray] | None = None
@@ -115,12 +124,12 @@ class MappedObject:
 
     @property
     def class_name(self) -> str:
-        """Return the class with the largest sum of scores."""
+        """Return the class with the largest sum of detection scores."""
         return max(self.scores, key=lambda name: self.scores[name])
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether it was seen often enough to be published."""
+        """Return whether the object was detected often enough to be published."""
         is_old = self.last_ns - self.first_ns >= _MIN_AGE_NS
         is_often = self.num_sightings >= _MIN_SIGHTINGS
         share = self.num_sightings / max(self.num_visible, 1)
@@ -128,11 +137,15 @@ class MappedObject:
 
     @property
     def is_present(self) -> bool:
-        """Return whether it is at rest at its place."""
+        """Return whether the object is at rest: AT_REST or MOVED."""
         return self.state in AT_PLACE
 
     def box_m(self) -> tuple[FloatArray, FloatArray]:
-        """Return the lowest and the highest corner (3,) of its measured voxels, object frame."""
+        """Return the lowest and the highest corner (3,) [m] of the measured box, object frame.
+
+        It is the bounding box of the solid voxels, or of all voxels if none is solid, without the
+        2 % outermost ones on each side.
+        """
         if self._box is None:
             points = self.voxels.means_m[self.is_solid()]
             if len(points) == 0:
@@ -153,7 +166,7 @@ class MappedObject:
         return self._solid
 
     def known_box(self) -> KnownBox:
-        """Return the measured box, enlarged by how much it may grow in one image."""
+        """Return the measured box, enlarged by as much as it may grow in one image."""
         low, high = self.box_m()
         margin = _GROWTH_M + _GROWTH_SHARE * (high - low)
         return KnownBox(se3.inverse(self.T_map_object), low - margin, high + margin)
@@ -169,19 +182,27 @@ class MappedObject:
         return np.asarray(T[:3, :3] @ self._center_m + T[:3, 3])
 
     def radius_m(self) -> float:
-        """Return the radius of the sphere around the measured box."""
+        """Return the radius [m] of the sphere around the measured box."""
         self.box_m()
         return self._radius_m
 
     def contains(self, points_map_m: FloatArray, margin_m: float) -> float:
-        """Return the share of points (N, 3) that are in the measured box."""
+        """Return the share of points (N, 3) of the map frame that are in the measured box.
+
+        Args:
+            points_map_m: (N, 3) points.
+            margin_m: Length by which the box is enlarged on each side.
+        """
         low, high = self.box_m()
         points = se3.transform(se3.inverse(self.T_map_object), points_map_m)
         inside = (points > low - margin_m) & (points < high + margin_m)
         return float(inside.all(axis=1).mean())
 
     def has_surface(self, points_map_m: FloatArray) -> BoolArray:
-        """Return the (N,) mask of the points (N, 3) that are in cells of 5 cm with its voxels."""
+        """Return the (N,) mask of the points (N, 3) of the map frame that are near its surface.
+
+        These are the points in the 5 cm cells that contain solid voxels of the object.
+        """
         points = se3.transform(se3.inverse(self.T_map_object), points_map_m)
         if self._cells is None:
             self._cells = np.unique(keys_of(self.voxels.means_m[self.is_solid()] / 2))
@@ -190,7 +211,13 @@ class MappedObject:
         return np.equal(solid[rows], keys) if len(solid) else np.zeros(len(keys), np.bool_)
 
     def add(self, segment: Segment, stamp_ns: int, T_map_camera: FloatArray) -> None:
-        """Add a detection of the object at its place."""
+        """Add a detection of the object at its place.
+
+        Args:
+            segment: The detection, with the surface that it shows.
+            stamp_ns: Time of the image.
+            T_map_camera: (4, 4) pose of the image.
+        """
         points = se3.transform(se3.inverse(self.T_map_object), segment.points_map_m)
         self.voxels.add_points(points)
         self.num_sightings += 1
@@ -208,13 +235,17 @@ class MappedObject:
         self._changed()
 
     def note_seen(self, stamp_ns: int) -> None:
-        """Note that the object is at its place, without its surface: it is partly hidden."""
+        """Record that a partly hidden object was detected at its place, without its surface."""
         self.last_ns = stamp_ns
         self.num_through = 0
         self.probability += _SEEN_GAIN * (1 - self.probability)
 
     def count_misses(self, rows: IntArray) -> None:
-        """Count a look that showed voxels not to belong to the object."""
+        """Count a look that showed that voxels do not belong to the object.
+
+        Args:
+            rows: (M,) rows of these voxels.
+        """
         self.voxels.count_misses(rows)
         self._changed()
 
@@ -222,7 +253,7 @@ class MappedObject:
         self._box = self._solid = self._cells = None
 
     def note_missed(self) -> None:
-        """Count a look that shows the surface of the object, which was not detected."""
+        """Count a look that shows the surface of the object, but in which it was not detected."""
         self.num_visible += 1
         self.num_through = 0
         self.probability *= 1 - _MISSED_LOSS
@@ -233,7 +264,10 @@ class MappedObject:
         self.probability *= 1 - _THROUGH_LOSS
 
     def is_older_than(self, other: MappedObject) -> bool:
-        """Return whether this object was in a loaded map, or was seen earlier."""
+        """Return whether this object is older than another one.
+
+        Objects of a loaded map are older than others; otherwise the first sightings are compared.
+        """
         return (not self.is_loaded, self.first_ns) < (not other.is_loaded, other.first_ns)
 
     def absorb(self, other: MappedObject) -> None:
@@ -253,7 +287,10 @@ class MappedObject:
         self._changed()
 
     def move_to(self, other: MappedObject) -> None:
-        """Take over the place of another object, which is this one after it was carried."""
+        """Take over the place and the evidence of another object: this one, after it was carried.
+
+        The object becomes MOVED. It keeps its number and its history.
+        """
         before_m, self.moved_ns = self.center_map_m(), self.last_ns
         self.place = other.place
         T_object_map = se3.inverse(self.T_map_object)
@@ -261,7 +298,8 @@ class MappedObject:
         self.voxels, self.direction_m = other.voxels, other.direction_m
         for name, score in other.scores.items():
             self.scores[name] = self.scores.get(name, 0.0) + score
-        # Distances and directions are means over the looks at the present place.
+        # Distances and directions are means over the sightings at the present place: their sums
+        # are scaled to the number of all sightings.
         self.distance_m = other.distance_m * (1 + self.num_sightings / other.num_sightings)
         self.direction_m *= 1 + self.num_sightings / other.num_sightings
         self.num_sightings += other.num_sightings
@@ -272,7 +310,12 @@ class MappedObject:
         self._changed()
 
     def leave(self, state: PlaceState, stamp_ns: int) -> None:
-        """Note that the object is not at its place any more: it is handled, or gone."""
+        """Record that the object is not at its place any more.
+
+        Args:
+            state: HANDLED or GONE.
+            stamp_ns: Time of the image that showed this.
+        """
         if self.is_present:
             self.left_ns = stamp_ns
         self.state = state
@@ -282,7 +325,7 @@ class MappedObject:
 
         Args:
             floor: The floor, down to which furniture reaches; None: it is unknown.
-            is_new: Whether a map was loaded that the object was not in.
+            is_new: Whether a map was loaded that did not contain the object.
         """
         low, high = self._full_box(floor)
         T = self.T_map_object.copy()
@@ -311,7 +354,7 @@ class MappedObject:
         return np.asarray(se3.transform(self.T_map_object, self.moved_from_m[None])[0])
 
     def _full_box(self, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
-        """Return the box with the parts that are never seen: the back, and the legs."""
+        """Return the box, object frame, with its unseen back, and with the legs of furniture."""
         low, high = (corner.copy() for corner in self.box_m())
         self._extend_back(low, high)
         if floor is not None and self.class_name in _STANDING:
@@ -322,7 +365,12 @@ class MappedObject:
         return low, high
 
     def _extend_back(self, low: FloatArray, high: FloatArray) -> None:
-        """Extend the box of an object that was seen from one side only, away from the camera."""
+        """Extend the box of an object that was seen from one side only, away from the camera.
+
+        Args:
+            low: (3,) lowest corner, which is changed.
+            high: (3,) highest corner, which is changed.
+        """
         along = self.direction_m[:2] / max(self.num_sightings, 1)
         if np.linalg.norm(along) < _ONE_SIDED:
             return

@@ -1,7 +1,8 @@
-"""The object map: each static or put-down object once, anchored to keyframes.
+"""The object map: each object that is or was at rest once, anchored to keyframes.
 
-Follows the object map of Khronos (Schmid et al., RSS 2024) in that an object is the
-surface inside its boxes, accumulated over looks; evidence of absence is a look through it.
+As in the object map of Khronos (Schmid et al., RSS 2024), an object is the surface inside its
+boxes, accumulated over images, and an image that sees through this surface is evidence that the
+object is absent. A look is an image in which an object may be seen.
 """
 
 from __future__ import annotations
@@ -43,23 +44,25 @@ from rgbd_slam.scene.objects.place import Anchor, Place
 from rgbd_slam.scene.objects.segmentation import Segment, segment_all
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
-_RANGE_M = 7.0  # objects farther from the camera are not looked at; chosen
+_RANGE_M = 7.0  # objects farther from the camera are ignored; chosen
 # None of these numbers was tuned where no other source is named.
-_VISIBLE_SHARE = 0.5  # of the voxels, from which on a missing detection counts
-_THROUGH_SHARE, _MAX_THROUGH = 0.6, 5  # of the voxels; looks in a row that show a place empty
-_CLAIMED_SHARE = 0.5  # of a new segment's points in another object: it is that object's surface
-_SUPPORT_RATIO = 2.5  # of the size of a larger object, on which a smaller one lies
+_VISIBLE_SHARE = 0.5  # of the solid voxels, from which on a missing detection counts
+# Share of the solid voxels from which on a look through them shows the place empty, and number of
+# successive such looks after which the object is gone.
+_THROUGH_SHARE, _MAX_THROUGH = 0.6, 5
+_CLAIMED_SHARE = 0.5  # a new segment with more of its points near an object's surface is no object
+_SUPPORT_RATIO = 2.5  # ratio of radii from which on the smaller object may lie on the larger one
 _MERGE_PERIOD_NS = NS_PER_S
-_MERGE_SHARE = 0.5  # of the smaller object's voxels in the box of the larger one
-_MERGE_OTHER_SHARE = 0.8  # the same for classes that are not confused
-_MERGE_MARGIN_M = 0.04
-_DOUBLE_SHARE = 0.7  # of the smaller of two boxes that may be one thing
-_FORGET_NS = 10 * NS_PER_S  # an object that was not confirmed by then was a false detection
+_MERGE_SHARE = 0.5  # of one object's voxels in the box of the other, from which on they are merged
+_MERGE_OTHER_SHARE = 0.8  # the same for classes that detectors do not confuse
+_MERGE_MARGIN_M = 0.04  # by which this box is enlarged on each side
+_DOUBLE_SHARE = 0.7  # of the smaller of two boxes; two that share more may show the same object
+_FORGET_NS = 10 * NS_PER_S  # an unconfirmed object that is not seen for so long is forgotten
 _MAX_OBJECTS = 1000  # chosen: 0.6 MB for a room of 30 objects
 
 
 class ObjectMap:
-    """Keeps the objects, and updates them with looks, tracks and corrections of the map.
+    """Keeps the objects, and updates them with images, tracks and corrections of the map.
 
     Args:
         camera: The camera of depth and color.
@@ -70,8 +73,9 @@ class ObjectMap:
         self._keyframes: KeyframePoses = NO_KEYFRAMES
         self._objects: list[MappedObject] = []
         self._next_id = 1
-        self._apart: set[tuple[int, int]] = set()  # ids seen as two things in one image
-        self._merged_ns = 0
+        # Pairs (smaller id first) that one image showed as two objects, so that they never merge.
+        self._apart: set[tuple[int, int]] = set()
+        self._merged_ns = 0  # stamp of the last merging
         self._is_reused = False  # whether a map was loaded
         self._carrying = Carrying()
 
@@ -79,7 +83,7 @@ class ObjectMap:
         return len(self._objects)
 
     def objects(self, floor: Floor | None = None) -> tuple[MapObject, ...]:
-        """Return the confirmed objects by id.
+        """Return the confirmed objects of the main map by id, in the map frame.
 
         Args:
             floor: The floor, down to which furniture reaches; None: it is unknown.
@@ -97,7 +101,10 @@ class ObjectMap:
         detections: Sequence[DynamicObject],
         tracks: Sequence[TrackedObject] = (),
     ) -> None:
-        """Add one look, in order of time, unless its keyframe has been removed since the request.
+        """Update the objects with one image; images must come in order of time.
+
+        The image is ignored if the request has no keyframes, or if its keyframe has been removed
+        since the request.
 
         Args:
             request: Time, pose and keyframe of the image.
@@ -133,12 +140,19 @@ class ObjectMap:
             self._forget(stamp_ns)
 
     def correct(self, keyframes: KeyframePoses) -> None:
-        """Apply corrected keyframe poses: each object moves with its keyframe."""
+        """Apply corrected keyframe poses: each object moves with its keyframe.
+
+        The objects of a map whose keyframes were all removed are forgotten.
+        """
         before, self._keyframes = self._keyframes, keyframes
         self._objects = [item for item in self._objects if item.place.follow(before, keyframes)]
 
     def export(self, keyframe_uids: IntArray) -> ObjectMapState:
-        """Return all objects for a file, with the (K,) ascending uids of its keyframes."""
+        """Return the objects for a file; those whose anchor is not saved are left out.
+
+        Args:
+            keyframe_uids: (K,) ascending uids of the saved keyframes.
+        """
         return ObjectMapState.of_objects(
             self._objects, keyframe_uids, apart=self._apart, next_id=self._next_id
         )
@@ -170,11 +184,11 @@ class ObjectMap:
         self._is_reused = True
 
     def join(self) -> None:
-        """Join objects that are the same thing, and keep the number of the older one."""
+        """Merge overlapping objects, unless one image showed both; the older number is kept."""
         self._merge()
 
     def forget(self, object_id: int) -> bool:
-        """Remove an object; return whether there was one with this number."""
+        """Remove the object with this number; return whether there was one."""
         kept = [item for item in self._objects if item.object_id != object_id]
         is_known, self._objects = len(kept) < len(self._objects), kept
         return is_known
@@ -184,7 +198,14 @@ class ObjectMap:
         return self._next_id - 1
 
     def _anchor(self, request: SceneRequest, keyframes: KeyframePoses) -> Anchor | None:
-        """Return the keyframe of a request, with the present pose of the image; None: removed."""
+        """Return the keyframe of a request and the present pose of its image.
+
+        None is returned if the keyframe has been removed.
+
+        Args:
+            request: The request.
+            keyframes: The keyframe poses to which the pose of the request belongs.
+        """
         uid = request.reference_uid
         old, new = keyframes.row_of(uid), self._keyframes.row_of(uid)
         if old is None or new is None:
@@ -202,7 +223,10 @@ class ObjectMap:
         view: ObjectView,
         stamp_ns: int,
     ) -> None:
-        """Add the detection of a known object; one that a person hides in part adds no surface."""
+        """Add the detection of a known object.
+
+        A dynamic one adds no surface, because a person may hide a part of it.
+        """
         if segment.detection.is_dynamic:
             item.note_seen(stamp_ns)
         else:
@@ -211,7 +235,7 @@ class ObjectMap:
         self._carrying.note_seen(item)
 
     def _near(self, anchor: Anchor) -> list[MappedObject]:
-        """Return the objects that may be in view."""
+        """Return the objects of the image's map that may be in view."""
         same = [item for item in self._objects if item.place.map_id == anchor.map_id]
         if not same:
             return []
@@ -229,7 +253,11 @@ class ObjectMap:
         view: ObjectView,
         stamp_ns: int,
     ) -> None:
-        """Note what an image shows of an object that was not detected in it."""
+        """Record what an image shows of an object that was not detected in it.
+
+        The image may see through its place, or show its surface without a detection. The latter
+        does not count if most of what is visible of it is inside the box of a person.
+        """
         if seen.through_share >= _THROUGH_SHARE:
             item.note_seen_through()
             if item.num_through >= _MAX_THROUGH and item.state is not PlaceState.HANDLED:
@@ -257,7 +285,10 @@ class ObjectMap:
             self._objects.append(item)
 
     def _is_claimed(self, segment: Segment, near: Sequence[MappedObject]) -> bool:
-        """Return whether a segment shows the surface of a confirmed object."""
+        """Return whether a segment shows the surface of a confirmed object that is at rest.
+
+        Objects that are so much larger that the segment may lie on them are not considered.
+        """
         for item in near:
             if not (item.is_confirmed and item.is_present):
                 continue
@@ -268,7 +299,7 @@ class ObjectMap:
         return False
 
     def _note_apart(self, seen: Sequence[tuple[MappedObject, Segment]]) -> None:
-        """Note the pairs of objects that one image shows beside each other."""
+        """Record the pairs of objects that one image shows as two objects."""
         for (first, one), (second, other) in combinations(seen, 2):
             if not _overlap_much(one.box_px, other.box_px):
                 a, b = sorted((first.object_id, second.object_id))
@@ -340,12 +371,17 @@ def _touch(objects: Sequence[MappedObject]) -> BoolArray:
 
 
 def _is_measured(item: DynamicObject) -> bool:
-    """Return whether the detector has found this box, and knows its class."""
+    """Return whether the box was detected and not predicted, and its class is known."""
     return item.reason is not Reason.PREDICTED and item.class_name != UNKNOWN
 
 
 def _overlap_much(first_px: tuple[int, ...], second_px: tuple[int, ...]) -> bool:
-    """Return whether two boxes share most of the smaller one, as of one thing found twice."""
+    """Return whether two boxes share over 70 % of the smaller one: an object detected twice.
+
+    Args:
+        first_px: Left, top, right and bottom.
+        second_px: Left, top, right and bottom.
+    """
     a, b = np.array(first_px), np.array(second_px)
     shared = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0).prod()
     smaller = min((box[2:] - box[:2]).prod() for box in (a, b))

@@ -28,12 +28,15 @@ _CLASSES, _VOXELS = ('class_name', 'class_score'), ('key', *_OF_VOXELS)
 
 @dataclass(frozen=True, eq=False)
 class ObjectMapState(Record):
-    """O objects with C sums of scores and V voxels in all, both sorted by object."""
+    """The object map in a file: O objects, C sums of scores and V voxels, both sorted by object.
+
+    Columns without a comment are those of `MappedObject` and `VoxelSet`.
+    """
 
     object_id: Annotated[IntArray, column('i8', 'objects')]
     anchor: Annotated[NDArray[np.int32], column('i4', 'objects')]  # row of the saved keyframe
-    T_anchor_object: Annotated[FloatArray, column('f8', 'objects', 4, 4)]
-    state: Annotated[NDArray[np.uint8], column('u1', 'objects')]  # a `PlaceState`
+    T_anchor_object: Annotated[FloatArray, column('f8', 'objects', 4, 4)]  # anchor: its keyframe
+    state: Annotated[NDArray[np.uint8], column('u1', 'objects')]  # value of a `PlaceState`
     num_sightings: Annotated[IntArray, column('i8', 'objects')]
     num_visible: Annotated[IntArray, column('i8', 'objects')]
     num_through: Annotated[IntArray, column('i8', 'objects')]
@@ -44,11 +47,11 @@ class ObjectMapState(Record):
     direction_m: Annotated[FloatArray, column('f8', 'objects', 3)]
     distance_m: Annotated[FloatArray, column('f8', 'objects')]
     holder_id: Annotated[IntArray, column('i8', 'objects')]
-    was_moved: Annotated[BoolArray, column('?', 'objects')]
+    was_moved: Annotated[BoolArray, column('?', 'objects')]  # False: `moved_from_m` means None
     moved_from_m: Annotated[FloatArray, column('f8', 'objects', 3)]  # object frame
     moved_ns: Annotated[IntArray, column('i8', 'objects')]
-    num_classes: Annotated[NDArray[np.int32], column('i4', 'objects')]
-    num_voxels: Annotated[NDArray[np.int32], column('i4', 'objects')]
+    num_classes: Annotated[NDArray[np.int32], column('i4', 'objects')]  # how many of the C
+    num_voxels: Annotated[NDArray[np.int32], column('i4', 'objects')]  # how many of the V
     class_name: Annotated[ByteArray, column('u1', 'classes', CLASS_BYTES)]  # UTF-8, then zeros
     class_score: Annotated[FloatArray, column('f8', 'classes')]
     key: Annotated[NDArray[np.int32], column('i4', 'voxels')]
@@ -56,8 +59,8 @@ class ObjectMapState(Record):
     readings: Annotated[Float32Array, column('f4', 'voxels')]
     hits: Annotated[Float32Array, column('f4', 'voxels')]
     misses: Annotated[Float32Array, column('f4', 'voxels')]
-    apart: Annotated[IntArray, column('i8', 'pairs', 2)]  # ids that one image showed as two things
-    next_id: Annotated[IntArray, column('i8', 1)]  # of the next new object
+    apart: Annotated[IntArray, column('i8', 'pairs', 2)]  # ids of two objects in one image
+    next_id: Annotated[IntArray, column('i8', 1)]  # number of the next new object
 
     def __len__(self) -> int:
         return len(self.object_id)
@@ -76,7 +79,7 @@ class ObjectMapState(Record):
         Args:
             objects: The objects.
             keyframe_uids: (K,) ascending uids of the saved keyframes.
-            apart: Pairs of ids that one image showed as two things.
+            apart: Pairs of ids that one image showed as two objects.
             next_id: Number of the next new object.
         """
         saved = set(keyframe_uids.tolist())
@@ -108,7 +111,7 @@ class ObjectMapState(Record):
 
     @classmethod
     def _of_lists(cls, columns: dict[str, Any]) -> ObjectMapState:
-        """Return the record of columns, which may be empty lists."""
+        """Return the record of columns, given by name as lists that may be empty, or as arrays."""
         shapes = {
             name: (-1, *(axis for axis in column.axes[1:] if isinstance(axis, int)))
             for name, column in cls.columns().items()
@@ -116,11 +119,11 @@ class ObjectMapState(Record):
         return cls.of({name: np.array(columns[name]).reshape(shapes[name]) for name in shapes})
 
     def reanchored(self, rows: IntArray) -> ObjectMapState:
-        """Return the objects with other rows of their keyframes.
+        """Return the objects with new rows of their anchor keyframes.
 
         Args:
-            rows: (K,) new row of each saved keyframe; -1: it is not saved any more, and its
-                objects are left out.
+            rows: (K,) new row of each keyframe, by its old row; -1: it is not saved any more, and
+                its objects are left out.
         """
         new = rows[self.anchor]
         kept = new >= 0
@@ -179,17 +182,20 @@ class ObjectMapState(Record):
 class _Rows(NamedTuple):
     """The rows of one object in a record."""
 
-    row: int
-    classes: IntArray
-    voxels: IntArray
+    row: int  # among the O objects
+    classes: IntArray  # rows among the C sums of scores
+    voxels: IntArray  # rows among the V voxels
 
 
 def _encoded(name: str) -> ByteArray:
-    """Return a class name as (CLASS_BYTES,) bytes; a longer one is cut off between characters."""
+    """Return a class name as CLASS_BYTES bytes of UTF-8, filled up with zeros.
+
+    A longer name is cut off between two characters.
+    """
     text = name.encode()[:CLASS_BYTES].decode(errors='ignore').encode()
     return np.frombuffer(text.ljust(CLASS_BYTES, b'\0'), np.uint8)
 
 
 def decoded(name: ByteArray) -> str:
-    """Return a class name; raise UnicodeDecodeError if it is no UTF-8."""
+    """Return the class name in CLASS_BYTES bytes; raise UnicodeDecodeError if it is not UTF-8."""
     return name.tobytes().rstrip(b'\0').decode()

@@ -16,15 +16,15 @@ STATES = (_PRESENT, *(state.name.lower() for state in PlaceState), _NEW, _ANY)
 
 
 class ObjectQuery(NamedTuple):
-    """What to look for."""
+    """The conditions that objects must fulfill to be found."""
 
     class_name: str = ''  # empty: any class
-    near_map_m: FloatArray | None = None  # (3,) None: anywhere
+    near_map_m: FloatArray | None = None  # (3,) point in the map frame; None: anywhere
     radius_m: float = np.inf  # largest distance of the center from `near_map_m`
     state: str = _PRESENT  # one of STATES
 
     def check(self) -> None:
-        """Raise InputError if the query makes no sense."""
+        """Raise InputError if the state is unknown, the point infinite, or the radius negative."""
         if self.state not in STATES:
             raise InputError(f'no state "{self.state[:40]}"; use one of {", ".join(STATES)}')
         near = np.zeros(3) if self.near_map_m is None else self.near_map_m
@@ -33,10 +33,12 @@ class ObjectQuery(NamedTuple):
 
 
 def find(objects: Sequence[MapObject], query: ObjectQuery) -> list[MapObject]:
-    """Return the objects that a query describes, the nearest ones first, or by number.
+    """Return the objects that fulfill a query.
+
+    With `near_map_m`, the nearest ones are first; otherwise they keep the order of `objects`.
 
     Raises:
-        InputError: The query makes no sense.
+        InputError: The state is unknown, the point is not finite, or the radius is negative.
     """
     query.check()
     found = [item for item in objects if _is_meant(item, query)]

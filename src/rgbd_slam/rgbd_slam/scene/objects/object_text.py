@@ -17,7 +17,11 @@ _DIGITS = 3  # of lengths: millimeters
 
 
 def object_table(objects: Iterable[MapObject]) -> list[str]:
-    """Return one line for each object, below a line of headings."""
+    """Return the lines of a table: headings, then one line for each object.
+
+    Lengths are in m in the map frame, yaw is in degrees, times are in UTC, and "there" is the
+    probability that the object is still there.
+    """
     rows = [_HEADER, *(_cells(item) for item in objects)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ['  '.join(map(str.ljust, row, widths)).rstrip() for row in rows]

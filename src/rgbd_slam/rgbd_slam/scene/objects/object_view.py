@@ -13,22 +13,29 @@ from hoid_common.values import CameraModel, Float32Array, FloatArray, IntArray
 
 # None of these numbers was tuned.
 _STRIDE = 4  # step between the pixels used [px]: 2.3 cm at 3 m, about a voxel
-_MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # beyond, the noise of depth hides small objects
-# Within 3x3 pixels, a step of more than this share of the depth and so many standard deviations is
-# a depth edge, where the sensor interpolates between two surfaces.
+_MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # farther away, the noise of depth hides small objects
+# A pixel is at a depth edge, where the sensor interpolates between two surfaces, if the depths in
+# the 3x3 pixels around it span at least the sum of this share of its depth and so many standard
+# deviations.
 _EDGE_SLOPE, _EDGE_NOISE = 0.04, 5.0
 # Standard deviation of depth at 1 m [m], which grows with the square of the depth (as in
 # `depth_view`, after Khoshelham and Elberink, Sensors 2012).
 NOISE_PER_M2 = 0.003
-_SURFACE_M = 0.06  # a surface this near to a point is the surface of the point
+# A measured surface contains a point if their depths differ by at most this length plus two
+# standard deviations.
+_SURFACE_M = 0.06
 
 
 class Projection(NamedTuple):
-    """What an image shows at N points; each point is visible, seen through, or neither."""
+    """What an image shows at the pixels of N points.
+
+    A point is visible if the size of its gap is at most the margin, and seen through if its gap is
+    larger. Otherwise it is occluded, or nothing is known of it.
+    """
 
     uv_px: FloatArray  # (N, 2) in strided pixels; NaN if the point is out of view
     gap_m: FloatArray  # (N,) measured depth minus that of the point; NaN without a reading
-    margin_m: FloatArray  # (N,) gap from which on another surface was measured
+    margin_m: FloatArray  # (N,) largest gap with which the measured surface contains the point
 
 
 class ObjectView:
@@ -36,7 +43,9 @@ class ObjectView:
 
     Attributes:
         depth_m: (h, w) depth; 0: no reliable reading.
-        points_map_m: (h * w, 3) points; without a meaning where there is no reading.
+        points_map_m: (h * w, 3) points of the map frame; the camera's position where there is no
+            reliable reading.
+        T_map_camera: (4, 4) pose of the image.
     """
 
     def __init__(
@@ -56,11 +65,15 @@ class ObjectView:
 
     @property
     def pixel_m(self) -> float:
-        """Return the distance of two strided pixels at a depth of 1 m."""
+        """Return the distance [m] between neighboring strided pixels at a depth of 1 m."""
         return _STRIDE / self._camera.model.fx_px
 
     def pixels_of(self, box_xyxy_px: tuple[float, ...]) -> tuple[int, int, int, int]:
-        """Return left, top, right and bottom of a box in strided pixels, cut at the border."""
+        """Return left, top, right and bottom of a box in strided pixels, cut at the border.
+
+        Args:
+            box_xyxy_px: Left, top, right and bottom in pixels of the full image.
+        """
         height, width = self.depth_m.shape
         low = np.floor(np.array(box_xyxy_px[:2]) / _STRIDE).astype(int)
         high = np.ceil(np.array(box_xyxy_px[2:]) / _STRIDE).astype(int)
@@ -69,7 +82,7 @@ class ObjectView:
         return left, top, right, bottom
 
     def project(self, points_map_m: FloatArray) -> Projection:
-        """Compare points (N, 3) with the depth at their pixels."""
+        """Compare points (N, 3) of the map frame with the measured depth at their pixels."""
         points = se3.transform(se3.inverse(self.T_map_camera), points_map_m)
         z = points[:, 2]
         uv, gap = np.full((len(points), 2), np.nan), np.full(len(points), np.nan)
@@ -86,11 +99,11 @@ class ObjectView:
 
 
 class ObjectCamera:
-    """Directions in which every fourth pixel of a camera looks.
+    """A camera with the viewing rays of every fourth pixel.
 
     Attributes:
         model: The camera.
-        rays: (h * w, 3) with z = 1.
+        rays: (h * w, 3) points of the rays with z = 1, in the camera frame.
     """
 
     def __init__(self, model: CameraModel) -> None:
@@ -107,13 +120,16 @@ class ObjectCamera:
 
 
 def readings_in(view: ObjectView, left: int, top: int, right: int, bottom: int) -> IntArray:
-    """Return the flat indices (M,) of the pixels with a reading in a box of strided pixels."""
+    """Return the flat indices (M,) of the pixels with a reliable reading in a box.
+
+    All are strided pixels; the box excludes `right` and `bottom`.
+    """
     row, col = np.nonzero(view.depth_m[top:bottom, left:right])
     return np.asarray((row + top) * view.shape[1] + col + left, np.int64)
 
 
 def _reliable(depth_m: Float32Array) -> Float32Array:
-    """Return the strided depth (h, w), 0 at depth edges and out of range."""
+    """Return the strided depth (h, w) of a full depth image; 0 at depth edges and out of range."""
     depth = depth_m[::_STRIDE, ::_STRIDE]
     height, width = depth.shape
     padded = cv2.copyMakeBorder(depth_m, 1, 1, 1, 1, cv2.BORDER_REPLICATE)

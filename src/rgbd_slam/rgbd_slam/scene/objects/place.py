@@ -1,4 +1,4 @@
-"""The place of an object: a level frame that moves with a keyframe."""
+"""The frame of an object of the map, which moves with a keyframe."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from rgbd_slam.model.keyframe_poses import KeyframePoses
 
 
 class Anchor(NamedTuple):
-    """The keyframe that new objects of an image move with, and the pose of the image."""
+    """The keyframe with which the new objects of an image move, and the pose of the image."""
 
-    uid: int
-    map_id: int
-    T_map_keyframe: FloatArray  # (4, 4)
-    T_map_camera: FloatArray  # (4, 4)
+    uid: int  # of the keyframe
+    map_id: int  # of the keyframe
+    T_map_keyframe: FloatArray  # (4, 4) present pose of the keyframe
+    T_map_camera: FloatArray  # (4, 4) present pose of the image
 
 
 class Place:
-    """A frame with the axes of the map frame at the time when it was made.
+    """An object frame, which moves with a keyframe.
+
+    It had the axes of the map frame when it was made.
 
     Args:
         T_map_object: (4, 4) present pose of the frame.
@@ -39,20 +41,21 @@ class Place:
 
     @classmethod
     def at(cls, position_map_m: FloatArray, anchor: Anchor) -> Place:
-        """Return the place with its origin at a point (3,)."""
+        """Return a place with its origin at a point (3,) of the map frame, and the map's axes."""
         T = np.eye(4)
         T[:3, 3] = position_map_m
         return cls(T, se3.inverse(anchor.T_map_keyframe) @ T, anchor.uid, anchor.map_id)
 
     def follow(self, before: KeyframePoses, after: KeyframePoses) -> bool:
-        """Move with the keyframe, or with a substitute if it was removed.
+        """Move the frame with its keyframe, or with a substitute if that was removed.
 
         Args:
             before: The keyframe poses until now.
             after: The present ones.
 
         Returns:
-            False if no keyframe of the map remains.
+            Whether the frame has a keyframe; False if no keyframe of its map remains, or if the
+            keyframe is not in `before` either.
         """
         row = after.row_of(self.uid)
         if row is None:

@@ -1,7 +1,8 @@
 """Segments the surface of an object from the depth readings inside its box.
 
-The box of an object also shows what the object stands on or leans against, and what hides part of
-it. Planes around the box are the former; a surface that fits another box better is the latter.
+The box of an object also shows what the object stands on or leans against, and what hides a part
+of it. The former is removed as planes that continue around the box; the latter is removed where
+its surface fits the box of another object better, or where the place of the object is known.
 """
 
 from __future__ import annotations
@@ -17,49 +18,60 @@ from rgbd_slam.scene.objects.object_view import ObjectView, readings_in
 
 # None of these numbers was tuned where no other source is named.
 _MIN_READINGS = 6  # fewer readings do not show where an object is
-_RING_SHARE, _RING_PX = 0.25, (2, 10)  # width of the ring around a box, of its side; limits
-_MAX_PLANES, _MIN_PLANE_SHARE = 3, 0.15  # planes of the ring; least share of its readings
-_TRIALS = 24  # planes that are compared
+# Width of the ring around a box: share of the box's longer side, and limits in strided pixels.
+_RING_SHARE, _RING_PX = 0.25, (2, 10)
+# Largest number of planes that are removed, and smallest share of the ring's readings on each.
+_MAX_PLANES, _MIN_PLANE_SHARE = 3, 0.15
+_TRIALS = 24  # number of planes through random points that are compared
 _MAX_RING = 250  # readings of the ring that are used, to bound the time
-# Distance from a plane within which a reading belongs to it, and its growth with depth squared.
+# A reading at a depth z [m] belongs to a plane if its distance from it is less than
+# _PLANE_M * max(1, _PLANE_GROWTH * z^2), because the noise of depth grows with z^2.
 _PLANE_M, _PLANE_GROWTH = 0.015, 0.28
-# An object keeps the readings near a plane if without them less than this share would remain: it
-# is flat itself, as a book on a table.
+# An object keeps the readings near a plane if without them less than this share would remain: then
+# it is flat itself, like a book on a table.
 _MIN_REST = 0.15
-# A layer is a range of depth as thick as 4 bins. The nearest one that has 0.6 times the readings
-# of the fullest is the object (as in `object_sighting`).
+# A layer is a range of depth that is at least 4 bins thick. The object begins at the nearest layer
+# that has at least 0.6 times the readings of the fullest one (as in `object_sighting`).
 _BIN_M, _LAYER_BINS, _NEARER_SHARE = 0.05, 4, 0.6
-_LAYER_SHARE = 0.3  # a layer of a large object is as thick as this share of its box
-_GAP_SHARE, _GAP_M = 0.3, 0.25  # an empty range of depth ends an object: of its size; most
-_EMPTY_SHARE = 0.02  # of the object's readings; a bin with fewer is empty
-_MAX_DEPTH_SHARE, _MIN_DEPTH_M = 0.9, 0.2  # largest depth of an object, of the size of its box
-# Two segments that share so much of the smaller one are the same surface.
+_LAYER_SHARE = 0.3  # a layer of a large object is as thick as this share of the size of its box
+# An object ends at an empty range of depth of this length: share of the size of its box, at most
+# so many meters.
+_GAP_SHARE, _GAP_M = 0.3, 0.25
+_EMPTY_SHARE = 0.02  # of the box's readings; a bin that has no more than this share is empty
+# Largest extent of an object along the view: share of the size of its box, at least so many
+# meters.
+_MAX_DEPTH_SHARE, _MIN_DEPTH_M = 0.9, 0.2
+# Two segments that share more than this part of the smaller one are the same surface; the second
+# number holds if one of them is a person.
 _SHARED, _SHARED_WITH_PERSON = 0.4, 0.1
-_AT_PLACE_SHARE = 0.5  # of the nearest part at the known place: nothing hides the object
-_SUPPORT_RATIO = 3.0  # of the area of the box of a larger object, on which a smaller one lies
-_FILLED = 0.6  # share of a box from which on the surface fills it
+# If at least this share of the object's nearest part is at its known place, nothing hides it.
+_AT_PLACE_SHARE = 0.5
+_SUPPORT_RATIO = 3.0  # ratio of box areas from which on the smaller object may lie on the larger
+_FILLED = 0.6  # share of a box that its segment's bounding box must cover to fill it
 _TINY = 1e-18  # avoids a division by zero
 _RNG_SEED = 0
 
 
 class KnownBox(NamedTuple):
-    """The box of a known object, enlarged by how much it may grow in one image."""
+    """The box of a known object, enlarged by as much as it may grow in one image."""
 
-    T_box_map: FloatArray  # (4, 4)
-    low_m: FloatArray  # (3,)
-    high_m: FloatArray
+    T_box_map: FloatArray  # (4, 4) transform from the map frame to the object frame
+    low_m: FloatArray  # (3,) lowest corner in the object frame
+    high_m: FloatArray  # (3,) highest corner in the object frame
 
     def contains(self, points_map_m: FloatArray) -> BoolArray:
-        """Return the (N,) mask of the points (N, 3) in the box."""
+        """Return the (N,) mask of the points (N, 3) of the map frame that are in the box."""
         points = se3.transform(self.T_box_map, points_map_m)
         return np.asarray(((points > self.low_m) & (points < self.high_m)).all(axis=1))
 
 
 class Prior(NamedTuple):
-    """What the map tells about the pixels of an image before its boxes are segmented."""
+    """What is known from the map about an image before the boxes in it are segmented."""
 
-    owner: IntArray  # (h * w,) detection whose object is known to be at a pixel; -1: none
-    known: dict[int, KnownBox]  # by detection, where its object is known to be
+    # (h * w,) by strided pixel: index of the detection of the object that the map has there; -1:
+    # none.
+    owner: IntArray
+    known: dict[int, KnownBox]  # by the index of the detection: known box of its object
 
 
 class Segment(NamedTuple):
@@ -70,25 +82,26 @@ class Segment(NamedTuple):
     pixels: IntArray  # (M,) flat indices of the strided pixels that show the object
     points_map_m: FloatArray  # (M, 3) of these
     others: IntArray  # (N,) flat indices of the pixels in the box that show other things
-    known: KnownBox | None  # where the object was known to be
+    known: KnownBox | None  # known box of the object; None: it was not known
 
     def radius_m(self) -> float:
-        """Return the radius of the sphere around the points."""
+        """Return half the diagonal [m] of the points' bounding box, along the map's axes."""
         return float(np.linalg.norm(np.ptp(self.points_map_m, axis=0)) / 2)
 
 
 def segment_all(
     detections: Sequence[DynamicObject], view: ObjectView, prior: Prior
 ) -> list[Segment]:
-    """Return the segments of the objects with enough readings; people are left out.
+    """Return the segments of the detected objects that have enough readings, without people.
 
-    Where two boxes claim the same surface, it belongs to the box that it fills better; the other
-    object is segmented again from what is left.
+    Where two boxes claim the same surface, it belongs to the box that it fills better. The other
+    object is segmented again from the remaining pixels, and left out if they are too few; a person
+    keeps its pixels.
 
     Args:
         detections: The detections.
         view: The image.
-        prior: What is known of them.
+        prior: What the map knows of the objects.
     """
     found = []
     for d, detection in enumerate(detections):
@@ -105,10 +118,10 @@ def segment_all(
 
 
 def _taken(owner: IntArray, detections: Sequence[DynamicObject], d: int) -> BoolArray:
-    """Return the (h * w,) mask of the pixels that belong to the objects of other detections.
+    """Return the (h * w,) mask of the pixels that show the objects of other detections.
 
-    A much smaller object keeps its pixels: it lies on the larger one, whose surface is a plane
-    around it.
+    Pixels of an object whose box is at least three times as large are not in the mask: the object
+    of detection `d` may lie on it, and the surface below is removed as a plane.
     """
     boxes = np.array([item.box_xyxy_px for item in detections])
     areas = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
@@ -118,13 +131,17 @@ def _taken(owner: IntArray, detections: Sequence[DynamicObject], d: int) -> Bool
 
 
 def _conflicts(segments: list[Segment], view: ObjectView) -> list[tuple[int, BoolArray]]:
-    """Return the segments that overlap another one, each with the mask of pixels that it loses."""
+    """Return the segments that lose pixels to others: their indices, and (h, w) masks of those."""
     taken: dict[int, BoolArray] = {}
     masks = [_mask(segment.pixels, view) for segment in segments]
     fits = [_fit(segment, view) for segment in segments]
 
     def _claim(k: int) -> tuple[bool, float]:
-        """Return a sort key: a small box that is filled well owns its surface."""
+        """Return a sort key of segment k; the larger one of two keys keeps the shared pixels.
+
+        Boxes that are filled come before others, and the smaller box before the larger one.
+        Among boxes that are not filled, the one that is filled more comes first.
+        """
         left, top, right, bottom = segments[k].box_px
         is_filled = fits[k] >= _FILLED
         return is_filled, -(right - left) * (bottom - top) if is_filled else fits[k]
@@ -150,7 +167,7 @@ def _mask(pixels: IntArray, view: ObjectView) -> BoolArray:
 
 
 def _fit(segment: Segment, view: ObjectView) -> float:
-    """Return the share of a box that the bounding box of its segment covers."""
+    """Return the share of the detected box that the bounding box of its segment covers."""
     row, col = np.divmod(segment.pixels, view.shape[1])
     left, top, right, bottom = segment.box_px
     covered = (np.ptp(row) + 1) * (np.ptp(col) + 1)
@@ -166,7 +183,7 @@ def _segment(
         detection: The detection.
         view: The image.
         taken: (h, w) mask of pixels that show other objects.
-        known: Where the object is known to be; None: it is new.
+        known: Known box of the object; None: the map does not have the object.
     """
     box = view.pixels_of(detection.box_xyxy_px)
     pixels = everything = readings_in(view, *box)
@@ -183,14 +200,17 @@ def _segment(
 
 
 def _members(pixels: IntArray, of: IntArray, view: ObjectView) -> BoolArray:
-    """Return the (N,) mask of the pixels (N,) that are among others (M,)."""
+    """Return the (N,) mask of the pixels (N,) that are among the pixels `of` (M,)."""
     return np.asarray(_mask(of, view).reshape(-1)[pixels])
 
 
 def _without_planes(
     pixels: IntArray, box: tuple[int, int, int, int], view: ObjectView
 ) -> IntArray:
-    """Return the pixels (N,) that are not on a plane around the box."""
+    """Return the pixels (M,) among `pixels` (N,) that are not on a plane around the box.
+
+    Those on a plane are kept if too few others would remain.
+    """
     rest = pixels
     ring = _ring(box, view, pixels)
     depth = view.depth_m.reshape(-1)
@@ -218,12 +238,21 @@ def _is_on(
 
 
 def _tolerance_m(depth_m: Float32Array) -> Float32Array:
-    """Return the distances (N,) within which readings belong to a plane; noise grows with z^2."""
+    """Return the distances (N,) [m] within which readings belong to a plane.
+
+    They grow with the square of the depth, as its noise does.
+    """
     return np.asarray(_PLANE_M * np.maximum(1.0, _PLANE_GROWTH * depth_m**2), np.float32)
 
 
 def _ring(box: tuple[int, int, int, int], view: ObjectView, inside: IntArray) -> IntArray:
-    """Return the pixels around a box that are as far away as those inside it."""
+    """Return pixels around a box that have about the range of depth of those inside it.
+
+    Args:
+        box: Left, top, right and bottom in strided pixels.
+        view: The image.
+        inside: (N,) pixels with readings inside the box.
+    """
     left, top, right, bottom = box
     height, width = view.shape
     side = max(right - left, bottom - top)
@@ -242,7 +271,13 @@ def _ring(box: tuple[int, int, int, int], view: ObjectView, inside: IntArray) ->
 def _best_plane(
     points: FloatArray, depth: Float32Array, rng: np.random.Generator
 ) -> tuple[FloatArray, float]:
-    """Return the unit normal (3,) and offset of the plane with most points (N, 3), refitted."""
+    """Return the plane with most points, refitted to them: unit normal (3,) and offset [m].
+
+    Args:
+        points: (N, 3) points of the map frame.
+        depth: (N,) their depths.
+        rng: Source of the random samples.
+    """
     a, b, c = points[rng.integers(0, len(points), (3, _TRIALS))]
     (x1, y1, z1), (x2, y2, z2) = (b - a).T, (c - a).T
     normals = np.stack([y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2], axis=1)
@@ -258,7 +293,10 @@ def _best_plane(
 def _part(
     pixels: IntArray, box: tuple[int, int, int, int], view: ObjectView, known: KnownBox | None
 ) -> IntArray:
-    """Return the pixels of the nearest part, or of the known place behind what hides it."""
+    """Return the pixels of the object: its nearest part, or what is seen of it behind an occluder.
+
+    The latter are the pixels in the known box, if less than half of them are in the nearest part.
+    """
     nearest = _nearest_part(pixels, box, view)
     if known is None:
         return nearest
@@ -270,7 +308,7 @@ def _part(
 
 
 def _nearest_part(pixels: IntArray, box: tuple[int, int, int, int], view: ObjectView) -> IntArray:
-    """Return the pixels of the nearest surface, up to the first gap in depth behind it."""
+    """Return the pixels of the nearest well-filled layer, and behind it up to a gap in depth."""
     if len(pixels) == 0:
         return pixels
     depth = view.depth_m.reshape(-1)[pixels]
@@ -295,6 +333,6 @@ def _nearest_part(pixels: IntArray, box: tuple[int, int, int, int], view: Object
 
 
 def _size_m(box: tuple[int, int, int, int], view: ObjectView, depth_m: float) -> float:
-    """Return the larger side of a box at a depth."""
+    """Return the length [m] of the longer side of a box (in strided pixels) at a depth."""
     left, top, right, bottom = box
     return view.pixel_m * max(right - left, bottom - top) * depth_m

@@ -10,21 +10,21 @@ VOXEL_M = 0.025  # side of a voxel, as in the dense map
 _BITS, _OFFSET = 10, 512  # cells of each axis in a key: +-12.8 m
 NUM_KEYS = 1 << (3 * _BITS)
 _MAX_VOXELS = 6000  # chosen: a couch has 5000; 140 kB
-_MAX_COUNT = 60.0  # chosen: bounds the evidence, so that a change is seen
-# A voxel is solid from so many looks on, and if it is hit in this share of the looks at it (not
-# tuned).
+_MAX_COUNT = 60.0  # chosen: largest sum of hits and misses, so that a change takes effect soon
+# A voxel is solid if it was hit in at least so many looks, and in at least this share of the looks
+# that hit or missed it (not tuned).
 _SOLID_HITS, _SOLID_SHARE = 3.0, 0.4
 
 
 class VoxelSet:
-    """Voxels sorted by key, in the frame of the object.
+    """Voxels sorted by key, in the object frame.
 
     Attributes:
-        keys: (N,) ascending.
-        means_m: (N, 3) mean point of each voxel.
-        readings: (N,) readings that the mean is made of.
-        hits: (N,) looks that measured the surface of the object in the voxel.
-        misses: (N,) looks that showed it not to belong to the object.
+        keys: (N,) ascending keys, see `keys_of`.
+        means_m: (N, 3) mean of the points measured in each voxel.
+        readings: (N,) number of these points.
+        hits: (N,) number of looks that measured the surface of the object in the voxel.
+        misses: (N,) number of looks that showed that the voxel does not belong to the object.
     """
 
     def __init__(self) -> None:
@@ -38,7 +38,10 @@ class VoxelSet:
         return len(self.keys)
 
     def add_points(self, points_m: FloatArray) -> None:
-        """Count one look that measured points (M, 3) of the object."""
+        """Count one look that measured points (M, 3) of the object, in the object frame.
+
+        Points beyond 12.8 m from the origin along an axis are ignored.
+        """
         key = keys_of(points_m)
         inside = key >= 0
         keys, index = np.unique(key[inside], return_inverse=True)
@@ -73,16 +76,18 @@ class VoxelSet:
         self._limit()
 
     def count_misses(self, rows: IntArray) -> None:
-        """Count one look that showed voxels not to belong to the object."""
+        """Count one look that showed that the voxels `rows` (M,) do not belong to the object."""
         self.misses[rows] += 1
 
     def solid(self, num_looks: int, cell_m: float) -> BoolArray:
         """Return the (N,) mask of the voxels that belong to the object.
 
         Args:
-            num_looks: Looks at the object so far; a young object needs fewer hits.
-            cell_m: Side of the cells whose voxels are counted together: the noise of depth
-                spreads the hits of a distant surface over several voxels.
+            num_looks: Number of looks at the object so far; if these are few, a voxel needs
+                fewer hits.
+            cell_m: Side of the cells whose voxels are counted together, because the noise of
+                depth spreads the hits of a distant surface over several voxels. Cells smaller than
+                a voxel have no effect.
         """
         least = min(_SOLID_HITS, np.ceil(num_looks / 3))
         hits = self.hits.astype(np.float64)
@@ -95,7 +100,13 @@ class VoxelSet:
         return np.asarray((hits >= least) & (hits >= _SOLID_SHARE * seen))
 
     def moved(self, T_new_old: FloatArray) -> VoxelSet:
-        """Return the voxels in another frame of the object; T_new_old is (4, 4)."""
+        """Return the voxels in another frame.
+
+        Where several voxels fall into one, their largest hits and misses are kept.
+
+        Args:
+            T_new_old: (4, 4) pose of the present frame in the other one.
+        """
         out = VoxelSet()
         points = self.means_m @ T_new_old[:3, :3].T + T_new_old[:3, 3]
         key = keys_of(points)
@@ -114,7 +125,7 @@ class VoxelSet:
         return out
 
     def _limit(self) -> None:
-        """Bound evidence and number; the voxels with fewest hits are forgotten."""
+        """Limit the evidence of each voxel, and the number of voxels to those with most hits."""
         seen = self.hits + self.misses
         scale = np.minimum(1.0, _MAX_COUNT / np.maximum(seen, 1)).astype(np.float32)
         self.hits *= scale
@@ -127,7 +138,10 @@ class VoxelSet:
 
 
 def keys_of(points_m: FloatArray) -> IntArray:
-    """Return the (N,) keys of the voxels of points (N, 3); -1 beyond 12.8 m."""
+    """Return the (N,) keys of the voxels of points (N, 3) of the object frame.
+
+    The key is -1 for a point beyond 12.8 m from the origin along an axis.
+    """
     cell = np.floor(points_m / VOXEL_M).astype(np.int64) + _OFFSET
     inside = ((cell >= 0) & (cell < 1 << _BITS)).all(axis=1)
     key = (cell[:, 0] << (2 * _BITS)) | (cell[:, 1] << _BITS) | cell[:, 2]
