@@ -25,7 +25,8 @@ from hoid_common.process.signals import interrupt_on_termination, termination_si
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
 _NODES = 'nodes'
 _SERVICES = 'hoid_bringup.live.node_services'
-_FREE_TEXT = ('set',)  # options that name no file
+_FREE_TEXT = ('set',)  # options whose values are no names of files
+# Environment variables that limit the threads of numerical libraries.
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
 
@@ -39,7 +40,9 @@ class Command:
 
     module: str
     help: str  # what the command does, in a few words
-    # Whether images would be missed while its output waits for somebody who reads it.
+    # Whether the command handles images in real time, and would miss some if it waited until its
+    # stdout or stderr is read (a full pipe, a stopped terminal). Its output is then relayed by
+    # another process.
     is_live: bool = False
 
 
@@ -76,8 +79,8 @@ COMMANDS = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status.
 
-    The status is 0 after success, 1 after an error that was printed in one line, and 130 after an
-    interrupt. Wrong usage ends the process with status 2.
+    The status is 0 after success, or if the reader of stdout has ended; 1 after an error, which is
+    printed in one line; and 130 after an interrupt. Wrong usage ends the process with status 2.
 
     Args:
         argv: Arguments; by default those of the process.
@@ -90,7 +93,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = argument_parser(chosen).parse_args(argv)
         if COMMANDS[chosen].is_live:
-            # The nodes draw no progress bars, and must not wait even for a stopped terminal.
+            # Only `nodes` draws no progress bars, so that a terminal can be relayed as well. It
+            # must not wait even if the terminal is stopped.
             relay_output(terminals=chosen == _NODES)
         logging.basicConfig(
             level=logging.DEBUG if args.verbose else logging.WARNING,
@@ -139,7 +143,7 @@ def _check_names(args: argparse.Namespace) -> None:
 def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
     """Yield a line of warning for each hidden folder that a killed command has left behind.
 
-    Searched are the folders that the arguments name, and the parents of all paths in them.
+    The folders that the arguments name and the parents of all paths in the arguments are searched.
     """
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
     for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
@@ -154,7 +158,8 @@ def argument_parser(chosen: str) -> argparse.ArgumentParser:
     """Return the parser of `hoid` with all commands.
 
     Args:
-        chosen: Command that gets its arguments too; to declare them, its module must be imported.
+        chosen: Command whose arguments are declared as well, for which its module is imported; an
+            empty text for none.
     """
     parser = argparse.ArgumentParser(prog='hoid', description='RGB-D SLAM among moving people.')
     parser.add_argument(

@@ -109,11 +109,13 @@ def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
 
 
 def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:
-    """Return the configuration in which the detector gets upright images of a mounted camera.
+    """Return the configuration with the roll of the mounted camera as `detector.camera_roll_deg`.
+
+    The detector then gets upright images.
 
     Args:
-        config: The configuration. A roll of the camera that it contains is kept.
-        mount_deg: Roll, pitch and yaw of the camera, or None.
+        config: The configuration. It is returned unchanged if it sets this parameter already.
+        mount_deg: Roll, pitch and yaw of the camera in degrees; None: it is returned unchanged.
     """
     if mount_deg is None or _CAMERA_ROLL in config.changed():
         return config
@@ -150,6 +152,10 @@ def replay_command(args: argparse.Namespace) -> None:
     """Play a recording to the live nodes, write the results and print a report.
 
     A TUM folder is first converted to a temporary bag.
+
+    Raises:
+        HoidError: An argument is invalid or the replay fails. For a damaged bag, this is raised
+            after the readable part was played.
     """
     from hoid_bringup.live.replay import replay  # imports ROS, which other commands do not need
 
@@ -184,7 +190,12 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate_command(args: argparse.Namespace) -> None:
-    """Print the errors of a trajectory, and write them to a file if one is given."""
+    """Print the errors of a trajectory, and write them to a file if one is given.
+
+    Raises:
+        InputError: A trajectory cannot be read, the two cannot be compared, or the file cannot be
+            written.
+    """
     num_frames = args.frames or num_frames_of_run(args.estimate)
     result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), num_frames)
     print(evaluation_report(result))
@@ -196,9 +207,9 @@ def evaluate_command(args: argparse.Namespace) -> None:
 
 
 def _config(args: argparse.Namespace) -> RunConfig:
-    """Return the configuration of the command line, and print a note about detections.
+    """Return the configuration of the command line, and print a note about detections if needed.
 
-    If no detector model is found for the default strategy, the strategy is `motion`.
+    If the strategy is not given and no detector model is found, the strategy is `motion`.
     """
     config = run_config(args)
     if lacks_model(config, given_parameters(args)):
@@ -247,7 +258,11 @@ def run_report(summary: Summary, out_dir: Path) -> str:
 
 
 def dropped_frames(summary: Summary) -> str:
-    """Return how many frames of a replay were dropped, and why; an empty text if none was."""
+    """Return how many frames of a replay were dropped, and why, as a text.
+
+    The text is empty if none was dropped, or if the processor time of the nodes is not known, as
+    after an offline run.
+    """
     num_dropped = summary.frames_total - summary.frames_processed
     if num_dropped <= 0 or not summary.cpu_share_by_node:
         return ''

@@ -15,7 +15,7 @@ Written by `make reference` from the nodes' configurations; see
 with `{EXPERT}:=true`. A note marks the parameters that can change while the node runs.
 """
 _TABLE = '| parameter | default | values | what it does |\n|---|---|---|---|'
-_MAX_ENTRIES = 3  # shown entries of a list
+_MAX_ENTRIES = 3  # largest number of entries of a list that are shown
 
 
 def parameter_reference() -> str:

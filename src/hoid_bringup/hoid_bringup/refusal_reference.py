@@ -43,7 +43,8 @@ _KINDS = {  # of a text, by the name of the function that takes it
     'report_problem': 'problem',
     'warning': 'warning',
 }
-_SPEAKERS = {  # kinds of the texts of functions whose callers do not show that they are said
+# Kinds of the texts that functions return, where their callers do not show how a text is used.
+_SPEAKERS = {
     '_change_text': 'problem',
     '_clock_message': 'problem',
     'constant_offset_text': 'problem',
@@ -58,7 +59,7 @@ _SPEAKERS = {  # kinds of the texts of functions whose callers do not show that 
 }
 _MAX_DEPTH = 5  # of functions and variables through which a text is followed
 _MAX_VARIANTS = 8  # of one text
-_MIN_WORDS = 3  # shorter texts only join others
+_MIN_WORDS = 3  # shorter texts are only parts of others
 _FORMAT = re.compile(r'%[-+.\d]*[sdgf]')  # a value in the text of a logging call
 
 
@@ -69,7 +70,7 @@ def refusal_reference(root: Path) -> str:
         root: Root folder of the source tree.
 
     Raises:
-        ValueError: A function whose texts are listed does not exist any more.
+        ValueError: A function in `_SPEAKERS` does not exist any more.
     """
     folders = {package: _folder(root, package) for package in _SECTIONS}
     defined = {
@@ -101,7 +102,7 @@ def refusals(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def _said(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield text and kind of the calls in a module that take a text."""
+    """Yield text and kind of the calls in a module that take a refusal or warning."""
     for call, function in _calls(path):
         name = _name_of(call.func)
         place = 1 if name.endswith('_problem') else 0
@@ -112,7 +113,7 @@ def _said(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def _returned(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield text and kind of the functions in a module that return a text."""
+    """Yield text and kind of the functions in a module that return one (`_SPEAKERS`)."""
     for name in _definitions(path).keys() & _SPEAKERS.keys():
         for text in _Texts(path, _tree(path)).of_name(name):
             yield text, _SPEAKERS[name]
@@ -172,12 +173,12 @@ def _find(path: Path, name: str) -> tuple[Path, ast.AST] | None:
 
 
 class _Texts(NamedTuple):
-    """The texts that expressions in a function can give."""
+    """Finds the texts that expressions in a function can have as values."""
 
     path: Path  # of the module
     function: ast.AST
-    depth: int = 0
-    followed: frozenset[str] = frozenset()  # names, to end recursion
+    depth: int = 0  # number of functions and variables that were followed
+    followed: frozenset[str] = frozenset()  # their names, to end recursion
 
     def of(self, node: ast.AST | None) -> list[str]:  # noqa: PLR0911 - one for each kind
         """Return the texts of an expression, with placeholders for values."""
@@ -224,7 +225,7 @@ class _Texts(NamedTuple):
         return [text for value in returned for text in inner.of(value)]
 
     def _of_variable(self, name: str) -> list[str]:
-        """Return the texts that are assigned to a local variable."""
+        """Return the texts that are assigned to a variable in the function."""
         if name in self.followed or self.depth >= _MAX_DEPTH:
             return []
         inner = self._replace(depth=self.depth + 1, followed=self.followed | {name})
@@ -247,7 +248,7 @@ class _Texts(NamedTuple):
         return list(map(''.join, product(*parts)))[:_MAX_VARIANTS]
 
     def _number(self, name: str) -> float | None:
-        """Return the value of a constant that is a number."""
+        """Return the value of a constant in capitals; None if it is no number."""
         found = _find(self.path, name) if name.isupper() else None
         value = found[1].value if found and isinstance(found[1], ast.Constant) else None
         return value if isinstance(value, int | float) else None

@@ -36,7 +36,7 @@ from hoid_filter.strategy_registry import STRATEGIES
 from launch import LaunchContext, LaunchDescription
 
 RVIZ = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'rviz', 'hoid.rviz'])
-# Launch arguments for topics of the camera, with the name that the suite has for each topic.
+# By launch argument for a topic of the camera: the name that the nodes have for this topic.
 CAMERA_ARGUMENTS = {
     'rgb_topic': topics.RGB_IMAGE,
     'depth_topic': topics.DEPTH_IMAGE,

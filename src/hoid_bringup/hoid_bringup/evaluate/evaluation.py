@@ -2,7 +2,7 @@
 
 The conventions are those of the TUM RGB-D benchmark (Sturm et al., IROS 2012): poses are
 associated within 0.02 s, the estimate is aligned by a rigid transform without scale, and the
-relative error is that of the motion over one second.
+relative error (RPE) is that of the motion over one second.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class AlignedTrajectory:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of one trajectory; RPE is None if no two poses are a second apart."""
+    """Errors of one trajectory; those of the RPE are None if no two poses are a second apart."""
 
     num_pairs: int  # estimated poses with a true pose at nearly the same stamp
     coverage: float | None  # share of frames with a pose; None: the number of frames is unknown
@@ -96,7 +96,8 @@ def evaluate(
     Args:
         estimate: Estimated trajectory.
         truth: Ground truth.
-        frames_total: Number of frames of the recording; None: the coverage is None.
+        frames_total: Number of frames of the recording; None: it is unknown, and so is the
+            coverage.
 
     Raises:
         InputError: Fewer than three poses are associated, they do not determine a rotation, or
@@ -122,11 +123,11 @@ def evaluate(
 
 
 def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of the motion over one second, (M,) in m and (M,) in degrees.
+    """Return the errors of the motion over one second: (M,) in m, and (M,) in degrees.
 
-    Each pose is paired with the pose whose stamp is nearest to one second later, if it differs by
-    at most 0.02 s. (evo has intervals of frames only, but a trajectory with gaps needs intervals
-    of time.)
+    Each pose is paired with the pose whose stamp is nearest to one second later, if that stamp
+    differs by at most 0.02 s from one second later. (evo has intervals of frames only, but a
+    trajectory with gaps needs intervals of time.)
     """
     stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / NS_PER_S
     first, second = _pairs_at_interval(stamps_s)
@@ -140,7 +141,10 @@ def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]
 
 
 def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the indices (M,), (M,) of the poses that are one second apart."""
+    """Return the indices of the first (M,) and of the second (M,) pose of each pair.
+
+    The two poses are one second apart, within 0.02 s.
+    """
     target = stamps_s + RPE_INTERVAL_S
     right = np.clip(np.searchsorted(stamps_s, target), 1, len(stamps_s) - 1)
     nearer_left = target - stamps_s[right - 1] < stamps_s[right] - target

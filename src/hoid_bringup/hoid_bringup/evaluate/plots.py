@@ -20,7 +20,7 @@ _PATH = '#2563a8'
 _ERROR_MAP = 'plasma'
 _SIZE_IN = (12.0, 8.2)
 _DPI = 110
-_MIN_SPAN_M = 0.05  # chosen: least half width, so that noise at rest is not magnified
+_MIN_SPAN_M = 0.05  # chosen: smallest half width of a plot, so that noise at rest is not magnified
 
 
 def plot_run(
@@ -111,7 +111,10 @@ def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) 
 
 
 def _joined(stamps_ns: IntArray) -> FloatArray:
-    """Return (N-1,): 1 between consecutive poses, NaN over a gap, at which a line is broken."""
+    """Return (N-1,) factors for the lines between successive poses: 1, or NaN over a gap.
+
+    NaN breaks a line.
+    """
     return np.where(np.diff(stamps_ns) <= _GAP_S * NS_PER_S, 1.0, np.nan)
 
 

@@ -13,10 +13,11 @@ _FRAME_STAGES = frozenset({'extract', 'filter', 'track'})
 
 @dataclass
 class LiveMetrics:
-    """Times and counts of images by their stamp in ns. Times of messages are wall time."""
+    """Times and counts of images, by the stamp of the image in ns."""
 
-    published_ns: dict[int, int] = field(default_factory=dict)  # time of publication
-    odometry_ns: dict[int, int] = field(default_factory=dict)  # time at which odometry arrived
+    # Wall-clock times in ns at which the image was published and its odometry arrived.
+    published_ns: dict[int, int] = field(default_factory=dict)
+    odometry_ns: dict[int, int] = field(default_factory=dict)
     processed: set[int] = field(default_factory=set)  # stamps of the images that SLAM processed
     # Numbers of features that were detected, and of those that were removed.
     num_features: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -29,11 +30,17 @@ class LiveMetrics:
         return len(self.processed)
 
     def record_stages(self, stamp_ns: int, stage_ms: Mapping[str, float]) -> None:
-        """Add the times (ms) of processing stages for an image."""
+        """Add the times [ms] of processing stages for an image, by stage.
+
+        They are processor times of a thread, but that of `detect` is wall-clock time.
+        """
         self._stage_ms.setdefault(stamp_ns, {}).update(stage_ms)
 
     def latency_ms(self) -> list[float]:
-        """Return the times in ms from an image's publication to its odometry, in stamp order."""
+        """Return the times [ms] from the publication of an image to the arrival of its odometry.
+
+        They are sorted by stamp. Images without odometry are left out.
+        """
         return [
             (at_ns - self.published_ns[stamp_ns]) * _MS_PER_NS
             for stamp_ns, at_ns in sorted(self.odometry_ns.items())
@@ -41,9 +48,10 @@ class LiveMetrics:
         ]
 
     def stage_ms(self) -> dict[str, list[float]]:
-        """Return the times (ms) by stage, one for each image.
+        """Return the times [ms] by stage, one for each image in which the stage was timed.
 
-        The stage `frame` is the sum of the stages `extract`, `filter` and `track`.
+        The stage `frame` is the sum of the stages `extract`, `filter` and `track`, for images with
+        all three.
         """
         out: dict[str, list[float]] = {}
         for _, stages in sorted(self._stage_ms.items()):

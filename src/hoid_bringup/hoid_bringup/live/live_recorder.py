@@ -27,8 +27,8 @@ from hoid_common.slam_status import SlamState
 from hoid_common.slam_status import SlamStatus as Status
 from hoid_common.values import FloatArray, Trajectory
 
-_PAUSE_S = 0.1  # chosen: waking at each message would take processor time from the nodes
-_QUEUE = 200  # chosen: messages of some seconds, as the recorder may lag behind the nodes
+_PAUSE_S = 0.1  # chosen: to wake at each message would take processor time from the nodes
+_QUEUE = 200  # chosen: the messages of some seconds, because the recorder may lag behind the nodes
 _SERVICE_TIMEOUT_S = 60.0  # chosen: saving a trajectory takes much less
 _MAP_TIMEOUT_S = 5.0  # not tuned
 
@@ -70,17 +70,17 @@ class LiveRecorder:
         self._node.create_subscription(kind, topic, callback, profile)
 
     def spin(self, timeout_s: float) -> None:
-        """Receive messages for a time in s."""
+        """Receive messages for `timeout_s` seconds."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0:
             if not self._executor.spin_ready():
                 time.sleep(min(left_s, _PAUSE_S))
 
     def missing(self, camera_info: bytes) -> str:
-        """Return what the nodes still lack to receive images; an empty text: they are ready.
+        """Return a text that says why the nodes cannot receive images yet; empty: they can.
 
-        When all connections exist, this also publishes camera_info, so that the SLAM node starts
-        its mapping process before the first image.
+        Once all connections exist, each call also publishes camera_info until the SLAM node has
+        published its status, so that it starts its mapping process before the first image.
 
         Args:
             camera_info: A serialized camera_info message of the recording.
@@ -110,10 +110,10 @@ class LiveRecorder:
 
         Args:
             kind: Kind of the trajectory: 'final', 'online' or 'keyframes'.
-            folder: Folder in which the node saves files.
+            folder: Map directory of the node, in which it saves files.
 
         Raises:
-            InputError: The service fails or does not respond.
+            InputError: The service fails or does not respond, or the file cannot be read.
         """
         name = f'{kind}.txt'
         future = self._save.call_async(SaveTrajectory.Request(name=name, kind=kind))
@@ -129,10 +129,10 @@ class LiveRecorder:
         return read_tum(folder / name)
 
     def latest_map_points_m(self) -> FloatArray:
-        """Wait for the next published map, and return its (N, 3) points in the map frame.
+        """Wait for the next message of map points, and return its (N, 3) points in the map frame.
 
-        If no map comes within five seconds, the points of the last map are returned; without any
-        map there are none.
+        If none comes within five seconds, the points of the last message are returned; N is 0 if
+        there was none.
         """
         before, end_s = self._num_clouds, time.monotonic() + _MAP_TIMEOUT_S
         while self._num_clouds == before and time.monotonic() < end_s:
@@ -142,8 +142,8 @@ class LiveRecorder:
         return conversions.cloud_from_msg(self._cloud).points_m.astype(np.float64)
 
     def _on_camera(self, msg: CameraInfo, info: Mapping[str, int]) -> None:
-        # Used as the time of the image, which is published just after camera_info. A subscription
-        # to images would take far more processor time.
+        # The time at which camera_info is published counts as that of the image, which follows at
+        # once. A subscription to images would take far more processor time.
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
         self.metrics.published_ns[stamp_ns] = info['source_timestamp']
 

@@ -21,7 +21,7 @@ from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 
 _WAIT_S = 10.0  # chosen: discovery takes about a second, on a busy computer several
 _RESPONSE_S = 600.0  # chosen: a map of a building takes minutes to save or load
-_MEASURED_S = 2.0  # chosen: for the rate of images
+_MEASURED_S = 2.0  # chosen: time during which the rate of images is measured
 
 
 def _add_node_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,11 @@ def add_save_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def save_map_command(args: argparse.Namespace) -> None:
-    """Have the running node save its map, and print the path of the file."""
+    """Have the running SLAM node save its map, and print the path of the file.
+
+    Raises:
+        InputError: The node is not found in time, does not respond, or cannot save the map.
+    """
     _call(args, SaveMap, topics.SAVE_MAP, SaveMap.Request(name=args.name))
 
 
@@ -60,7 +64,11 @@ def add_load_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load_map_command(args: argparse.Namespace) -> None:
-    """Have the running node load a saved map."""
+    """Have the running SLAM node load a saved map.
+
+    Raises:
+        InputError: The node is not found in time, does not respond, or cannot load the map.
+    """
     _call(args, LoadMap, topics.LOAD_MAP, LoadMap.Request(name=args.name, merge=args.merge))
 
 
@@ -75,7 +83,11 @@ def add_set_mode_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def set_mode_command(args: argparse.Namespace) -> None:
-    """Switch the running node between mapping and localization."""
+    """Switch the running SLAM node to mapping or to localization.
+
+    Raises:
+        InputError: The node is not found in time, does not respond, or cannot switch.
+    """
     _call(args, SetMode, topics.SET_MODE, SetMode.Request(mode=args.mode))
 
 
@@ -88,7 +100,7 @@ def status_command(args: argparse.Namespace) -> None:
     """Print the state of the running SLAM node, the rate of its images and the size of its map.
 
     Raises:
-        InputError: No node publishes its status.
+        InputError: No status arrives within the time of `--wait`.
     """
     received: list[SlamStatusMsg] = []
     with ros_session('hoid_status', args.namespace) as node:
@@ -143,7 +155,7 @@ def _call(args: argparse.Namespace, kind: type[Any], service: str, request: Any)
     """Call a service of the running SLAM node, and print the line of its response.
 
     Raises:
-        InputError: The service is missing, does not respond, or refuses the request.
+        InputError: The service is not available in time, does not respond, or fails.
     """
     with ros_session('hoid_client', args.namespace) as node:
         name = node.resolve_service_name(service.replace('~', SLAM))

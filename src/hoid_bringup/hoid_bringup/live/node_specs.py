@@ -1,4 +1,4 @@
-"""Command lines of the three nodes, and the parameter files that these read."""
+"""Command lines of the three nodes, with their parameters."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ class NodeOptions:
 def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
     """Return the command lines of the nodes.
 
-    They hold all parameters, so that a node can be restarted even if files in the folder for
-    temporary files were removed.
+    They contain the values of `parameters` and not the name of a temporary file with them, so that
+    a node can be restarted even if temporary files were removed.
 
     Args:
         options: The nodes and their options. `parameters` take precedence over `params_file`.
 
     Raises:
-        ConfigError: A parameter is internal, so that no node has it.
+        ConfigError: A given parameter is internal: it exists in offline runs only.
     """
     return tuple(_spec(package, options) for package in options.nodes)
 
@@ -83,11 +83,13 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> list[str]:
     """Return the command-line arguments that set parameters of every node of a process.
 
     Args:
-        parameters: Values by dotted name.
+        parameters: Values by dotted name. An empty list becomes [''], because ROS has no empty
+            lists of strings.
     """
     arguments = []
     for name, value in parameters.items():
         entries = list(value or ('',)) if isinstance(value, tuple) else value
-        # JSON, which is YAML too, quotes each text: ROS would take 1e3 for a number.
+        # JSON, which is valid YAML, quotes each text; without quotes ROS would read the text 1e3
+        # as a number.
         arguments += ['-p', f'{name}:={json.dumps(entries, ensure_ascii=False)}']
     return arguments

@@ -99,8 +99,12 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def nodes_command(args: argparse.Namespace) -> None:
-    """Run the nodes until Ctrl-C or SIGTERM, or until a node ends by itself."""
-    require_descriptors()  # of the nodes, which inherit the limit
+    """Run the nodes until Ctrl-C or SIGTERM, or until a node ends that is not restarted.
+
+    Raises:
+        HoidError: An option is invalid, or a node ended that is not restarted.
+    """
+    require_descriptors()  # the nodes inherit the limit of open files
     specs = node_specs(without_detector(node_options(args)))
     try:
         with suppress(KeyboardInterrupt):
@@ -113,7 +117,7 @@ def _supervise(supervisor: Supervisor) -> None:
     """Run the nodes until an interrupt, or until one ends and is not restarted.
 
     Raises:
-        InputError: A node refused its first start, or it ended and nodes are not to be restarted.
+        InputError: A node refused its first start, or a node ended without `--restart`.
     """
     with supervisor:
         while True:
@@ -131,7 +135,7 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
     """Return the options of the nodes from the command line.
 
     Raises:
-        ConfigError: The parameter file or a namespace is invalid.
+        ConfigError: The parameter file, a namespace or a parameter of `--set` is invalid.
     """
     for option in ('namespace', 'camera_namespace'):
         if not _NAMESPACE.fullmatch(namespace := getattr(args, option)):
@@ -183,9 +187,12 @@ def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 def without_detector(options: NodeOptions) -> NodeOptions:
     """Return options that work without a detector model if none is found.
 
-    If detector and filter are to run with their defaults and no model is found, a note is printed,
-    the detector is left out, and the strategy is `motion`. Otherwise the options are returned
-    unchanged.
+    If detector and filter are both to run, neither the model nor the strategy is given, and no
+    model is found, then a note is printed to stderr, the detector is left out, and the strategy is
+    `motion`. Otherwise the options are returned unchanged.
+
+    Raises:
+        ModelError: The environment variable HOID_MODEL names a model that does not exist.
     """
     given = {
         (node, name)

@@ -25,7 +25,7 @@ from hoid_common.io.files import scratch_folder
 from hoid_common.process.shared_memory import check_shared_memory, clean_shared_memory
 
 _NUM_OTHER_PROCESSES = 3  # besides the nodes: the scene mapper, the player and this process
-_READY_TIMEOUT_S = 90.0  # not tuned: nodes start in seconds, on a busy computer in tens of them
+_READY_TIMEOUT_S = 90.0  # not tuned: nodes start in seconds, on a busy computer in tens of seconds
 _TICK_S = 0.25  # chosen: period of checks and of the progress bar
 _CPU_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
 _QUIET_S = 2.0  # chosen: without a result for so long, the nodes have processed all images
@@ -46,8 +46,10 @@ def replay(
         bag: The recording.
         config: Rate, and parameters of all stages.
         out_dir: Folder for the results, and for the log files of the processes in `logs`.
-        options: Options to write into the summary; by default, all changed parameters.
-        recording: Path to write into the summary, if the bag was converted from another recording.
+        options: Options to write into the summary, beside rate and lockstep; None: strategy, seed
+            and all changed parameters.
+        recording: Path of the recording to write into the summary, if the bag was converted from
+            another one; None: that of the bag.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
@@ -88,7 +90,11 @@ class _LiveRun:
         self._cpu_share: dict[str, float] = {}  # cores in use while the bag is played, by process
 
     def run(self, summary_options: Mapping[str, Any], *, show_progress: bool) -> RunResult:
-        """Start all processes, record until the bag has been played, and return the results."""
+        """Start all processes, record until the bag has been played, and return the results.
+
+        Raises:
+            HoidError: Shared memory is scarce, or a process is not ready in time or ends early.
+        """
         check_shared_memory(len(self._nodes) + _NUM_OTHER_PROCESSES)
         with ros_session('hoid_replay') as node:
             recorder = LiveRecorder(node, BagNames.of(self._bag).camera_info)
@@ -99,7 +105,11 @@ class _LiveRun:
                 return self._result(recorder, nodes, summary_options)
 
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
-        """Wait until all nodes can receive images; raise InputError after a timeout."""
+        """Wait until all nodes can receive images.
+
+        Raises:
+            InputError: A node ended, or they are not ready after 90 s.
+        """
         end_s = time.monotonic() + _READY_TIMEOUT_S
         topic = f'/{BagNames.of(self._bag).camera_info}'
         with BagReader(self._bag.path) as reader:
@@ -123,6 +133,9 @@ class _LiveRun:
         """Record until the bag has been played and the nodes have processed all images.
 
         The processor time of the nodes and the player is measured meanwhile.
+
+        Raises:
+            InputError: A node ended, or the player ended with an error.
         """
         metrics = recorder.metrics
         start_s, cpu_before_s = time.monotonic(), nodes.cpu_s()
@@ -155,7 +168,11 @@ class _LiveRun:
     def _result(
         self, recorder: LiveRecorder, nodes: Supervisor, summary_options: Mapping[str, Any]
     ) -> RunResult:
-        """Have the SLAM node save its trajectories, and return all results of the run."""
+        """Have the SLAM node save its trajectories, and return all results of the run.
+
+        Raises:
+            InputError: The SLAM node has processed no image or cannot save, or a node ended.
+        """
         status, metrics = recorder.last_status, recorder.metrics
         if status is None or not metrics.num_processed:
             raise InputError(f'rgbd_slam processed no image; see {self._log_dir}')

@@ -1,4 +1,4 @@
-"""Processes of a replay with their topics and parameters. This module does not need ROS."""
+"""The processes of a replay, with their topics and parameters. This module does not need ROS."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ class ReplayConfig(Config):
 
 @dataclass(frozen=True)
 class BagNames:
-    """Topics of a bag as they are played, without a leading slash.
+    """Names of the topics of a bag, without the leading slash, as they are played to the nodes.
 
-    The nodes see in the name of a topic whether its images are compressed.
+    From the name of a topic, the nodes infer whether its images are compressed.
     """
 
     color: str
@@ -106,7 +106,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
     Args:
         bag: The recording.
         config: Parameters of the replay.
-        folder: Folder in which the SLAM node saves files.
+        folder: Map directory of the SLAM node, in which it saves files.
 
     Raises:
         InputError: The bag lacks a topic that the nodes need, or the ground-truth boxes.
@@ -150,9 +150,9 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     """Return the command line of the process that plays the bag.
 
-    It begins when all nodes have subscribed. Only topics to which the nodes subscribe are played,
-    because an IMU with a thousand messages per second would take processor time from all nodes
-    (decision 018).
+    It begins to play when all nodes that need color images have subscribed to them. Only topics
+    that the nodes need are played: an unused IMU with a thousand messages per second would take
+    processor time from all nodes (decision 018).
     """
     color = bag.topics.color.name.lstrip('/')
     run, found = config.run, bag.topics

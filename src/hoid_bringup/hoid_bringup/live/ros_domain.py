@@ -12,11 +12,11 @@ from hoid_common.errors import ConfigError
 
 VARIABLE = 'ROS_DOMAIN_ID'
 _FIRST, _COUNT = 1, 100  # ROS 2's documentation recommends domains up to 101
-_STRIDE = 37  # chosen: processes with consecutive ids then start far apart
+_STRIDE = 37  # chosen: processes with successive ids then try domains that are far apart first
 # This process uses no domain twice, because participants of an earlier replay may still be known
 # there for a while.
 _USED = itertools.count()
-_PORT_BASE = 32768  # a bound port marks a domain as taken, as ROS's domain_coordinator does
+_PORT_BASE = 32768  # a bound port marks a domain as taken, as in ROS's domain_coordinator
 
 
 @contextmanager

@@ -3,8 +3,8 @@
 A ROS node can hang in its shutdown with Python's interpreter lock held, so that it cannot end
 itself. The supervisor therefore sends SIGINT, then SIGTERM, then SIGKILL.
 
-If the block of a supervisor ends by an error, the children are told so by another signal in place
-of SIGINT: the SLAM node then keeps the map that it has stored (decision 046).
+If the block of a supervisor ends by an error, the children get another signal in place of SIGINT,
+by which the SLAM node knows that it must keep its checkpoint (decision 046).
 
 `ros2 launch` does the same with `respawn`, but needs an installation of ROS; `hoid` does not.
 """
@@ -31,12 +31,13 @@ from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
-# A node ends itself after this time at the latest, and `ros2 launch` waits as long before it
-# kills.
+# A node ends itself after this time at the latest, and `ros2 launch` waits as long before it sends
+# SIGKILL.
 _GRACE_S = 10.0
 _MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
-RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once does not take a whole processor
-# Chosen: longest time between two starts of a child that refuses, which takes a second of a core.
+RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once then does not take a whole processor
+# Chosen: longest time between two starts of a child that refuses to start. A start takes a core
+# for about a second.
 _MAX_REFUSAL_PERIOD_S = 30.0
 _BYTES_PER_MB = 2**20
 
@@ -48,7 +49,7 @@ class ProcessSpec:
     name: str
     argv: tuple[str, ...]
     env: Mapping[str, str] = field(default_factory=dict)  # added to this process's environment
-    # Ends the child after a failure of another child or of the supervisor.
+    # Signal that ends the child after a failure of another child or of the supervising process.
     failure_signal: signal.Signals = signal.SIGTERM
 
 
@@ -75,13 +76,14 @@ class ProcessExit:
 class Supervisor:
     """Context manager that starts child processes and ends them at the end of the block.
 
-    Call `poll` regularly: it finds children that have ended, restarts them and measures memory.
+    Call `poll` regularly: it finds children that have ended, restarts them if this is configured,
+    and measures memory.
 
     Args:
         specs: The child processes.
         restart: Whether to restart a child that ended, unless it refused its first start. A child
-            that refuses a later start has worked before with the same options, so that a file is
-            damaged or missing at present: it is tried again, after times that double.
+            that refuses a later start has worked before with the same options, so that probably a
+            file is damaged or missing at present: it is tried again, after pauses that double.
         restart_period_s: Minimum time between two starts of a child.
         log_dir: Folder for one log file per child; None lets the children write to the terminal.
     """
@@ -101,7 +103,7 @@ class Supervisor:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._due_s: dict[str, float] = {}  # times of restarts (monotonic)
         self._started_s: dict[str, float] = {}  # times of the last starts (monotonic)
-        self._pauses_s: dict[str, float] = {}  # after the next refusal, which doubles
+        self._pauses_s: dict[str, float] = {}  # pause after the next refusal, which then doubles
         self._has_run: set[str] = set()  # children of which a start succeeded
         self._peak_rss_mb: dict[str, float] = {}
         self._next_measurement_s = 0.0  # monotonic
@@ -124,21 +126,21 @@ class Supervisor:
         return {name: process.pid for name, process in self._running.items()}
 
     def peak_rss_mb(self) -> dict[str, float]:
-        """Return the largest resident memory (MB) of each child that `poll` has measured.
+        """Return the largest resident memory [MiB] that `poll` has measured, by child.
 
-        It includes the descendants of the child.
+        It includes the descendants of a child.
         """
         return dict(self._peak_rss_mb)
 
     def cpu_s(self) -> dict[str, float]:
-        """Return the processor time (s) of each running child, including its descendants."""
+        """Return the processor time [s] by running child, including its descendants."""
         return {name: sum(_of_family(pid, _cpu_s)) for name, pid in self.pids.items()}
 
     def poll(self) -> list[ProcessExit]:
         """Return the children that ended by themselves since the last call.
 
-        Children are restarted if this is configured and their last start is long enough ago. From
-        time to time, the memory of the children is measured.
+        Children are restarted if this is configured and their last start is long enough ago. Every
+        two seconds, the memory of the children is measured.
         """
         now_s = time.monotonic()
         if now_s >= self._next_measurement_s:
@@ -159,13 +161,14 @@ class Supervisor:
         """End all children by SIGINT, then SIGTERM, then SIGKILL, and wait until they have ended.
 
         Args:
-            grace_s: Time between SIGINT and SIGTERM.
+            grace_s: Longest time between SIGINT and SIGTERM; SIGKILL follows after a quarter of
+                it.
             after_failure: Whether to send the failure signal of each child in place of SIGINT.
         """
         self._due_s.clear()
         if after_failure:
             for name, process in self._running.items():
-                # Not to its group: its own children know no such signal.
+                # Not to its process group: the child's own children do not handle this signal.
                 process.send_signal(self._specs[name].failure_signal)
         else:
             self._signal_all(signal.SIGINT)
@@ -179,7 +182,7 @@ class Supervisor:
                 )
 
     def _exit(self, name: str, status: int, now_s: float) -> ProcessExit:
-        """Note that a child has ended, and when to restart it."""
+        """Record that a child has ended, and when to restart it; return its exit."""
         del self._running[name]
         ended = ProcessExit(name, status)
         if not ended.refused_to_start:
@@ -194,7 +197,7 @@ class Supervisor:
         return replace(ended, restart_s=pause_s)
 
     def _next_pause_s(self, name: str) -> float:
-        """Return the time until a child that could not be started is tried again."""
+        """Return the time [s] until the next try to start a child, and double it up to 30 s."""
         pause_s = self._pauses_s.get(name, self._restart_period_s)
         self._pauses_s[name] = min(2 * pause_s, _MAX_REFUSAL_PERIOD_S)
         return pause_s
@@ -247,7 +250,7 @@ class Supervisor:
 
 
 def family_mb(pid: int) -> float:
-    """Return the resident memory of a process and its descendants in MB."""
+    """Return the resident memory of a process and its descendants in MiB."""
     return sum(_of_family(pid, _rss_mb))
 
 

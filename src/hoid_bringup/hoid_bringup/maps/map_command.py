@@ -39,7 +39,9 @@ def map_command(args: argparse.Namespace) -> None:
 
     Raises:
         ConfigError: The arguments do not fit the action.
-        MapFileError: A file is no valid map, or the joined map cannot be written.
+        InputError: The folder of the joined map cannot be written.
+        MapFileError: A file is no valid map, no map shows a place of another one, or the joined
+            map cannot be written.
     """
     if args.action == _INFO:
         for path in args.maps:
@@ -66,7 +68,7 @@ def _print(*lines: str) -> None:
 
 
 def _described(path: Path, content: MapFile) -> Sequence[str]:
-    """Return the lines of `map info`."""
+    """Return the lines of `map info` for one map."""
     state, camera = content.map, content.camera
     sizes = np.sort(np.bincount(state.map_id))[::-1]
     extent_m = np.ptp(state.T_map_camera[:, :3, 3], axis=0)
@@ -90,7 +92,7 @@ def _described(path: Path, content: MapFile) -> Sequence[str]:
 
 
 def _joined(path: Path, join: MapJoin) -> str:
-    """Return the line of `map merge` for one map."""
+    """Return the line of `map merge` that says whether and where a map was joined."""
     if not join.is_joined:
         return f'{path}: not joined, as none of its keyframes shows a place of another map'
     first = join.links[0]

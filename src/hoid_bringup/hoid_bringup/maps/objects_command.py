@@ -57,7 +57,8 @@ def objects_command(args: argparse.Namespace) -> None:
     """List the objects of a saved map.
 
     Raises:
-        InputError: The map has no objects, or the YAML file cannot be written.
+        InputError: The map has no object map, the point or the radius is invalid, or the YAML file
+            cannot be written.
         MapFileError: The file is no valid map.
     """
     content = map_file.load(args.map)

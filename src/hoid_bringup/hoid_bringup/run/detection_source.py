@@ -20,13 +20,13 @@ DetectionSource = Callable[[RgbdFrame], Detections | None]
 def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
     """Return a function that returns the detections of a frame.
 
-    Depending on the configuration, they are found by a detector or are the ground-truth boxes of a
-    rendered bag. The function returns None if the strategy needs no detections, or if the bag has
-    no boxes for the frame.
+    Depending on the configuration, they come from a detector, or are the ground-truth boxes of a
+    rendered bag. The function returns None for each frame if the strategy needs no detections, and
+    for frames without ground-truth boxes in the bag.
 
     Raises:
         InputError: Ground-truth boxes are requested, and the recording has none.
-        ModelError: No usable detector model is found.
+        ModelError: The detector model is not found, or cannot be used.
     """
     if not config.needs_detections:
         return lambda _frame: None

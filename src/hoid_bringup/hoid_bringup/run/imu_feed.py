@@ -12,8 +12,8 @@ from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import read_kalibr
 from rgbd_slam.inertial.sample_buffer import Samples
 
-# Chosen: time by which samples are ahead of the image. Features of a live image arrive later than
-# the samples of its time.
+# Chosen: up to this time after the stamp of an image, samples are added before the image is
+# processed. Live features arrive later than the IMU samples of the same time, too.
 _AHEAD_NS = NS_PER_S // 10
 
 
@@ -48,6 +48,6 @@ class ImuFeed:
 
 
 def _next(table: NumberTable, first: int, end_ns: int) -> tuple[Samples, int]:
-    """Return the samples from a row on up to a stamp, and the row after them."""
+    """Return the samples from row `first` on that are before a stamp, and the row after them."""
     end = max(int(table.stamps_ns.searchsorted(end_ns)), first)
     return Samples(table.stamps_ns[first:end], table.values[first:end]), end

@@ -30,12 +30,15 @@ def has_model() -> bool:
 
 
 def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
-    """Return whether a run must use the strategy `motion`, since no detector model is found.
+    """Return whether a run must use the strategy `motion` because no detector model is found.
 
     Args:
         config: Configuration of the run.
         given: Names of the parameters that the user has set. If the strategy is one of them, the
             result is False: the strategy is kept, and the run fails without a model.
+
+    Raises:
+        ModelError: The environment variable HOID_MODEL names a model that does not exist.
     """
     known = [p.name for p in config.params()]
     full_names = {full_name(name, known) for name in given}

@@ -48,6 +48,10 @@ class OfflinePipeline:
         dense: Whether to make the dense map and the grid as well.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
         imu: Samples of an IMU; None: there is none.
+
+    Raises:
+        HoidError: There is no usable detector model, or no ground-truth boxes although they are
+            configured, or the calibration file of the IMU cannot be used.
     """
 
     def __init__(
@@ -81,6 +85,7 @@ class OfflinePipeline:
             is_map_level=T_base_camera is not None,
         )
         self._features_in = self._features_removed = self._objects_dynamic = 0
+        # By stage: processor time of the thread in ms for each frame; wall time for `detect`.
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)
         self.num_processed = 0
         self.num_kept: list[int] = []  # number of features that the filter kept in each frame
@@ -94,7 +99,8 @@ class OfflinePipeline:
             localize: Whether the run only localizes in the map, without changing it.
 
         Raises:
-            MapFileError: The file is not a valid map.
+            MapFileError: The file is not a valid map, the map has other octaves, its camera
+            differs too much to extend it, or its dense map has other voxels.
         """
         content = map_file.load(path)
         loaded = self._session.robot_map.load(content, extend=not localize)
@@ -179,7 +185,7 @@ class OfflinePipeline:
         Args:
             sequence: The recording.
             options: Options to write into the summary.
-            recording: Path of the recording to write into the summary.
+            recording: Path of the recording to write into the summary; None: no path.
         """
         session, scene = self._session, self._scene
         session.slam.map.finish()
@@ -253,15 +259,17 @@ def run_offline(
         out_dir: Folder for the results, which is created if needed.
         detect: Function that returns the detections of a frame; None: the configured detector.
         dense: Whether to make the dense map and the grid as well.
-        options: Options to write into the summary; by default, all changed parameters.
-        recording: Path of the recording to write into the summary.
+        options: Options to write into the summary; None: strategy, seed and all changed
+            parameters.
+        recording: Path of the recording to write into the summary; None: no path.
         maps: Map files to load and to save.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
         imu: Samples of an IMU; None: there is none.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
-        HoidError: The recording or the model is invalid, or the folder cannot be written.
+        HoidError: The recording, the detector model or a map file is invalid, or the results
+            cannot be written.
     """
     check_writable(out_dir)
     maps.check()

@@ -23,8 +23,8 @@ DETECTOR_HELP = (
     f'ONNX model of the detector, a file or a known name; "{TRUTH}" uses the ground-truth boxes '
     'of a rendered bag (default: search for a model)'
 )
-# Name of the parameter that each option sets.
 _SLOP = 'filter.sync_slop_s'
+# Name of the parameter that each option sets.
 _SHORTCUTS = {
     **SHORT_NAMES,
     'detector': 'detector.model',
@@ -34,7 +34,11 @@ _SHORTCUTS = {
 
 
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for filter, detector and all other parameters."""
+    """Declare the options for the filter's strategy, the detector, two limits and the seed.
+
+    The limits are those of the interaction rule: minimum interaction area and depth difference.
+    The option `--set` for any other parameter is declared as well.
+    """
     parser.add_argument(
         '--filter', choices=STRATEGIES, help='strategy that identifies dynamic objects'
     )
@@ -72,13 +76,16 @@ def recording(args: argparse.Namespace) -> Sequence:
     """Open the recording that the command line names.
 
     Raises:
-        InputError: The recording cannot be read.
+        HoidError: The recording cannot be read, or an option is invalid.
     """
     return open_recording(args, args.input, _max_gap_ns(args))
 
 
 def _max_gap_ns(args: argparse.Namespace) -> int:
-    """Return the limit of `filter.sync_slop_s` if the options set it, else that of TUM's tool."""
+    """Return the largest difference [ns] of the stamps of a color image and its depth image.
+
+    It is `filter.sync_slop_s` if the options change it, or else that of TUM's association tool.
+    """
     slop_s = run_config(args).changed().get(_SLOP)
     return MAX_PAIR_GAP_NS if slop_s is None else round(slop_s * NS_PER_S)
 
@@ -90,7 +97,7 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
     A TUM folder is converted to a temporary bag, which is removed at the end of the block.
 
     Raises:
-        InputError: The recording cannot be read.
+        HoidError: The recording cannot be read or converted, or an option is invalid.
     """
     found = recording(args)
     if isinstance(found, BagSequence):
@@ -121,10 +128,10 @@ def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunCo
 
 
 def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters of the command line, by dotted name.
+    """Return the parameters that the command line sets, by the names that it uses.
 
     Raises:
-        ConfigError: A value of `--set` is not NAME=VALUE.
+        ConfigError: A value of `--set` is not NAME=VALUE with valid YAML.
     """
     values: dict[str, Any] = {
         name: getattr(args, option)
@@ -141,7 +148,7 @@ def assignments(texts: Iterable[str]) -> dict[str, Any]:
         texts: Values of the option `--set`.
 
     Raises:
-        ConfigError: A text is not NAME=VALUE.
+        ConfigError: A text is not NAME=VALUE, or its value is not valid YAML.
     """
     return dict(_assignment(text) for text in texts)
 

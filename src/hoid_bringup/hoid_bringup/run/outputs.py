@@ -33,6 +33,8 @@ PICTURE = 'trajectory.png'
 def write_outputs(out_dir: Path, result: RunResult) -> Summary:
     """Write all files of a run into a folder, which is created if needed; return the summary.
 
+    Existing files of other names stay.
+
     Raises:
         InputError: The folder cannot be written or the disk is full; no partial file remains.
     """
@@ -53,7 +55,11 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
 
 
 def num_frames_of_run(trajectory: Path) -> int | None:
-    """Return `frames_total` of the run that wrote a trajectory, or None if no run did."""
+    """Return `frames_total` from the summary of the run that wrote a trajectory.
+
+    None is returned if the file has not the name of a run's trajectory, or if there is no valid
+    summary beside it.
+    """
     path = trajectory.parent / SUMMARY
     if trajectory.name not in (FINAL, ONLINE) or not path.is_file():
         return None
@@ -92,7 +98,7 @@ def write_ply(path: Path, points_m: FloatArray) -> None:
 
 
 def _aligned_or_none(estimate: Trajectory, truth: Trajectory | None) -> AlignedTrajectory | None:
-    """Return the poses aligned to the ground truth; None if there is none or too few poses."""
+    """Return the poses aligned to the ground truth; None if it is missing, or if that fails."""
     if truth is None:
         return None
     try:

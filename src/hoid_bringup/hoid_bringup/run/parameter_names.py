@@ -1,6 +1,6 @@
 """Names of the nodes' parameters in `--set`, experiments and summaries.
 
-There each name is preceded by a short name of the node, as in `filter.strategy`.
+There, a name begins with the short name of the node, as in `filter.strategy`.
 """
 
 from __future__ import annotations

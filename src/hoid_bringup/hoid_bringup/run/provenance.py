@@ -1,4 +1,4 @@
-"""What a result was made by: command, version of the code, machine and detector."""
+"""With what a result was made: command, version of the code, machine and detector."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class DetectorFile:
 
 @dataclass(frozen=True)
 class Provenance:
-    """What a result was made by."""
+    """With what a result was made: command, version of the code, machine and detector."""
 
-    command: str  # as in a shell
-    commit: str  # of the source tree, marked if files differ from it; empty outside a clone
-    machine: str  # processor, cores and memory
-    detector: DetectorFile | None  # None: no detector was used
+    command: str  # command line, quoted for a shell
+    commit: str  # commit of the source tree, with "-dirty" if files differ; empty outside a clone
+    machine: str  # processor, number of cores, memory and operating system
+    detector: DetectorFile | None  # None: no detector was used, or its file is not found
 
     @classmethod
     def of_this_process(cls, options: Mapping[str, Any]) -> Provenance:
-        """Return what the results of this process are made by.
+        """Return with what the results of this process are made.
 
         Args:
             options: Options of the run, as in its summary.
@@ -52,13 +52,16 @@ class Provenance:
 
 
 def machine() -> str:
-    """Return processor, cores and memory in one line."""
+    """Return processor, number of cores, memory and operating system in one line."""
     memory_gib = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30
     return f'{_processor()}, {os.cpu_count()} cores, {memory_gib:.0f} GiB, {platform.system()}'
 
 
 def commit(folder: Path) -> str:
-    """Return the commit of a clone, marked if files differ from it; empty outside a clone."""
+    """Return the commit of a clone, with "-dirty" if files differ from it.
+
+    The text is empty outside a clone, or without git.
+    """
     command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--exclude=*']
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)

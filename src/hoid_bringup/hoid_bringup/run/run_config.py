@@ -27,7 +27,7 @@ SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 class RunConfig(Config):
     """Parameters of an offline run or a replay, with the same names as in the nodes.
 
-    The octaves of SLAM are set to those of the filter, unless they differ from their defaults.
+    Number and scale of SLAM's octaves are adapted to the filter's, unless SLAM's were changed.
 
     Raises:
         ConfigError: A value is out of range, or the octaves of filter and SLAM do not agree.
@@ -89,7 +89,10 @@ class RunConfig(Config):
         return by_node({full: values[full] for full in (full_name(n, values) for n in names)})
 
     def summary_options(self) -> dict[str, Any]:
-        """Return the options to write into a summary: strategy, seed, and changed parameters."""
+        """Return the options to write into a summary: strategy, seed, and changed parameters.
+
+        Strategy and seed have their short names; the others have dotted names.
+        """
         values = {p.name: p.value for p in self.params()}
         always = {short: values[name] for short, name in SHORT_NAMES.items()}
         rest = {n: v for n, v in self.changed().items() if n not in SHORT_NAMES.values()}
@@ -104,6 +107,9 @@ class RunConfig(Config):
 
         Args:
             options: Options as read from the JSON file.
+
+        Raises:
+            ConfigError: The value of a parameter is invalid.
         """
         values: dict[str, Any] = {}
         known = [p.name for p in cls().params()]
@@ -117,8 +123,11 @@ class RunConfig(Config):
 def _with_octaves_of(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:
     """Return the camera of SLAM with the octaves of the extracted features.
 
+    A number or scale of octaves that is not at its default is kept. The number never becomes
+    smaller than its default.
+
     Raises:
-        ConfigError: The octaves of SLAM were set and do not agree with those of the features.
+        ConfigError: SLAM has fewer octaves than the features, or another scale.
     """
     default = CameraConfig()
     if camera.num_octaves == default.num_octaves:

@@ -48,21 +48,21 @@ class Spread:
 class FilterCounts:
     """Counts of the filter, summed over all frames."""
 
-    features_in: int = 0
-    features_removed: int = 0
-    objects_dynamic: int = 0
+    features_in: int = 0  # detected features
+    features_removed: int = 0  # features that were removed as dynamic
+    objects_dynamic: int = 0  # objects that were classified as dynamic
 
 
 @dataclass(frozen=True)
 class MapCounts:
     """Counts of SLAM at the end of a run."""
 
-    keyframes: int = 0
-    map_points: int = 0
-    maps: int = 0
-    loops: int = 0
-    merges: int = 0
-    relocalizations: int = 0
+    keyframes: int = 0  # in the main map
+    map_points: int = 0  # in the main map
+    maps: int = 0  # that are not merged
+    loops: int = 0  # closed during the run
+    merges: int = 0  # of two maps, during the run
+    relocalizations: int = 0  # during the run
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,24 +71,26 @@ class RunResult:
 
     input_name: str
     options: Mapping[str, Any]  # options for the summary, by name
-    frames_total: int
+    frames_total: int  # of the recording
     frames_processed: int
-    final: Trajectory
-    online: Trajectory
-    keyframes: Trajectory
+    final: Trajectory  # poses of the frames in the final main map
+    online: Trajectory  # poses as they were when the frames were tracked
+    keyframes: Trajectory  # poses of the keyframes in the final main map
     map_points_m: FloatArray  # (N, 3)
-    ground_truth: Trajectory | None
+    ground_truth: Trajectory | None  # in the frame of the ground truth; None: there is none
     map_counts: MapCounts
     filter_counts: FilterCounts
-    stage_ms: Mapping[str, Sequence[float]]  # by stage, one time per frame
-    peak_rss_mb: float
-    latency_ms: Sequence[float] = ()  # times from image to odometry; live runs only
-    # Peak memory by node, including child processes; live runs only.
+    # Times in ms by stage, one per frame: processor time of the thread, wall time for `detect`.
+    stage_ms: Mapping[str, Sequence[float]]
+    peak_rss_mb: float  # largest resident memory in MiB; live: sum of the nodes' largest values
+    # Times in ms from the publication of an image to its odometry; live runs only.
+    latency_ms: Sequence[float] = ()
+    # Largest resident memory in MiB by node, including child processes; live runs only.
     rss_by_node_mb: Mapping[str, float] = field(default_factory=dict)
     # Number of cores in use on average, by node; live runs only.
     cpu_share_by_node: Mapping[str, float] = field(default_factory=dict)
-    cloud: ColoredCloud | None = None  # dense map, in the map frame
-    grid: Grid | None = None
+    cloud: ColoredCloud | None = None  # points of the dense map, in the map frame; None: not made
+    grid: Grid | None = None  # None: it was not made, or no floor was found
     recording: Path | None = None  # path of the recording
     imu: ImuReport | None = None  # None: there was no IMU, or the run was live
 
@@ -178,7 +180,13 @@ def versions() -> dict[str, str]:
 def _errors(
     estimate: Trajectory, truth: Trajectory | None, *, warn: bool = False
 ) -> dict[str, float | None]:
-    """Return the errors by name, which are None without ground truth or with too few poses."""
+    """Return the errors by name; None without ground truth, or if they cannot be computed.
+
+    Args:
+        estimate: Estimated trajectory.
+        truth: Ground truth; None: there is none.
+        warn: Whether to log why errors with respect to a ground truth cannot be computed.
+    """
     names = ('ate_rmse_m', 'rpe_trans_1s_rmse_m', 'rpe_rot_1s_rmse_deg')
     if truth is None:
         return dict.fromkeys(names)

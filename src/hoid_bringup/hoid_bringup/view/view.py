@@ -42,7 +42,12 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def view_command(args: argparse.Namespace) -> None:
-    """Show a recording or a run, or write it to a file for the viewer."""
+    """Show a recording or a run in the viewer, or write it to a file for the viewer.
+
+    Raises:
+        HoidError: The recording or the run cannot be read, the file cannot be written, there is no
+            display, or the viewer is not installed or fails.
+    """
     if not args.input.exists():
         raise InputError(f'{args.input}: no such file or folder')
     if args.save is not None:

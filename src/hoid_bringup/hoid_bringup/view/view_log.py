@@ -40,7 +40,7 @@ TIMELINE = 'time'
 _PATH_COLORS = {ESTIMATED_PATH: (255, 196, 61), TRUE_PATH: (150, 156, 168)}  # as in the plots
 _POINT_COLOR = (120, 200, 255)
 _KEYFRAME_COLOR = (90, 130, 220)
-_FRUSTUM_M = 0.06  # chosen: depth of a keyframe's pyramid
+_FRUSTUM_M = 0.06  # chosen: height of a keyframe's pyramid
 _GAP_S = 0.5  # chosen: a longer time without a pose is drawn as a gap
 _DEPTH_STRIDE = 2  # chosen: depth images are most of the file, so they have half the size
 _JPEG_QUALITY = 85  # chosen
@@ -89,11 +89,11 @@ class ViewLog:
             self._unfinished.unlink(missing_ok=True)
 
     def points(self, points_m: Float32Array) -> None:
-        """Log (N, 3) map points."""
+        """Log (N, 3) map points in the map frame."""
         self._cloud(POINTS, points_m, _POINT_COLOR, 2.0)
 
     def cloud(self, points_m: Float32Array, colors_bgr: ByteArray) -> None:
-        """Log the dense map: (N, 3) points with (N, 3) BGR colors."""
+        """Log the dense map: (N, 3) points in the map frame with (N, 3) BGR colors."""
         self._cloud(CLOUD, points_m, colors_bgr[:, ::-1], 1.5)
 
     def _cloud(
@@ -103,7 +103,12 @@ class ViewLog:
         self._stream.log(entity, points, static=True)
 
     def path(self, entity: str, trajectory: Trajectory) -> None:
-        """Log a trajectory as a line with gaps where poses are missing."""
+        """Log a trajectory in the map frame as a line with gaps where poses are missing.
+
+        Args:
+            entity: ESTIMATED_PATH or TRUE_PATH.
+            trajectory: The trajectory.
+        """
         gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * NS_PER_S) + 1
         strips = np.split(trajectory.T_world_camera[:, :3, 3], gaps)
         lines = rr.LineStrips3D(strips, colors=_PATH_COLORS[entity], radii=rr.Radius.ui_points(1))

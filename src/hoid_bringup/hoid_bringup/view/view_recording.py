@@ -15,7 +15,16 @@ from hoid_filter.feature_filter import FeatureFilter
 
 
 def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:
-    """Filter and log all images of a recording, and its true trajectory if it has one."""
+    """Filter and log all images of a recording, and its true trajectory if it has one.
+
+    Args:
+        log: The log to write to.
+        sequence: The recording. Images get the poses of its ground truth.
+        config: Parameters of detector and filter.
+
+    Raises:
+        HoidError: An image or the detector model is invalid.
+    """
     if sequence.ground_truth is not None:
         log.path(TRUE_PATH, sequence.ground_truth)
     log_images(log, sequence, config, sequence.ground_truth)

@@ -38,7 +38,7 @@ def open_run(folder: Path) -> FinishedRun:
     """Read the results of a run from its output folder.
 
     Raises:
-        InputError: A file is missing or damaged.
+        HoidError: A file is missing or damaged, or a parameter in the summary is invalid.
     """
     path = folder / outputs.SUMMARY
     try:
@@ -64,6 +64,10 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
         log: The log to write to.
         run: The run.
         sequence: The recording, from which ground truth and camera are taken; None: it is missing.
+
+    Raises:
+        InputError: A file of the run is missing or damaged, or its trajectory cannot be aligned to
+            the ground truth.
     """
     log.path(ESTIMATED_PATH, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
