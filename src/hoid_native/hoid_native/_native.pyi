@@ -18,7 +18,8 @@ def fast_corners(
     """
     Return the FAST-9/16 corners of an image pyramid after 3x3 non-maximum suppression.
 
-    Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's.
+    Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's. A level has no corners
+    if it is less than 32 px wide or high without the border.
 
     Args:
         levels: L gray images (H_l, W_l) uint8, the finest first.
@@ -47,7 +48,7 @@ def spread_evenly(
     the rest of its budget.
 
     Args:
-        uv_px: (N, 2) positions of the corners in level 0, not negative.
+        uv_px: (N, 2) positions of the corners in level 0, from 0 to less than 65536.
         octave: (N,) uint8 index of the level of each corner.
         score: (N,) uint8 strength of each corner.
         budgets: (L,) int64 number of corners wanted from each octave.
@@ -55,8 +56,8 @@ def spread_evenly(
             least one pixel.
 
     Raises:
-        ValueError: Lengths differ, an octave is not below L, or a budget, a position or the area is
-            negative.
+        ValueError: Lengths differ, an octave is not below L, a budget or the area is negative, or a
+            position is out of range.
     """
 
 def subpixel_offsets_px(
@@ -111,10 +112,10 @@ def orb_descriptors(
     Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
     Args:
-        image_smooth: (H, W) uint8 smoothed image.
+        image_smooth: (H, W) uint8 smoothed gray image.
         x: (N,) int32 columns of the corners.
         y: (N,) int32 rows of the corners.
-        angle_deg: (N,) float32 orientations.
+        angle_deg: (N,) float32 orientations, as `orientations_deg` returns them.
 
     Raises:
         ValueError: A pixel is less than 19 px from the image's edge, an angle is not finite, or
@@ -123,10 +124,11 @@ def orb_descriptors(
 
 class ObservationGraph:
     """
-    Which keyframes observe which map points, and how many points two keyframes share.
+    Stores which keyframes observe which map points, and how many points two keyframes share.
 
     Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of a call depends
-    on the observations concerned, not on the size of the map.
+    on the observations concerned and not on the size of the map, except for `edges` and
+    `path_length_m`. A row number out of range raises a ValueError.
     """
 
     def __init__(self) -> None: ...
@@ -145,7 +147,7 @@ class ObservationGraph:
             j: (N,) rows of points.
 
         Raises:
-            ValueError: Lengths differ, or a row is negative.
+            ValueError: Lengths differ, or a row is out of range.
         """
 
     def unobserve(
@@ -163,7 +165,8 @@ class ObservationGraph:
             j: (N,) rows of points.
 
         Raises:
-            ValueError: Lengths differ, or one of the observations does not exist.
+            ValueError: Lengths differ, a row is out of range, or one of the observations does not exist;
+                those before it are removed nevertheless.
         """
 
     def clear(self) -> None:
@@ -180,8 +183,8 @@ class ObservationGraph:
 
         Args:
             j: (P,) rows of points.
-            keyframes: (K,) rows of the keyframes whose observations are returned, in this order. None: all
-                keyframes.
+            keyframes: (K,) rows of the keyframes whose observations are returned; the observations are
+                sorted by the order of the keyframes in this list. None: all keyframes, sorted by row.
         """
 
     def connect(
@@ -202,7 +205,7 @@ class ObservationGraph:
         shared: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> None:
         """
-        Replace the stored numbers of points that a keyframe shares with other keyframes.
+        Replace the stored numbers of points that a keyframe shares with other keyframes, both ways.
 
         Args:
             i: row of the keyframe.
@@ -215,7 +218,9 @@ class ObservationGraph:
 
     def neighbors(self, i: int, min_shared: int = 1) -> hoid_native.results.Neighbors:
         """
-        Return the keyframes that share points with a keyframe, most points first, then by row.
+        Return the keyframes that share points with a keyframe, by the numbers stored last.
+
+        Those that share most points come first; those that share equally many are sorted by row.
 
         Args:
             i: row of the keyframe.
@@ -224,7 +229,9 @@ class ObservationGraph:
 
     def edges(self, min_shared: int = 1) -> hoid_native.results.Edges:
         """
-        Return the pairs of keyframes that share points, sorted by first and second row.
+        Return the pairs of keyframes that share points, by the numbers stored last.
+
+        They are sorted by first and second row.
 
         Args:
             min_shared: least number of shared points.
@@ -251,7 +258,7 @@ class ObservationGraph:
             start: row of the first keyframe.
             goal: row of the last keyframe.
             min_shared: least number of points that two keyframes of a step share.
-            m_per_rad: length in m that is added for a rotation of 1 rad.
+            m_per_rad: length [m] that is added to a step for each radian of its rotation.
 
         Raises:
             ValueError: Lengths differ, or a row is out of range.
@@ -281,7 +288,8 @@ class ObservationGraph:
         Return the (P,) ascending rows of the points that at least one of some keyframes observes.
 
         Args:
-            point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
+            point_of_feature: (K, F) int32 row of the point that each feature of each keyframe observes, or
+                -1.
             keyframes: (N,) rows of keyframes in `point_of_feature`.
         """
 
@@ -297,7 +305,7 @@ def move_points(
     Apply rigid motions to points and their viewing directions, in place.
 
     Args:
-        motions: (G, 4, 4) rigid motions.
+        motions: (G, 4, 4) rigid transforms.
         which: (N,) int64 index of the motion of each point; -1: the point stays.
         position_m: (N, 3) float64 positions of the points, which are changed.
         view_direction: (N, 3) float32 viewing directions, which are changed.
@@ -380,7 +388,7 @@ def match_by_projection(
 
     Args:
         projection_px: (3, Q) expected u, v, u_right of each query; NaN u_right: unknown.
-        radius_px: (Q,) half sides of the square windows.
+        radius_px: (Q,) half sides of the square windows around u, v.
         queries: octave limits and descriptors of the queries.
         candidates: features of the image. If expected and measured u_right are known, they must also
             agree within the radius.
@@ -402,7 +410,8 @@ def match_along_segments(
 
     Args:
         segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
-        octave_radius_px: (L,) largest distance between the segment and a feature of each octave.
+        octave_radius_px: (L,) largest distance between a segment and a feature, by the octave of the
+            feature.
         queries: octave limits and descriptors of the queries.
         candidates: features of the image, of which u_right is not used.
         threshold: limits of the descriptor distances.
@@ -426,14 +435,14 @@ def distinctive_descriptors(
         starts: (G,) int64 first row of each group, ascending.
 
     Raises:
-        ValueError: `starts` does not ascend, or a group starts beyond the descriptors.
+        ValueError: `starts` does not ascend strictly, or a group starts beyond the descriptors.
     """
 
 class StereoParams:
     """
     A pinhole camera with a virtual right camera, and its noise.
 
-    Depth is measured as the disparity u - u_right = disparity_px_m / depth_m.
+    A depth is expressed as the disparity u - u_right = disparity_px_m / depth_m.
     """
 
     def __init__(
@@ -450,11 +459,11 @@ class StereoParams:
     ) -> None: ...
     @property
     def fx_px(self) -> float:
-        """Focal length along rows."""
+        """Horizontal focal length."""
 
     @property
     def fy_px(self) -> float:
-        """Focal length along columns."""
+        """Vertical focal length."""
 
     @property
     def cx_px(self) -> float:
@@ -466,7 +475,7 @@ class StereoParams:
 
     @property
     def disparity_px_m(self) -> float:
-        """Disparity at a depth of 1 m."""
+        """Disparity at a depth of 1 m, in pixels."""
 
     @property
     def disparity_noise_px(self) -> float:
@@ -475,13 +484,13 @@ class StereoParams:
     @property
     def relative_noise(self) -> float:
         """
-        Part of the standard deviation that is proportional to the disparity, as a share of it.
+        Part of the standard deviation of a disparity that is proportional to it: its share.
         """
 
     @property
     def pixel_noise(self) -> float:
         """
-        Standard deviation of pixels, divided by the standard deviation that `inv_sigma2` states.
+        Standard deviation of u and v, divided by the standard deviation that `inv_sigma2` states.
         """
 
     @property
@@ -499,7 +508,7 @@ class StereoParams:
 
 class Gates:
     """
-    Limits of the squared normalized residuals (chi-square); outliers are beyond them.
+    Limits of squared normalized residuals (chi-square); observations beyond are outliers.
     """
 
     def __init__(self, mono: float, stereo: float) -> None: ...
@@ -524,18 +533,23 @@ def optimize_pose(
     """
     Return the camera pose that fits N matches best: Gauss-Newton with Huber kernels.
 
-    Pixels and the disparity u - u_right are independent measurements with separate robust kernels.
-    Outliers are identified on (u, v, u_right) after each of three rounds (Mur-Artal and Tardos, T-RO
-    2017). The information of the result has the unit of `inv_sigma2` and includes the prior. With
-    fewer than four matches and no prior, the initial pose is returned.
+    Pixels and the disparity u - u_right are independent measurements with separate robust kernels,
+    unless `joint_noise` is on. Outliers are identified on (u, v, u_right) after each of three rounds
+    (Mur-Artal and Tardos, T-RO 2017). The information of the result has the unit of `inv_sigma2` and
+    includes the prior. With fewer than four matches and no prior, the initial pose is returned, with
+    the identity as its information. With fewer than four inliers after a round and no prior, the
+    pose of that round is returned.
 
     Args:
         camera: camera model of the image, with its measured noise.
-        gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+        gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
+            that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
         points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-        T_camera_map: (4, 4) initial pose.
+        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
+            applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
+            own, which the camera states, unless `joint_noise` is on.
+        T_camera_map: (4, 4) initial pose of the map in the camera frame.
         prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
         prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
             first; None: no prior.
@@ -555,16 +569,18 @@ def evaluate_matches(
     """
     Return how well each of N matches fits a pose.
 
-    The squared errors of pixel and disparity are truncated at the outlier limits (MSAC, Torr and
-    Zisserman, CVIU 2000). Therefore the sum over all matches can be compared between poses that have
-    different outliers.
+    The squared errors of pixel and disparity, each divided by its measured variance, are truncated at
+    `gates.mono` and at 3.841 (MSAC, Torr and Zisserman, CVIU 2000). Therefore the sum over all matches
+    can be compared between poses that have different outliers.
 
     Args:
         camera: camera model of the image, with its measured noise.
         gates: chi-square limits of outliers.
         points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
+            applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
+            own, which the camera states, unless `joint_noise` is on.
         T_camera_map: (4, 4) pose.
 
     Raises:
@@ -584,15 +600,18 @@ def most_biasing_region(
     Return the region of the view without whose matches the other matches fit a pose best.
 
     Candidates are the cells of a k-d tree over direction and depth, which contain from 1/16 to 1/4 of
-    the matches (docs/decisions/036). If a point or the pose is not finite, the region is empty and has
-    a gain of 0.
+    the matches (docs/decisions/036). Pixel and disparity are independent measurements, even if
+    `joint_noise` is on. If a point or the pose is not finite, the region is empty and has a gain of 0.
 
     Args:
         camera: camera model of the image, with its measured noise.
-        gates: chi-square limits of outliers. Outliers are not used.
+        gates: chi-square limits of outliers. A pixel error beyond `gates.mono` and a disparity error
+            beyond 3.841 are not used.
         points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
+            applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
+            own, which the camera states, unless `joint_noise` is on.
         T_camera_map: (4, 4) pose fitted to all matches.
         noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
 
@@ -617,11 +636,12 @@ def adjust_bundle(
     Return camera poses and points after bundle adjustment: Levenberg-Marquardt with Huber kernels.
 
     The adjustment has several rounds. Observations that are outliers after a round are not used in the
-    following rounds.
+    following rounds. Pixels and disparities have separate robust kernels, unless `joint_noise` is on.
 
     Args:
         lens: camera model of all images.
-        gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+        gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
+            that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
         T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
         num_free: number of optimized cameras.
         points_m: (P, 3) map points in the map frame, which are all optimized.
@@ -629,7 +649,9 @@ def adjust_bundle(
         point: (M,) int64 index of the point of each observation. A camera observes a point at most
             once.
         measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
+        inv_sigma2: (M,) 1 / variance of u, and equally of v, of each observation [1/px^2]. The outlier
+            test applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of
+            its own, which the camera states, unless `joint_noise` is on.
         rounds: number of rounds, at least 1.
         iterations: largest number of iterations in each round.
 
@@ -642,7 +664,7 @@ def overlap_ratios(
     boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return (N, M) in [0, 1]: the share of box n's area that other box m covers.
+    Return the (N, M) shares of the area of box n that other box m covers, in [0, 1].
 
     This is the interaction area of the HOID paper. It is 0 for a box without area.
 
@@ -671,7 +693,7 @@ def are_boxes_valid(
     Return whether all boxes have an area and lie inside the image, and all scores are in [0, 1].
 
     Args:
-        boxes_xyxy_px: (N, 4) float32 boxes.
+        boxes_xyxy_px: (N, 4) float32 boxes in pixels of the image.
         scores: (N,) float32 scores.
         shape_hw: height and width of the image.
 
@@ -692,9 +714,9 @@ def classify_boxes(
     """
     Return which of N boxes are dynamic, and which of K pixels lie in none of them.
 
-    Dynamic are people, and objects that a person handles: the person's box covers more than
-    `min_share` of the object's box, and their depths differ by less than `apart_m`. An unknown depth
-    fulfills the second condition.
+    Dynamic are people, and objects with the role `MAY_BE_HANDLED` that a person handles: the person's
+    box covers more than `min_share` of the object's box, and their depths differ by less than
+    `apart_m`. An unknown depth fulfills the second condition.
 
     Args:
         depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
@@ -703,13 +725,13 @@ def classify_boxes(
         roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
         side_px: side of the square at a box's center whose median depth is the depth of the box.
         min_share: share of an object's box that a person's box must exceed.
-        apart_m: depth difference that person and object must stay below.
+        apart_m: depth difference below which person and object must be.
         reach_px: if this is not NaN, it replaces `min_share`: one of the K pixels must lie in the
             object's box, at most this far from the person's box along rows and columns.
 
     Raises:
-        ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths
-            differ.
+        ValueError: The image is empty, a pixel is not in it, a box is not finite, the side is less
+            than 1, or lengths differ.
     """
 
 def box_center_depths_m(
@@ -737,9 +759,10 @@ def person_depths_m(
     """
     Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-    The depths in the middle of the box are divided into layers as thick as a torso. The person is the
-    nearest layer that is not much smaller than the largest one. If the depth of the person in an
-    earlier image is known, only readings near this depth are used, unless there are few of them.
+    A layer is a range of depth as thick as a torso (0.4 m). The person is the nearest layer of the
+    readings in the middle of the box that has almost as many of them as the fullest layer. If the
+    depth of the person in an earlier image is known, only readings near this depth are used, unless
+    there are few of them.
 
     Args:
         depth_m: (H, W) float32 depth; 0 or NaN = no reading.
@@ -770,7 +793,7 @@ def segment_objects(
         depth_m: (H, W) float32 depth; 0 = no reading.
         areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
         depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
-        reaches_m: (N,) greatest depth difference between an object's depth and its other pixels.
+        reaches_m: (N,) largest difference between an object's depth and the depths of its regions.
         seen: (N,) bool, whether the object was detected in this image and not predicted. If the
             regions of a detected object fill little of its box, the object has merged with its
             surroundings; then all pixels of the box near its depth are masked.
@@ -786,7 +809,7 @@ def values_at(
     columns: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
     """
-    Return the (K,) uint8 values that a small image has at pixels (u, v) after upscaling.
+    Return the (K,) uint8 values that a small image has at pixels (u, v) of its upscaled image.
 
     The value at a pixel is `values[rows[v], columns[u]]`. Only the K pixels are upscaled.
 
@@ -827,6 +850,8 @@ def depth_segments(
     """
     Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
+    A depth jump is a difference of more than 0.02 m plus 3 % of the depth within 3x3 pixels.
+
     Args:
         depth_m: (H, W) float32 depth; 0 = no reading.
         cell_px: side of a cell in pixels, at least 1.
@@ -841,7 +866,7 @@ def depth_ranges_3x3(
     """
     Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
 
-    Both are 0 at pixels without a reading.
+    Pixels without a reading are ignored; both numbers are 0 where the middle pixel has none.
 
     Args:
         depth_m: (H, W) float32 depth; 0 = no reading.
@@ -867,7 +892,7 @@ def occlusion_log_odds(
 
     A pixel in front of the depth that an earlier view shows there occludes it: the surface has moved
     there since. A pixel behind this depth is no evidence. Only every other row is compared, to save
-    time.
+    time. The log-odds of all earlier views are added up.
 
     Args:
         camera: camera model of all images.
@@ -878,12 +903,13 @@ def occlusion_log_odds(
             (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
         margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
             more than their sum.
-        evidence: three numbers: the log-odds of a segment that occludes everywhere; the occluding
-            share of a segment that must be exceeded to count as evidence; and the occluding share from
-            which equal depth of the other pixels is no evidence against motion.
+        evidence: three numbers: the log-odds of a segment that occludes with all its pixels, which are
+            multiplied by the share of those that do; the occluding share that must be exceeded to
+            count as evidence; and the occluding share from which on equal depth of the other pixels is
+            no evidence against motion.
 
     Raises:
-        ValueError: Images differ in size, or a label is not one of S.
+        ValueError: Images differ in size, S is negative, or a label is not one of S.
     """
 
 def depths_at(
@@ -917,12 +943,12 @@ def propagate_log_odds(
     Return the (H, W) float32 log-odds that each pixel of the current image moves.
 
     They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
-    evidence from the current image. If the previous image shows another depth there, the pixel starts
-    at 0. A pixel without a reading has 0.
+    evidence from the current image. Where the previous image shows another depth or none, a pixel
+    starts at 0. A pixel of the current image without a reading has 0.
 
     Args:
         camera: camera model of both images.
-        T_previous_now: (4, 4) camera motion between the images.
+        T_previous_now: (4, 4) pose of the current camera in the previous camera's frame.
         depth_m: (H, W) float32 current depth; 0 = no reading.
         previous_m: (H, W) float32 depth of the previous image.
         log_odds: (H, W) float32 log-odds of the previous image's pixels.
@@ -947,15 +973,16 @@ def score_poses(
     weights: numpy.typing.NDArray[Any],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return (M, 2): how much weight of points each pose explains, for two sets of weights.
+    Return the (M, 2) weights of the points that each pose explains, summed for two sets of weights.
 
     A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit it does not count.
 
     Args:
-        camera: camera model of the image.
-        pixel_px: standard deviation of pixels.
+        camera: camera model of the image. Its `disparity_noise_px` is in units of `pixel_px` here; the
+            other parts of its noise are not used.
+        pixel_px: standard deviation of u and of v.
         limit: largest residual of an explained point, in standard deviations.
-        T_camera_world: (M, 4, 4) poses.
+        T_camera_world: (M, 4, 4) poses of the world in the camera frame.
         points_m: (N, 3) points in the world.
         measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
         weights: (N, 2) two weights of each point.
@@ -994,7 +1021,7 @@ def strongest_corners_per_cell(
     taken: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
 ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
     """
-    Return the indices of the strongest corner in each free cell of a grid, in order of cells.
+    Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
 
     Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
     corner wins.
@@ -1003,11 +1030,13 @@ def strongest_corners_per_cell(
         corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
         corner_scores: (K,) uint8 strength of each corner.
         depth_m: (H, W) float32 depth; 0 or not finite = no reading.
-        small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel.
+        small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
+            is out of range, the pixel has no segment.
         label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
         cell_px: side of a cell in pixels.
         taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
 
     Raises:
-        ValueError: Lengths differ, a corner is not in the image, or the cells do not cover it.
+        ValueError: Lengths differ, a corner is not in the image, the side is not positive, or the
+            cells do not cover the image.
     """

@@ -54,24 +54,26 @@ class PoseFit(NamedTuple):
 
     T_camera_map: NDArray[np.float64]  # (4, 4)
     inliers: NDArray[np.bool_]  # (N,) flags of the matches that agree with the pose
-    # (6, 6) inverse covariance of the pose, as a left twist with the rotation first.
+    # (6, 6) inverse covariance of the pose, as a left twist with the rotation first; the identity
+    # if there were too few matches.
     information: NDArray[np.float64]
 
 
 class MatchEvaluation(NamedTuple):
     """How well each of N matches fits a pose."""
 
-    # (N,) squared error divided by the measured variance, at most the outlier limit.
+    # (N,) squared errors of pixel and disparity, each divided by its measured variance and
+    # truncated at its limit, added up.
     cost: NDArray[np.float64]
-    inliers: NDArray[np.bool_]  # (N,) flags of the matches within the outlier limit
+    inliers: NDArray[np.bool_]  # (N,) flags of the matches that pass the outlier test
 
 
 class BiasingRegion(NamedTuple):
     """The region without whose matches the others of N matches fit a pose best."""
 
     mask: NDArray[np.bool_]  # (N,) flags of the matches in the region
-    low: NDArray[np.float64]  # (3,) least x / z, y / z and log(z / m) in the camera frame
-    high: NDArray[np.float64]  # (3,) greatest x / z, y / z and log(z / m)
+    low: NDArray[np.float64]  # (3,) smallest x / z, y / z and log(z / m) in the camera frame
+    high: NDArray[np.float64]  # (3,) largest x / z, y / z and log(z / m) in the camera frame
     # Reduction of the other matches' cost, to first order, if they alone determine the pose.
     gain: float
 
@@ -84,15 +86,15 @@ class BundleFit(NamedTuple):
     # (M,) squared normalized residuals after the adjustment; infinite behind the camera.
     chi2: NDArray[np.float64]
     cost_before: float  # Huber cost of all observations before the adjustment
-    cost_after: float  # Huber cost of the inliers after the adjustment
+    cost_after: float  # Huber cost of the observations in the last round after the adjustment
 
 
 class ClassifiedBoxes(NamedTuple):
     """Which of N boxes are dynamic, and which of K pixels are outside them."""
 
     depth_m: NDArray[np.float64]  # (N,) median depth at the center of the box; NaN = unknown
-    # (N,) share of the box that is covered by the person who handles the object or, where nobody
-    # handles it, by the person who covers most.
+    # (N,) share of the box that is covered by the box of the person who handles the object or,
+    # where nobody handles it, of the person who covers most; 0 for people.
     overlap: NDArray[np.float64]
     gap_m: NDArray[np.float64]  # (N,) depth difference to the same person; NaN = unknown
     moves: NDArray[np.uint8]  # (N,) role of each dynamic box; 0 = static
@@ -108,4 +110,4 @@ class Segments(NamedTuple):
 
     label: NDArray[np.int32]  # (H, W) segment of each pixel; -1: on a depth jump, or no reading
     region: NDArray[np.int32]  # (S,) index of the smooth region to which the segment belongs
-    area_px: NDArray[np.int32]  # (S,) number of pixels
+    area_px: NDArray[np.int32]  # (S,) number of pixels of the segment

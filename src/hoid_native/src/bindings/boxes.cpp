@@ -71,7 +71,7 @@ ClassifiedBoxes classify_boxes(
 void bind_boxes(nb::module_& module)
 {
   module.def("overlap_ratios", &overlap_ratios, "boxes_xyxy_px"_a, "others_xyxy_px"_a, R"(
-Return (N, M) in [0, 1]: the share of box n's area that other box m covers.
+Return the (N, M) shares of the area of box n that other box m covers, in [0, 1].
 
 This is the interaction area of the HOID paper. It is 0 for a box without area.
 
@@ -90,7 +90,7 @@ Args:
 Return whether all boxes have an area and lie inside the image, and all scores are in [0, 1].
 
 Args:
-    boxes_xyxy_px: (N, 4) float32 boxes.
+    boxes_xyxy_px: (N, 4) float32 boxes in pixels of the image.
     scores: (N,) float32 scores.
     shape_hw: height and width of the image.
 
@@ -102,9 +102,9 @@ Raises:
     "reach_px"_a = std::numeric_limits<double>::quiet_NaN(), R"(
 Return which of N boxes are dynamic, and which of K pixels lie in none of them.
 
-Dynamic are people, and objects that a person handles: the person's box covers more than
-`min_share` of the object's box, and their depths differ by less than `apart_m`. An unknown depth
-fulfills the second condition.
+Dynamic are people, and objects with the role `MAY_BE_HANDLED` that a person handles: the person's
+box covers more than `min_share` of the object's box, and their depths differ by less than
+`apart_m`. An unknown depth fulfills the second condition.
 
 Args:
     depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
@@ -113,13 +113,13 @@ Args:
     roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
     side_px: side of the square at a box's center whose median depth is the depth of the box.
     min_share: share of an object's box that a person's box must exceed.
-    apart_m: depth difference that person and object must stay below.
+    apart_m: depth difference below which person and object must be.
     reach_px: if this is not NaN, it replaces `min_share`: one of the K pixels must lie in the
         object's box, at most this far from the person's box along rows and columns.
 
 Raises:
-    ValueError: The image is empty, a pixel is not in it, a box is not finite, or lengths
-        differ.)");
+    ValueError: The image is empty, a pixel is not in it, a box is not finite, the side is less
+        than 1, or lengths differ.)");
 }
 
 }  // namespace hoid::bindings

@@ -35,7 +35,8 @@ void require_length(const char* name, const A& array, int length)
   }
 }
 
-// All values must be in [low, end). For 32-bit types the range has less than 2^32 numbers.
+// Require that all values are in [low, end). For types of up to 32 bits, the range must have less
+// than 2^32 numbers.
 template <typename T, int... kShape>
 void require_range(const char* name, const Array<T, kShape...>& array, int64_t low, int64_t end)
 {

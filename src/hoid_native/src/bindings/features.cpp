@@ -116,7 +116,8 @@ void bind_features(nb::module_& module)
     "fast_corners", &fast_corners, "levels"_a, "steps_px"_a, "threshold"_a, "border_px"_a, R"(
 Return the FAST-9/16 corners of an image pyramid after 3x3 non-maximum suppression.
 
-Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's.
+Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's. A level has no corners
+if it is less than 32 px wide or high without the border.
 
 Args:
     levels: L gray images (H_l, W_l) uint8, the finest first.
@@ -138,7 +139,7 @@ Among equal scores the first corner wins. If an octave has too few corners, the 
 the rest of its budget.
 
 Args:
-    uv_px: (N, 2) positions of the corners in level 0, not negative.
+    uv_px: (N, 2) positions of the corners in level 0, from 0 to less than 65536.
     octave: (N,) uint8 index of the level of each corner.
     score: (N,) uint8 strength of each corner.
     budgets: (L,) int64 number of corners wanted from each octave.
@@ -146,8 +147,8 @@ Args:
         least one pixel.
 
 Raises:
-    ValueError: Lengths differ, an octave is not below L, or a budget, a position or the area is
-        negative.)");
+    ValueError: Lengths differ, an octave is not below L, a budget or the area is negative, or a
+        position is out of range.)");
   module.def("subpixel_offsets_px", &subpixel_offsets_px, "image_gray"_a, "x"_a, "y"_a, R"(
 Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
 
@@ -181,10 +182,10 @@ Return the (N, 32) uint8 ORB descriptors of corners, rotated by their orientatio
 Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
 Args:
-    image_smooth: (H, W) uint8 smoothed image.
+    image_smooth: (H, W) uint8 smoothed gray image.
     x: (N,) int32 columns of the corners.
     y: (N,) int32 rows of the corners.
-    angle_deg: (N,) float32 orientations.
+    angle_deg: (N,) float32 orientations, as `orientations_deg` returns them.
 
 Raises:
     ValueError: A pixel is less than 19 px from the image's edge, an angle is not finite, or

@@ -148,10 +148,11 @@ void move_points(
 void bind_graph(nb::module_& module)
 {
   nb::class_<ObservationGraph>(module, "ObservationGraph", R"(
-Which keyframes observe which map points, and how many points two keyframes share.
+Stores which keyframes observe which map points, and how many points two keyframes share.
 
 Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of a call depends
-on the observations concerned, not on the size of the map.)")
+on the observations concerned and not on the size of the map, except for `edges` and
+`path_length_m`. A row number out of range raises a ValueError.)")
     .def(nb::init<>())
     .def(
       "observe", &observe, "i"_a, "k"_a, "j"_a, R"(
@@ -163,7 +164,7 @@ Args:
     j: (N,) rows of points.
 
 Raises:
-    ValueError: Lengths differ, or a row is negative.)")
+    ValueError: Lengths differ, or a row is out of range.)")
     .def(
       "unobserve", &unobserve, "i"_a, "k"_a, "j"_a, R"(
 Remove N observations.
@@ -174,7 +175,8 @@ Args:
     j: (N,) rows of points.
 
 Raises:
-    ValueError: Lengths differ, or one of the observations does not exist.)")
+    ValueError: Lengths differ, a row is out of range, or one of the observations does not exist;
+        those before it are removed nevertheless.)")
     .def("clear", &ObservationGraph::clear, "Remove all observations and connections.")
     .def(
       "observations", &observations, "j"_a, "keyframes"_a = nb::none(), R"(
@@ -182,8 +184,8 @@ Return the observations of some points, sorted by keyframe and feature.
 
 Args:
     j: (P,) rows of points.
-    keyframes: (K,) rows of the keyframes whose observations are returned, in this order. None: all
-        keyframes.)")
+    keyframes: (K,) rows of the keyframes whose observations are returned; the observations are
+        sorted by the order of the keyframes in this list. None: all keyframes, sorted by row.)")
     .def(
       "connect", &connect, "i"_a, "j"_a, R"(
 Count again how many points a keyframe shares with each other keyframe, and store the numbers.
@@ -193,7 +195,7 @@ Args:
     j: (P,) rows of all points that the keyframe observes.)")
     .def(
       "set_neighbors", &set_neighbors, "i"_a, "rows"_a, "shared"_a, R"(
-Replace the stored numbers of points that a keyframe shares with other keyframes.
+Replace the stored numbers of points that a keyframe shares with other keyframes, both ways.
 
 Args:
     i: row of the keyframe.
@@ -204,14 +206,18 @@ Raises:
     ValueError: Lengths differ, or the rows do not ascend.)")
     .def(
       "neighbors", &neighbors, "i"_a, "min_shared"_a = 1, R"(
-Return the keyframes that share points with a keyframe, most points first, then by row.
+Return the keyframes that share points with a keyframe, by the numbers stored last.
+
+Those that share most points come first; those that share equally many are sorted by row.
 
 Args:
     i: row of the keyframe.
     min_shared: least number of shared points.)")
     .def(
       "edges", &edges, "min_shared"_a = 1, R"(
-Return the pairs of keyframes that share points, sorted by first and second row.
+Return the pairs of keyframes that share points, by the numbers stored last.
+
+They are sorted by first and second row.
 
 Args:
     min_shared: least number of shared points.)")
@@ -229,7 +235,7 @@ Args:
     start: row of the first keyframe.
     goal: row of the last keyframe.
     min_shared: least number of points that two keyframes of a step share.
-    m_per_rad: length in m that is added for a rotation of 1 rad.
+    m_per_rad: length [m] that is added to a step for each radian of its rotation.
 
 Raises:
     ValueError: Lengths differ, or a row is out of range.)")
@@ -245,7 +251,8 @@ Args:
 Return the (P,) ascending rows of the points that at least one of some keyframes observes.
 
 Args:
-    point_of_feature: (K, F) int32 point that each feature of each keyframe observes; -1: none.
+    point_of_feature: (K, F) int32 row of the point that each feature of each keyframe observes, or
+        -1.
     keyframes: (N,) rows of keyframes in `point_of_feature`.)");
   module.def(
     "move_points", &move_points, "motions"_a, "which"_a, "position_m"_a.noconvert(),
@@ -253,7 +260,7 @@ Args:
 Apply rigid motions to points and their viewing directions, in place.
 
 Args:
-    motions: (G, 4, 4) rigid motions.
+    motions: (G, 4, 4) rigid transforms.
     which: (N,) int64 index of the motion of each point; -1: the point stays.
     position_m: (N, 3) float64 positions of the points, which are changed.
     view_direction: (N, 3) float32 viewing directions, which are changed.

@@ -108,9 +108,10 @@ Raises:
   module.def("person_depths_m", &person_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "known_m"_a, R"(
 Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-The depths in the middle of the box are divided into layers as thick as a torso. The person is the
-nearest layer that is not much smaller than the largest one. If the depth of the person in an
-earlier image is known, only readings near this depth are used, unless there are few of them.
+A layer is a range of depth as thick as a torso (0.4 m). The person is the nearest layer of the
+readings in the middle of the box that has almost as many of them as the fullest layer. If the
+depth of the person in an earlier image is known, only readings near this depth are used, unless
+there are few of them.
 
 Args:
     depth_m: (H, W) float32 depth; 0 or NaN = no reading.
@@ -141,7 +142,7 @@ Args:
     depth_m: (H, W) float32 depth; 0 = no reading.
     areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
     depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
-    reaches_m: (N,) greatest depth difference between an object's depth and its other pixels.
+    reaches_m: (N,) largest difference between an object's depth and the depths of its regions.
     seen: (N,) bool, whether the object was detected in this image and not predicted. If the
         regions of a detected object fill little of its box, the object has merged with its
         surroundings; then all pixels of the box near its depth are masked.
@@ -149,7 +150,7 @@ Args:
 Raises:
     ValueError: An area is not in the image, or lengths differ.)");
   module.def("values_at", &values_at, "pixels"_a, "values"_a, "rows"_a, "columns"_a, R"(
-Return the (K,) uint8 values that a small image has at pixels (u, v) after upscaling.
+Return the (K,) uint8 values that a small image has at pixels (u, v) of its upscaled image.
 
 The value at a pixel is `values[rows[v], columns[u]]`. Only the K pixels are upscaled.
 

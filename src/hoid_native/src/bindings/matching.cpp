@@ -178,7 +178,7 @@ Return one-to-one matches of queries and features within windows around expected
 
 Args:
     projection_px: (3, Q) expected u, v, u_right of each query; NaN u_right: unknown.
-    radius_px: (Q,) half sides of the square windows.
+    radius_px: (Q,) half sides of the square windows around u, v.
     queries: octave limits and descriptors of the queries.
     candidates: features of the image. If expected and measured u_right are known, they must also
         agree within the radius.
@@ -193,7 +193,8 @@ Return one-to-one matches of queries and features near image segments (of epipol
 
 Args:
     segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
-    octave_radius_px: (L,) largest distance between the segment and a feature of each octave.
+    octave_radius_px: (L,) largest distance between a segment and a feature, by the octave of the
+        feature.
     queries: octave limits and descriptors of the queries.
     candidates: features of the image, of which u_right is not used.
     threshold: limits of the descriptor distances.
@@ -212,7 +213,7 @@ Args:
     starts: (G,) int64 first row of each group, ascending.
 
 Raises:
-    ValueError: `starts` does not ascend, or a group starts beyond the descriptors.)");
+    ValueError: `starts` does not ascend strictly, or a group starts beyond the descriptors.)");
 }
 
 }  // namespace hoid::bindings

@@ -18,7 +18,7 @@ using motion::Pinhole;
 
 HOID_RESULT(Segments);
 
-// A constant (m), and factors of the depth and of its square.
+// Coefficients of a depth margin: constant (m), of the depth, and of its square (1/m).
 using MarginTuple = std::tuple<float, float, float>;
 
 motion::DepthMargin margin_of(const MarginTuple& values)
@@ -53,7 +53,8 @@ auto depth_ranges_3x3(const ImageArray<float>& depth_m)
   return give(std::move(range_m), shape);
 }
 
-// An earlier view: T_earlier_now, its 3x3 depth ranges, and the log-odds that agreement counts.
+// An earlier view: T_earlier_now, its 3x3 depth ranges, and the log-odds against motion of a
+// segment that has the same depth everywhere.
 using EarlierView = std::tuple<RealArray<4, 4>, Array<float, -1, -1, 2>, double>;
 
 auto occlusion_log_odds(
@@ -172,6 +173,8 @@ void bind_segments(nb::module_& module)
   module.def("depth_segments", &depth_segments, "depth_m"_a, "cell_px"_a, R"(
 Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
+A depth jump is a difference of more than 0.02 m plus 3 % of the depth within 3x3 pixels.
+
 Args:
     depth_m: (H, W) float32 depth; 0 = no reading.
     cell_px: side of a cell in pixels, at least 1.
@@ -181,7 +184,7 @@ Raises:
   module.def("depth_ranges_3x3", &depth_ranges_3x3, "depth_m"_a, R"(
 Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
 
-Both are 0 at pixels without a reading.
+Pixels without a reading are ignored; both numbers are 0 where the middle pixel has none.
 
 Args:
     depth_m: (H, W) float32 depth; 0 = no reading.)");
@@ -192,7 +195,7 @@ Return the (S,) log-odds that segments move, by comparison with the depth in ear
 
 A pixel in front of the depth that an earlier view shows there occludes it: the surface has moved
 there since. A pixel behind this depth is no evidence. Only every other row is compared, to save
-time.
+time. The log-odds of all earlier views are added up.
 
 Args:
     camera: camera model of all images.
@@ -203,12 +206,13 @@ Args:
         (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
     margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
         more than their sum.
-    evidence: three numbers: the log-odds of a segment that occludes everywhere; the occluding
-        share of a segment that must be exceeded to count as evidence; and the occluding share from
-        which equal depth of the other pixels is no evidence against motion.
+    evidence: three numbers: the log-odds of a segment that occludes with all its pixels, which are
+        multiplied by the share of those that do; the occluding share that must be exceeded to
+        count as evidence; and the occluding share from which on equal depth of the other pixels is
+        no evidence against motion.
 
 Raises:
-    ValueError: Images differ in size, or a label is not one of S.)");
+    ValueError: Images differ in size, S is negative, or a label is not one of S.)");
   module.def("depths_at", &depths_at, "depth_m"_a, "pixels"_a, R"(
 Return the (K,) float32 depths (m) at pixels; 0 for index -1 and for depths that are not finite.
 
@@ -224,12 +228,12 @@ Raises:
 Return the (H, W) float32 log-odds that each pixel of the current image moves.
 
 They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
-evidence from the current image. If the previous image shows another depth there, the pixel starts
-at 0. A pixel without a reading has 0.
+evidence from the current image. Where the previous image shows another depth or none, a pixel
+starts at 0. A pixel of the current image without a reading has 0.
 
 Args:
     camera: camera model of both images.
-    T_previous_now: (4, 4) camera motion between the images.
+    T_previous_now: (4, 4) pose of the current camera in the previous camera's frame.
     depth_m: (H, W) float32 current depth; 0 = no reading.
     previous_m: (H, W) float32 depth of the previous image.
     log_odds: (H, W) float32 log-odds of the previous image's pixels.
@@ -249,7 +253,7 @@ void bind_corners(nb::module_& module)
   module.def(
     "strongest_corners_per_cell", &strongest_corners_per_cell, "corner_pixels"_a,
     "corner_scores"_a, "depth_m"_a, "small_of_pixel"_a, "label"_a, "cell_px"_a, "taken"_a, R"(
-Return the indices of the strongest corner in each free cell of a grid, in order of cells.
+Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
 
 Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
 corner wins.
@@ -258,13 +262,15 @@ Args:
     corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
     corner_scores: (K,) uint8 strength of each corner.
     depth_m: (H, W) float32 depth; 0 or not finite = no reading.
-    small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel.
+    small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
+        is out of range, the pixel has no segment.
     label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
     cell_px: side of a cell in pixels.
     taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
 
 Raises:
-    ValueError: Lengths differ, a corner is not in the image, or the cells do not cover it.)");
+    ValueError: Lengths differ, a corner is not in the image, the side is not positive, or the
+        cells do not cover the image.)");
 }
 
 }  // namespace
@@ -281,15 +287,16 @@ void bind_motion(nb::module_& module)
   module.def(
     "score_poses", &score_poses, "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a,
     "points_m"_a, "measured_px"_a, "weights"_a, R"(
-Return (M, 2): how much weight of points each pose explains, for two sets of weights.
+Return the (M, 2) weights of the points that each pose explains, summed for two sets of weights.
 
 A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit it does not count.
 
 Args:
-    camera: camera model of the image.
-    pixel_px: standard deviation of pixels.
+    camera: camera model of the image. Its `disparity_noise_px` is in units of `pixel_px` here; the
+        other parts of its noise are not used.
+    pixel_px: standard deviation of u and of v.
     limit: largest residual of an explained point, in standard deviations.
-    T_camera_world: (M, 4, 4) poses.
+    T_camera_world: (M, 4, 4) poses of the world in the camera frame.
     points_m: (N, 3) points in the world.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
     weights: (N, 2) two weights of each point.

@@ -156,25 +156,26 @@ void bind_parameters(nb::module_& module)
   nb::class_<StereoParams>(module, "StereoParams", R"(
 A pinhole camera with a virtual right camera, and its noise.
 
-Depth is measured as the disparity u - u_right = disparity_px_m / depth_m.)")
+A depth is expressed as the disparity u - u_right = disparity_px_m / depth_m.)")
     .def(
       nb::init<double, double, double, double, double, double, double, double, bool>(), "fx_px"_a,
       "fy_px"_a, "cx_px"_a, "cy_px"_a, "disparity_px_m"_a, "disparity_noise_px"_a,
       "relative_noise"_a, "pixel_noise"_a = 1.0, "joint_noise"_a = false)
-    .def_ro("fx_px", &StereoParams::fx_px, "Focal length along rows.")
-    .def_ro("fy_px", &StereoParams::fy_px, "Focal length along columns.")
+    .def_ro("fx_px", &StereoParams::fx_px, "Horizontal focal length.")
+    .def_ro("fy_px", &StereoParams::fy_px, "Vertical focal length.")
     .def_ro("cx_px", &StereoParams::cx_px, "Column of the principal point.")
     .def_ro("cy_px", &StereoParams::cy_px, "Row of the principal point.")
-    .def_ro("disparity_px_m", &StereoParams::disparity_px_m, "Disparity at a depth of 1 m.")
+    .def_ro(
+      "disparity_px_m", &StereoParams::disparity_px_m, "Disparity at a depth of 1 m, in pixels.")
     .def_ro(
       "disparity_noise_px", &StereoParams::disparity_noise_px,
       "Constant part of the standard deviation of a disparity, in pixels.")
     .def_ro(
       "relative_noise", &StereoParams::relative_noise,
-      "Part of the standard deviation that is proportional to the disparity, as a share of it.")
+      "Part of the standard deviation of a disparity that is proportional to it: its share.")
     .def_ro(
       "pixel_noise", &StereoParams::pixel_noise,
-      "Standard deviation of pixels, divided by the standard deviation that `inv_sigma2` states.")
+      "Standard deviation of u and v, divided by the standard deviation that `inv_sigma2` states.")
     .def_ro(
       "joint_noise", &StereoParams::joint_noise,
       "True: u, v and u_right have equal noise and share one robust kernel, as in ORB-SLAM.")
@@ -184,7 +185,7 @@ Depth is measured as the disparity u - u_right = disparity_px_m / depth_m.)")
     });
   nb::class_<Gates>(
     module, "Gates",
-    "Limits of the squared normalized residuals (chi-square); outliers are beyond them.")
+    "Limits of squared normalized residuals (chi-square); observations beyond are outliers.")
     .def(nb::init<double, double>(), "mono"_a, "stereo"_a)
     .def_ro("mono", &Gates::mono, "Limit for observations without depth.")
     .def_ro("stereo", &Gates::stereo, "Limit for observations with depth.");
@@ -201,18 +202,23 @@ void bind_optimize(nb::module_& module)
     "prior_information"_a = nb::none(), R"(
 Return the camera pose that fits N matches best: Gauss-Newton with Huber kernels.
 
-Pixels and the disparity u - u_right are independent measurements with separate robust kernels.
-Outliers are identified on (u, v, u_right) after each of three rounds (Mur-Artal and Tardos, T-RO
-2017). The information of the result has the unit of `inv_sigma2` and includes the prior. With
-fewer than four matches and no prior, the initial pose is returned.
+Pixels and the disparity u - u_right are independent measurements with separate robust kernels,
+unless `joint_noise` is on. Outliers are identified on (u, v, u_right) after each of three rounds
+(Mur-Artal and Tardos, T-RO 2017). The information of the result has the unit of `inv_sigma2` and
+includes the prior. With fewer than four matches and no prior, the initial pose is returned, with
+the identity as its information. With fewer than four inliers after a round and no prior, the
+pose of that round is returned.
 
 Args:
     camera: camera model of the image, with its measured noise.
-    gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+    gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
+        that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
     points_m: (N, 3) map points in the map frame.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
-    T_camera_map: (4, 4) initial pose.
+    inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
+        applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
+        own, which the camera states, unless `joint_noise` is on.
+    T_camera_map: (4, 4) initial pose of the map in the camera frame.
     prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
     prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
         first; None: no prior.
@@ -224,16 +230,18 @@ Raises:
     "inv_sigma2"_a, "T_camera_map"_a, R"(
 Return how well each of N matches fits a pose.
 
-The squared errors of pixel and disparity are truncated at the outlier limits (MSAC, Torr and
-Zisserman, CVIU 2000). Therefore the sum over all matches can be compared between poses that have
-different outliers.
+The squared errors of pixel and disparity, each divided by its measured variance, are truncated at
+`gates.mono` and at 3.841 (MSAC, Torr and Zisserman, CVIU 2000). Therefore the sum over all matches
+can be compared between poses that have different outliers.
 
 Args:
     camera: camera model of the image, with its measured noise.
     gates: chi-square limits of outliers.
     points_m: (N, 3) map points in the map frame.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+    inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
+        applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
+        own, which the camera states, unless `joint_noise` is on.
     T_camera_map: (4, 4) pose.
 
 Raises:
@@ -244,15 +252,18 @@ Raises:
 Return the region of the view without whose matches the other matches fit a pose best.
 
 Candidates are the cells of a k-d tree over direction and depth, which contain from 1/16 to 1/4 of
-the matches (docs/decisions/036). If a point or the pose is not finite, the region is empty and has
-a gain of 0.
+the matches (docs/decisions/036). Pixel and disparity are independent measurements, even if
+`joint_noise` is on. If a point or the pose is not finite, the region is empty and has a gain of 0.
 
 Args:
     camera: camera model of the image, with its measured noise.
-    gates: chi-square limits of outliers. Outliers are not used.
+    gates: chi-square limits of outliers. A pixel error beyond `gates.mono` and a disparity error
+        beyond 3.841 are not used.
     points_m: (N, 3) map points in the map frame.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (N,) 1 / variance of each coordinate [1/px^2].
+    inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
+        applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
+        own, which the camera states, unless `joint_noise` is on.
     T_camera_map: (4, 4) pose fitted to all matches.
     noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
 
@@ -265,11 +276,12 @@ Raises:
 Return camera poses and points after bundle adjustment: Levenberg-Marquardt with Huber kernels.
 
 The adjustment has several rounds. Observations that are outliers after a round are not used in the
-following rounds.
+following rounds. Pixels and disparities have separate robust kernels, unless `joint_noise` is on.
 
 Args:
     lens: camera model of all images.
-    gates: chi-square limits of outliers, which are also the limits of the Huber kernels.
+    gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
+        that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
     T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
     num_free: number of optimized cameras.
     points_m: (P, 3) map points in the map frame, which are all optimized.
@@ -277,7 +289,9 @@ Args:
     point: (M,) int64 index of the point of each observation. A camera observes a point at most
         once.
     measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (M,) 1 / variance of each coordinate [1/px^2].
+    inv_sigma2: (M,) 1 / variance of u, and equally of v, of each observation [1/px^2]. The outlier
+        test applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of
+        its own, which the camera states, unless `joint_noise` is on.
     rounds: number of rounds, at least 1.
     iterations: largest number of iterations in each round.
 

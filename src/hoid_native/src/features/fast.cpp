@@ -60,7 +60,7 @@ ALWAYS_INLINE void for_each_lane(Lanes lanes, Visit visit)
   }
 }
 
-// Return score + 1 of the block's pixels that are corners at the threshold, 0 of the others.
+// Return score + 1 for the block's pixels that are corners at the threshold, 0 for the others.
 ALWAYS_INLINE Lanes scores_of(const uint8_t* at, const int* offset, Lanes threshold)
 {
   const Lanes center = load(at);

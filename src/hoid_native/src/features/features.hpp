@@ -38,14 +38,15 @@ struct Pixels
   int count;
 };
 
-// Return the corners at least `border` (>= 3) pixels from the edge of their level.
+// Return the corners that are at least `border` pixels (at least 3) from the edge of their level.
+// A level has none if it is less than 32 px wide or high without the border.
 Corners detect_fast(const Pyramid& pyramid, int threshold, int border);
 
 // Write the (count, 2) offset (x, y) from each corner to the subpixel peak of its score, in
 // pixels.
 void subpixel_offsets(const Image<uint8_t>& image, const Pixels& corners, float* offset_out);
 
-// Write the (count,) orientation of each corner: degrees in [0, 360), y down.
+// Write the (count,) orientation of each corner: degrees in [0, 360), clockwise from the x axis.
 void orientations(const Image<uint8_t>& image, const Pixels& corners, float* angle_deg_out);
 
 // Write the (count, 32) descriptor of each corner of a smoothed image.

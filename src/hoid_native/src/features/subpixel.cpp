@@ -1,6 +1,6 @@
 // Subpixel position of a FAST corner: the peak of the quadratic fitted (least squares) to the
-// signed FAST-9/16 scores of its pixel and 8 neighbors. Signed scores continue below the
-// threshold; clamped there, residuals grow from 0.25 to 0.31 px (decision 008).
+// signed FAST-9/16 scores of its pixel and 8 neighbors. Signed scores are not clamped to 0 where
+// the pixel is no corner: with clamped ones, residuals grow from 0.25 to 0.31 px (decision 008).
 
 #include <algorithm>
 #include <cstddef>

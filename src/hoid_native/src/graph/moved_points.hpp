@@ -1,4 +1,4 @@
-// Rigid motion of map points together with their keyframes.
+// Moves map points rigidly together with their keyframes.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@ namespace hoid::graph {
 // Transform N points and their viewing directions in place, each by one of G rigid motions.
 void move_points(
   const double* motions,  // (G, 4, 4)
-  const int64_t* which,   // (N,) number of the motion of each point; negative: it does not move
+  const int64_t* which,   // (N,) index of the motion of each point; negative: it does not move
   int count,
   double* position_m,      // (N, 3)
   float* view_direction);  // (N, 3) unit vectors

@@ -1,4 +1,4 @@
-// Robust depths: the median at the center of a box, and readings away from depth edges.
+// The median depth at the center of a box.
 
 #include <algorithm>
 #include <cmath>
@@ -18,7 +18,7 @@ namespace {
 class Square
 {
 public:
-  // Prefetches the pixels: the image is no longer in the cache, as corner detection came between.
+  // Prefetches the pixels: corner detection has displaced the depth image from the cache.
   ALWAYS_INLINE Square(const Image<float>& depth_m, const double* box, int side)
   : depth_m_(depth_m),
     side_(side),

@@ -24,10 +24,10 @@ void intersections_over_union(const Boxes& boxes, const Boxes& others, double* r
 // are in [0, 1].
 bool are_boxes_valid(int width, int height, int count, const float* boxes, const float* scores);
 
-// When a person handles an object. Both are less than `apart_m` apart in depth (an unknown depth
-// counts as near), and the person's box covers more than `min_share` of the object's box. If
-// `reach_px` is not NaN it replaces the share: a given pixel in the object's box must be within
-// this reach of the person's box along rows and columns.
+// The rule by which a person handles an object: their depths differ by less than `apart_m` (an
+// unknown depth counts as near), and the person's box covers more than `min_share` of the object's
+// box. If `reach_px` is not NaN, it replaces the share: one of the given pixels must lie in the
+// object's box, at most this far from the person's box along rows and columns.
 struct HandlingRule
 {
   double min_share, apart_m, reach_px;
@@ -36,7 +36,7 @@ struct HandlingRule
 struct ClassifiedBoxes
 {
   std::vector<double> depth_m;  // (count) median at each box's center; NaN without readings
-  std::vector<double> overlap;  // (count) share covered by the handling person, else by any
+  std::vector<double> overlap;  // (count) share covered by the handling person, else the largest
   std::vector<double> gap_m;    // (count) depth difference to the same person; NaN = unknown
   std::vector<uint8_t> moves;   // (count) role of each dynamic box; 0 = static
   std::vector<int64_t> outside;  // ascending positions (in `pixels`) of those in no dynamic box
@@ -63,7 +63,7 @@ struct Objects
 {
   const int32_t* areas;     // (count, 4) whole pixels x1, y1, x2, y2 within the image
   const double* depths_m;   // NaN = unknown
-  const double* reaches_m;  // extent in depth, before and behind their own depth
+  const double* reaches_m;  // largest depth difference, in front and behind, of their regions
   const uint8_t* seen;      // not 0: detected in this image; 0: predicted
   int count;
 };

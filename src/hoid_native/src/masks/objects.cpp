@@ -1,5 +1,5 @@
-// Segments dynamic objects in a depth image: each object is the regions between depth jumps that
-// belong to its box.
+// Segments dynamic objects in a depth image: an object consists of the regions between depth jumps
+// that belong to its box.
 
 #include <algorithm>
 #include <cmath>
@@ -14,8 +14,9 @@ namespace hoid::masks {
 
 namespace {
 
-constexpr double kMinInsideShare = 0.6;  // chosen: of an object's region, most lies in its box
-// Chosen: with less of its box filled, a detected object has merged with what it touches.
+constexpr double kMinInsideShare = 0.6;  // chosen: share of an object's region that is in its box
+// Chosen: if its regions fill a smaller share of its box, a detected object has merged with what
+// it touches.
 constexpr double kMinFilledShare = 0.25;
 // How far an object extends beyond its box, as a share of its side (decision 010: `crowd` 2.9 mm
 // instead of 3.2, and no image of a half occluded `fr1_xyz` is lost instead of 77).

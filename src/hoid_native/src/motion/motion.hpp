@@ -16,8 +16,8 @@ struct Pinhole
   double fx_px, fy_px, cx_px, cy_px;
 };
 
-// A current depth image and the pose of an earlier image of the same camera and size; 0 = no
-// reading.
+// A current depth image (0 = no reading), and its pose in the frame of an earlier image of the
+// same camera and size.
 struct ViewPair
 {
   Pinhole camera;
@@ -37,7 +37,7 @@ struct Segments
 struct OcclusionEvidence
 {
   double occluding;            // log-odds of a segment that occludes with all its pixels
-  double min_occluding_share;  // a smaller share is an effect of the segment's edges: no evidence
+  double min_occluding_share;  // up to this share, occlusion at the segment's edges: no evidence
   double mixed_share;  // from this share on, equal depth of the other pixels is no evidence
   double agreeing;     // log-odds against motion of a segment that has the earlier depth
 };
@@ -98,7 +98,8 @@ struct Points
 
 // Write the (num_poses, 2) sums of the weights of the points that each pose explains, for two sets
 // of weights. A point counts 1 - (residual / limit)^2, and nothing beyond `limit` standard
-// deviations.
+// deviations. That of u and v is `pixel_px`; that of the disparity is `disparity_noise_px` of the
+// camera, in units of `pixel_px`.
 void score_poses(
   const optimize::StereoParams& camera, double pixel_px, double limit,
   const double* T_camera_world, int num_poses, const Points& points, double* score_out);

@@ -32,7 +32,8 @@ struct Columns
   }
 };
 
-// Inverse variances that residuals are weighted with.
+// 1 / (standard deviation of pixels * limit)^2, and the inverse variance of the disparity in units
+// of the variance of pixels.
 struct Noise
 {
   double per_limit2, per_disparity2;

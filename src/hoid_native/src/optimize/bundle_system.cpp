@@ -10,8 +10,8 @@ namespace {
 // Chosen: cost of a point behind its camera, far above any Huber cost, so that such steps are
 // rejected.
 constexpr double kCostBehind = 1e3;
-// Chosen: a dense factorization uses vector instructions and is several times as fast per
-// operation as a sparse one.
+// Chosen: share of the pairs of cameras with a block from which on the factorization is dense. It
+// uses vector instructions and is several times as fast per operation as a sparse one.
 constexpr double kDenseShare = 0.2;
 
 // J_map = J_point R: derivatives by the point in the map frame.

@@ -67,7 +67,7 @@ public:
   // The cameras h <= i with a block, ascending.
   const std::vector<int32_t>& row(int i) const { return rows_[i]; }
 
-  // Whether so many blocks are there that a dense factorization is faster.
+  // Whether there are so many blocks that a dense factorization is faster.
   bool is_dense() const;
 
 private:
@@ -86,7 +86,7 @@ private:
 void eliminate(
   const Window& window, const System& system, double damping, PoseBlocks& S, double* right);
 
-// Update the points by back-substitution of a step of the cameras.
+// Update the points by back-substitution of a step of the cameras (the twists of the free ones).
 void move_points(
   const Window& window, const System& system, double damping, const double* step, State& state);
 

@@ -1,8 +1,8 @@
 // Nonlinear least squares on pixels and disparities: the pose of one image, or bundle adjustment.
 //
 // Pixels and the disparity u - u_right are independent measurements, each with its own robust
-// kernel (decision 002). Outliers are identified on (u, v, u_right), as by Mur-Artal and Tardos,
-// T-RO 2017.
+// kernel (decision 002), unless `joint_noise` is on. Outliers are identified on (u, v, u_right),
+// as by Mur-Artal and Tardos, T-RO 2017.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@ struct StereoParams
   double fx_px, fy_px, cx_px, cy_px, disparity_px_m;
   double disparity_noise_px;  // standard deviation of a disparity: constant part
   double relative_noise;      // and part proportional to the disparity
-  double pixel_noise;         // standard deviation of pixels, in units of that in their weights
+  double pixel_noise;         // standard deviation of u and v, in units of that in `inv_sigma2`
   bool joint_noise;           // u, v and u_right have equal noise and one kernel, as in ORB-SLAM
 };
 
@@ -34,7 +34,7 @@ struct PoseProblem
 {
   const double* points_m;     // (count, 3)
   const double* measured_px;  // (count, 3) u, v, u_right; NaN u_right: no depth
-  const double* inv_sigma2;   // (count)
+  const double* inv_sigma2;   // (count) 1 / variance of u, and equally of v, in 1/px^2
   int count;
 };
 
@@ -59,7 +59,8 @@ PoseFit optimize_pose(
 
 struct MatchEvaluation
 {
-  std::vector<double> cost;  // squared errors normalized by the measured noise, at most the gates
+  // Squared errors of pixel and disparity over their variances, each truncated at its limit.
+  std::vector<double> cost;
   std::vector<uint8_t> inliers;
 };
 
@@ -77,7 +78,7 @@ struct BiasingRegion
 };
 
 // Return the region without which the other matches fit best. Variances are `noise_scale` times
-// those of the camera.
+// those that camera and `inv_sigma2` state. `joint_noise` has no effect.
 BiasingRegion most_biasing_region(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
   const PoseArray& T_camera_map, double noise_scale);
@@ -91,7 +92,7 @@ struct BundleProblem
   int num_points;
   const int64_t *camera, *point;  // (num_observations) indices
   const double* measured_px;      // (num_observations, 3) u, v, u_right; NaN u_right: no depth
-  const double* inv_sigma2;
+  const double* inv_sigma2;       // (num_observations) 1 / variance of u, and equally of v
   int num_observations;
 };
 
@@ -99,7 +100,7 @@ struct BundleFit
 {
   std::vector<double> T_camera_map, points_m;
   std::vector<double> chi2;  // of each observation; infinite behind the camera
-  double cost_before, cost_after;
+  double cost_before, cost_after;  // of all observations, and of those in the last round
 };
 
 // Bundle adjustment (Levenberg-Marquardt, Huber kernels) in rounds; outliers are dropped between

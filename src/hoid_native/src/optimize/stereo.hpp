@@ -40,8 +40,8 @@ ALWAYS_INLINE double at_most(double value, double limit)
   return value < limit ? value : limit;
 }
 
-// One measurement (u, v, u_right); NaN u_right: no depth. `weight` is the inverse variance of
-// pixels.
+// One measurement (u, v, u_right); NaN u_right: no depth. `weight` is the inverse variance of u
+// and of v that `inv_sigma2` states, without the factor `pixel_noise`.
 struct Observation
 {
   const double* measured;
@@ -79,8 +79,8 @@ ALWAYS_INLINE void residual(
   out[2] = !seen.has_depth() ? 0.0 : kJoint ? out[0] - disparity : disparity;
 }
 
-// Return the statistic of the outlier test: squared residuals of u, v and u_right at the pixel
-// noise.
+// Return the statistic of the outlier test: the sum of the squared residuals of u, v and u_right,
+// all divided by the variance of pixels.
 template <bool kJoint>
 ALWAYS_INLINE double chi2(const Observation& seen, const double* e)
 {
