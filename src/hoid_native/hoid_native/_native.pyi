@@ -484,7 +484,7 @@ class StereoParams:
     @property
     def relative_noise(self) -> float:
         """
-        Part of the standard deviation of a disparity that is proportional to it: its share.
+        Proportional part of the standard deviation of a disparity, as a share of the disparity.
         """
 
     @property

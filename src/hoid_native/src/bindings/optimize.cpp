@@ -172,7 +172,7 @@ A depth is expressed as the disparity u - u_right = disparity_px_m / depth_m.)")
       "Constant part of the standard deviation of a disparity, in pixels.")
     .def_ro(
       "relative_noise", &StereoParams::relative_noise,
-      "Part of the standard deviation of a disparity that is proportional to it: its share.")
+      "Proportional part of the standard deviation of a disparity, as a share of the disparity.")
     .def_ro(
       "pixel_noise", &StereoParams::pixel_noise,
       "Standard deviation of u and v, divided by the standard deviation that `inv_sigma2` states.")
