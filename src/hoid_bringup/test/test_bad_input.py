@@ -1,4 +1,4 @@
-"""Wrong input gives one line that names the cause, status 1, and no new file."""
+"""Commands answer wrong input with one line that names the cause, status 1 and no new file."""
 
 from __future__ import annotations
 

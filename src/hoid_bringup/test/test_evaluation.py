@@ -1,4 +1,4 @@
-"""A trajectory with known errors is evaluated to exactly these."""
+"""The evaluation of a trajectory with known errors returns exactly these errors."""
 
 from __future__ import annotations
 

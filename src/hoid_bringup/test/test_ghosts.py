@@ -36,7 +36,7 @@ WALL, BOARD = texture(1, 320), texture(2, WIDTH_PX)
 
 
 class Passing:
-    """The images, of any number."""
+    """A recording of the board that passes in front of a wall, seen by a camera at rest."""
 
     name = 'passing'
     camera = CAMERA
@@ -58,7 +58,7 @@ class Passing:
 
 
 def run(strategy: str) -> tuple[OfflinePipeline, int]:
-    """Return a pipeline after all images, and the number of cloud points off the wall."""
+    """Return the pipeline after all images, and the number of cloud points not on the wall."""
     config = RunConfig().updated({'filter.strategy': strategy, 'slam.dense.rate_hz': 30})
     pipeline = OfflinePipeline(Passing(), config, lambda _: None, dense=True)
     for frame in Passing():

@@ -29,7 +29,7 @@ IMAGE, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 
 
 class FakeBag:
-    """The parts of a bag that a replay plan uses."""
+    """A bag with only the attributes that a replay plan uses."""
 
     path = Path('a bag')
     name = 'a bag'

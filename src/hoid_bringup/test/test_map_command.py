@@ -19,7 +19,7 @@ from .test_offline import WallSequence
 
 @dataclass
 class OtherWall(WallSequence):
-    """The same slide along a wall with another texture."""
+    """A recording of the same motion along a wall with another texture."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

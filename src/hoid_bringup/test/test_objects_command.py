@@ -19,7 +19,7 @@ from .test_offline import PERIOD_NS, WALL_M, WallSequence
 
 
 class WallWithPicture(WallSequence):
-    """A wall with a picture, which a detector takes for a screen."""
+    """A recording of a wall with a picture, which the detector calls a screen."""
 
     def detect(self, frame: RgbdFrame) -> Detections:
         x, y = (2 * step for step in self.step(frame.stamp_ns // PERIOD_NS))

@@ -28,7 +28,7 @@ STRAY_M = np.array([1e5, 1e-4, 1e30, 101.0], np.float32)
 
 @dataclass
 class WallSequence:
-    """The camera slides right, then down; the wall is 2 m away."""
+    """A recording in which the camera slides right, then down, along a wall 2 m away."""
 
     name: str = 'wall'
     camera: CameraModel = CAMERA
@@ -62,7 +62,7 @@ class WallSequence:
 
 
 class StrayWall(WallSequence):
-    """The same wall, seen by a camera with values that are no depth among its readings."""
+    """The same wall, seen by a camera whose depth images contain values that are no depths."""
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         rng = np.random.default_rng(1)

@@ -85,7 +85,7 @@ def test_a_child_is_restarted_at_once_unless_it_was_just_started() -> None:
 
 
 def exits_of(group: Supervisor, number: int) -> list[ProcessExit]:
-    """Poll until a number of children have ended, and return how."""
+    """Poll until `number` children have ended, and return their exits in order."""
     exits: list[ProcessExit] = []
     deadline_s = time.monotonic() + 60
     while len(exits) < number:
@@ -106,7 +106,7 @@ def test_a_child_that_refuses_its_first_start_is_not_restarted(tmp_path: Path) -
 
 
 def test_a_child_that_refuses_a_restart_is_tried_again_until_it_starts(tmp_path: Path) -> None:
-    """As when a file that it needs is damaged, and repaired later."""
+    """A file that the child needs is missing for a time, as if it were damaged and repaired."""
     good, period_s = tmp_path / 'good', 0.05
     code = (
         'import time; from pathlib import Path\n'
