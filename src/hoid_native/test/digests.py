@@ -17,7 +17,7 @@ import numpy as np
 
 
 def load_from(folder: str) -> None:
-    """Use the compiled module in a folder as that of hoid_native."""
+    """Load the compiled module in a folder in place of the installed one."""
     (file,) = Path(folder).glob('_native.*.so')
     spec = importlib.util.spec_from_file_location('hoid_native._native', file)
     assert spec is not None

@@ -40,7 +40,7 @@ def test_equals_numpys_median() -> None:
 
 @pytest.mark.parametrize('side_px', [1, 2, 5, 10])
 def test_median_equals_numpys_to_the_bit(side_px: int) -> None:
-    """For few or many readings, odd or even numbers, equal or scattered depths."""
+    """The medians are equal for few and many, odd and even, equal and scattered readings."""
     rng = np.random.default_rng(side_px)
     for spread_m in (0.0, 1e-6, 0.01, 1.0, 60.0):
         depth_m = (0.3 + rng.random((40, 60)) * spread_m).astype(np.float32)

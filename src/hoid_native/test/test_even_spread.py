@@ -52,7 +52,7 @@ def by_definition(
     budgets: NDArray[np.int64],
     area_px: float,
 ) -> list[int]:
-    """Return the indices to keep by the definition, one corner after the other."""
+    """Return the indices of the corners to keep, selected one by one as defined."""
     per_px = np.sqrt(np.maximum(budgets, 1) / area_px).astype(np.float32)
     cell = (uv_px * per_px[octave][:, None]).astype(int)
     in_cell: dict[tuple[int, ...], int] = {}

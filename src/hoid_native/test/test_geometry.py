@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 
 def rotation(w: FloatArray) -> FloatArray:
-    """Rodrigues' formula."""
+    """Return the rotation matrix (3, 3) of a rotation vector (3,) by Rodrigues' formula."""
     angle = np.linalg.norm(w)
     W = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]]) / angle
     turn: FloatArray = np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
@@ -110,7 +110,7 @@ def test_information_equals_that_of_numeric_derivatives() -> None:
 
 
 def test_joint_noise_weighs_u_right_like_u_and_v_under_one_kernel() -> None:
-    """Against scipy: ORB-SLAM's least squares on (u, v, u_right), with a Huber kernel over all."""
+    """The result equals SciPy's for least squares on (u, v, u_right) with one Huber kernel."""
     rng, points = scene(7, 80)
     measured = pixels(TRUTH, points) + rng.normal(0, 0.8, (80, 3))
     measured[::4, 2] = np.nan
@@ -224,7 +224,7 @@ def test_what_does_not_fit_bends_the_first_round_alone() -> None:
 
 
 def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
-    """Against scipy with numeric derivatives: those by the point are right, and so are weights."""
+    """The result equals that of SciPy, so that derivatives by the point and weights are right."""
     rng = np.random.default_rng(6)
     point = np.array([0.3, -0.2, 2.5])
     poses = np.stack([pose([0.02 * i, -0.05 * i, 0.01], [0.1 * i, 0.02, 0.0]) for i in range(4)])
@@ -253,7 +253,7 @@ def test_a_point_between_fixed_cameras_is_their_least_squares() -> None:
 
 
 def test_kernels_are_as_wide_as_the_noise() -> None:
-    """Pixels off by 2 px count less for a camera whose pixels are good to 0.1 px."""
+    """Errors of 2 px have less weight for a camera whose pixel noise is 0.1 px."""
     _, points = scene(4, 100)
     measured = pixels(TRUTH, points)
     measured[:20, 0] += 2.0

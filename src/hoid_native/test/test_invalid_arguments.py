@@ -143,7 +143,7 @@ def test_valid_values_pass() -> None:
 
 @pytest.mark.parametrize('far', [np.nan, np.inf, -np.inf, 1e30, -3e9])
 def test_features_from_a_distortion_that_diverges_match_nothing(far: float) -> None:
-    """They cannot be converted to the integer index of a grid cell."""
+    """Such positions cannot be converted to the integer index of a grid cell."""
     measured = np.array([[far, 10, 0], [10, 10, 0], [10, far, 0]], np.float32)
     descriptors = np.zeros((3, 32), np.uint8)
     octave = np.zeros(3, np.int8)
@@ -169,7 +169,7 @@ def test_boxes_far_beyond_the_image_repeat_its_edge() -> None:
 
 
 def test_too_little_memory_raises_a_memory_error() -> None:
-    """A dense system of 200,000 cameras takes 11 TB."""
+    """The dense system of 200,000 cameras would take 11 TB, and raises a MemoryError."""
     poses = np.broadcast_to(np.eye(4), (200_000, 4, 4))
     none = np.zeros(0, np.int64)
     with pytest.raises(MemoryError):

@@ -61,7 +61,10 @@ def test_pixels_without_a_reading_have_no_segment() -> None:
 def evidence(
     depth_m: np.ndarray, label: np.ndarray, *earlier: tuple[np.ndarray, np.ndarray]
 ) -> np.ndarray:
-    """Return the log-odds from earlier views (T_earlier_now, depth); evidence is 2 or -0.5."""
+    """Return the log-odds of segments from earlier views, given as (T_earlier_now, depth).
+
+    A segment that occludes has 2, one that agrees -0.5.
+    """
     views = [(T, both(earlier_m), 0.5) for T, earlier_m in earlier]
     num = int(label.max()) + 1
     return occlusion_log_odds(CAMERA, depth_m, label, num, views, MARGIN, (2.0, 0.1, 0.25))
@@ -108,7 +111,7 @@ def test_the_motion_of_the_camera_is_compensated() -> None:
 def propagated(
     T_previous_now: np.ndarray, depth_m: np.ndarray, previous_m: np.ndarray, log_odds: np.ndarray
 ) -> np.ndarray:
-    """Return the propagated log-odds without new evidence."""
+    """Return the propagated log-odds, without decay and without new evidence."""
     label, none = np.full(SHAPE, -1, np.int32), np.empty(0, np.float32)
     return propagate_log_odds(
         CAMERA, T_previous_now, depth_m, previous_m, log_odds, MARGIN, 1.0, label, none, 1e9

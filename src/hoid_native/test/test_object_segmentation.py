@@ -50,13 +50,13 @@ def plain_segmentation(
 
 
 def beyond(first: int, last: int) -> slice:
-    """Return the side of an area with a tenth of it on either side."""
+    """Return the range of columns or rows of an area, extended by a tenth at either end."""
     more = (last - first + 5) // 10
     return slice(max(first - more, 0), last + more)
 
 
 def scene(rng: np.random.Generator) -> NDArray[np.float32]:
-    """Return blocks before a slanted wall, with noise, holes and thin bridges."""
+    """Return the depth of blocks in front of a slanted wall, with noise, holes, thin bridges."""
     depth_m = np.tile(np.linspace(2, 4, WIDTH, dtype=np.float32), (HEIGHT, 1))
     for _ in range(8):
         x, y, width, height = rng.integers(0, (WIDTH, HEIGHT, 30, 30))
@@ -94,7 +94,7 @@ def test_objects_are_segmented_like_the_reference(num: int) -> None:
 
 
 def test_a_winding_region_is_one() -> None:
-    """A snake whose parts only connect in the last row."""
+    """The region winds, so that its parts are only connected in the last rows."""
     depth_m = np.zeros((9, 11), np.float32)
     depth_m[:, :3] = depth_m[:, 4:7] = depth_m[:, 8:] = depth_m[6:] = 2.0
     areas = np.array([[0, 0, 11, 9]], np.int32)

@@ -41,7 +41,7 @@ def plain_person_m(depth_m: NDArray[np.float32], box: list[float], known_m: floa
 
 @pytest.mark.parametrize('depth_mm', [1299, 1300, 1301, 2100, 4700])
 def test_a_flat_person_has_the_depth_of_every_reading(depth_mm: int) -> None:
-    """Also if rounding puts a reading on the border of two bins."""
+    """The depth is right even if rounding puts a reading on the border of two bins."""
     depth_m = np.full((40, 40), depth_mm / 1000, np.float32)
     assert person_m(depth_m, WHOLE) == pytest.approx(depth_mm / 1000)
 
@@ -53,7 +53,7 @@ def test_a_partly_hidden_person_keeps_the_known_depth() -> None:
 
 
 def test_a_known_depth_of_the_background_is_dropped() -> None:
-    """Only an arm was visible before, and the wall behind it counted as the person."""
+    """The known depth is that of the wall: only an arm was visible in the earlier image."""
     depth_m = np.full((40, 40), 3.6, np.float32)
     depth_m[:, 6:34] = 2.6
     assert person_m(depth_m, WHOLE, 3.9) == pytest.approx(2.6)

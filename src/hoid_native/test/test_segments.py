@@ -14,7 +14,7 @@ MOST = 60
 
 
 def distance_px(pixel: FloatArray, segment: FloatArray) -> float:
-    """Return the least distance to the segment, by ever finer sampling."""
+    """Return the smallest distance of a pixel to a segment, by ever finer sampling."""
     low, high = 0.0, 1.0
     for _ in range(3):
         shares = np.linspace(low, high, 41)
