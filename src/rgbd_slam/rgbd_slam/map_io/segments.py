@@ -90,7 +90,7 @@ class Segment:
             self._descriptor = None
 
     def is_wasteful(self, num_alive: int, spare_bytes: int) -> bool:
-        """Return whether unused rows take over `spare_bytes` more bytes than the used ones.
+        """Return whether the unused rows are larger than the used ones by over `spare_bytes`.
 
         Args:
             num_alive: Number of the rows that are still used.
