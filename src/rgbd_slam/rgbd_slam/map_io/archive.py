@@ -30,7 +30,8 @@ R = TypeVar('R', bound=Record)
 MANIFEST = 'manifest.json'
 PARTIAL = '.partial-'  # first part of the name of a file that is being written
 _HEADER_BYTES = 128
-# Protection from zip bombs: a map unpacks to about twice the size of its file.
+# Protection from zip bombs: largest ratio of unpacked bytes to the size of the file. Maps are not
+# compressed; those of earlier versions unpack to about twice the size of their files.
 _MAX_EXPANSION = 50
 _SMALL_BYTES = 1_000_000  # chosen: so many unpacked bytes are harmless in any case
 # Chosen: a manifest has less than 1 kB.

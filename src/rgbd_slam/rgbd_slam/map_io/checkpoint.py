@@ -112,7 +112,7 @@ class CheckpointFolder:
     def remove(self) -> None:
         """Delete the checkpoint, so that no node resumes its map; errors are ignored."""
         with suppress(OSError):
-            self._index.unlink(missing_ok=True)  # first: what is left is no checkpoint
+            self._index.unlink(missing_ok=True)  # first: without it, there is no checkpoint
         shutil.rmtree(self.path, ignore_errors=True)
 
 

@@ -19,9 +19,10 @@ _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are 
 _THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `voxel_map.py`)
 _MAX_TILT_RAD = np.deg2rad(20.0)  # not tuned: without a base frame the map is only nearly level
 _MAX_SHARE_BELOW = 0.03  # of all points; a plane with more points below is a table; not tuned
-_MIN_SHARE = 0.03  # of all points that must lie on the floor; not tuned
-# Chosen: least standard deviation of the floor across its length. In a map that is tilted by 45
-# degrees, the lowest edge between floor and wall is a strip of about 0.03 m.
+_MIN_SHARE = 0.03  # smallest share of all points that lie on the floor; not tuned
+# Chosen: smallest standard deviation of the floor's points across the direction in which they
+# extend most. In a map that is tilted by 45 degrees, the lowest edge between floor and wall is a
+# strip of about 0.03 m.
 _MIN_WIDTH_M = 0.1
 _MAX_POINTS = 6000  # chosen, to bound the time: all planes are compared with all points
 _MIN_POINTS = 100  # not tuned: fewer points show no floor

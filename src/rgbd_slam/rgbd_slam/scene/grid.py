@@ -99,9 +99,9 @@ def compose_grid(
     """Return the grid that joins the cells of all submaps, of which there must be at least one.
 
     A cell is occupied if it has a voxel between `min_height_m` and `max_height_m` on which enough
-    images agree. It is free if it has such voxels of the floor, no voxel above the floor on which
-    too few images agree, and if the space above it is known to be free up to `clear_height_m`.
-    Other cells are unknown.
+    images agree. It is free if it has a voxel of the floor on which enough images agree, no voxel
+    between these heights, not even an unconfirmed one, and if the space above it is known to be
+    free up to `clear_height_m`. Other cells are unknown.
 
     Args:
         parts: The cells of each submap.

@@ -28,7 +28,7 @@ _KNOWN_SHARE, _KNOWN_M = 0.15, 0.15
 _THICKNESS_SHARE, _THICKNESS_M = 0.6, (0.12, 0.45)
 _TORSO_M = 0.45  # a person's readings are within this distance of the nearest layer
 _UPPER_SHARE = 0.6  # upper part of a person's box, without the legs, which move back and forth
-# Assumed extent along the view of an object, whose back is hidden; its width if that is smaller.
+# Assumed extent along the view of an object whose back is hidden; its width if that is smaller.
 _HIDDEN_M = 0.15
 _BODY_RADIUS_M = 0.12  # from the surface of the chest to the center of the body
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero

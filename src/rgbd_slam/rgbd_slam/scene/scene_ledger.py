@@ -199,9 +199,9 @@ class SceneLedger:
             self._discard(slot)
 
     def take_changes(self) -> Iterator[ViewChange]:
-        """Yield which images were stored, attached to another keyframe or removed since last time.
+        """Yield the images that were stored, reattached or removed since the last call.
 
-        For a removed image, the view of the change is None.
+        Reattached images belong to another keyframe. The view of a removed image is None.
         """
         before, self._reported = self._reported, dict(self._views)
         for slot, view in self._reported.items():

@@ -83,7 +83,8 @@ class SceneMapper:
         self._object_map = ObjectMap(camera) if is_mapped else None
         self._is_map_level = is_map_level
         self._floors: LocalFloors | None = None
-        self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}  # with their key
+        # The cells below each submap, and the key for which they are valid.
+        self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}
 
     def reconfigure(self, dense: DenseConfig) -> bool:
         """Apply the parameters of the dense map that may change at run time.

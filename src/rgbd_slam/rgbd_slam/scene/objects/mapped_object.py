@@ -15,9 +15,9 @@ from rgbd_slam.scene.objects.place import Place
 from rgbd_slam.scene.objects.segmentation import KnownBox, Segment
 from rgbd_slam.scene.objects.voxel_set import VoxelSet, keys_of
 
-# None of these numbers was tuned where no other source is named. "Look" means an image in which
-# the object may be seen, and "sighting" one in which it was detected. Numbers of sightings, and
-# time between the first and the last one, of a published object.
+# None of these numbers was tuned where no other source is named. A look is an image in which the
+# object may be seen, a sighting one in which it was detected. A published object has at least so
+# many sightings, and at least this time between the first and the last one.
 _MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5
 _MIN_SEEN_SHARE = 0.5  # of the looks that show its surface, in which it must have been detected
 _PERCENTILES = (2, 98)  # of the voxels, which bound the box without outliers
@@ -26,8 +26,9 @@ _PERCENTILES = (2, 98)  # of the voxels, which bound the box without outliers
 _HIDDEN_M = 0.15
 # Length of the mean of the unit viewing directions from which on only one side was seen.
 _ONE_SIDED = 0.9
+# Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
-_MAX_LIFT_M = 1.0  # a standing object whose lowest voxel is higher is not on the floor
+_MAX_LIFT_M = 1.0  # furniture whose lowest voxel is higher above the floor does not stand on it
 _CELL_SIGMAS = 2.0  # side of the cells in which hits are counted, in standard deviations of depth
 # By how much a known object may grow on each side in a look: length, and share of its size.
 _GROWTH_M, _GROWTH_SHARE = 0.05, 0.15

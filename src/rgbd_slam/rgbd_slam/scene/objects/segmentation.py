@@ -131,7 +131,7 @@ def _taken(owner: IntArray, detections: Sequence[DynamicObject], d: int) -> Bool
 
 
 def _conflicts(segments: list[Segment], view: ObjectView) -> list[tuple[int, BoolArray]]:
-    """Return the segments that lose pixels to others: their indices, and (h, w) masks of those."""
+    """Return the segments that lose pixels to others, as indices with (h, w) masks of these."""
     taken: dict[int, BoolArray] = {}
     masks = [_mask(segment.pixels, view) for segment in segments]
     fits = [_fit(segment, view) for segment in segments]

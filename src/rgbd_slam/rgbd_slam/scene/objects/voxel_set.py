@@ -1,4 +1,7 @@
-"""The voxels of one object, with the evidence for each."""
+"""The voxels of one object, with the evidence for each.
+
+A look is an image in which the object may be seen.
+"""
 
 from __future__ import annotations
 
