@@ -100,7 +100,7 @@ class OfflinePipeline:
 
         Raises:
             MapFileError: The file is not a valid map, the map has other octaves, its camera
-            differs too much to extend it, or its dense map has other voxels.
+                differs too much to extend it, or its dense map has other voxels.
         """
         content = map_file.load(path)
         loaded = self._session.robot_map.load(content, extend=not localize)

@@ -57,8 +57,8 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
 def num_frames_of_run(trajectory: Path) -> int | None:
     """Return `frames_total` from the summary of the run that wrote a trajectory.
 
-    None is returned if the file has not the name of a run's trajectory, or if there is no valid
-    summary beside it.
+    None is returned if the file does not have the name of a run's trajectory, or if there is no
+    valid summary beside it.
     """
     path = trajectory.parent / SUMMARY
     if trajectory.name not in (FINAL, ONLINE) or not path.is_file():

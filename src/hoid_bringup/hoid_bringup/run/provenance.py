@@ -1,4 +1,4 @@
-"""With what a result was made: command, version of the code, machine and detector."""
+"""Provenance of a result: command, version of the code, machine and detector."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class DetectorFile:
 
 @dataclass(frozen=True)
 class Provenance:
-    """With what a result was made: command, version of the code, machine and detector."""
+    """Provenance of a result: command, version of the code, machine and detector."""
 
     command: str  # command line, quoted for a shell
     commit: str  # commit of the source tree, with "-dirty" if files differ; empty outside a clone
@@ -40,7 +40,7 @@ class Provenance:
 
     @classmethod
     def of_this_process(cls, options: Mapping[str, Any]) -> Provenance:
-        """Return with what the results of this process are made.
+        """Return the provenance of the results of this process.
 
         Args:
             options: Options of the run, as in its summary.
