@@ -158,9 +158,10 @@ class ObjectMap:
         )
 
     def load(self, state: ObjectMapState, keyframe_uids: IntArray) -> None:
-        """Add the objects of a saved map, whose keyframes are in the last correction.
+        """Add the objects of a saved map, whose keyframes the last `correct` must have contained.
 
-        They keep their numbers, unless a confirmed object of this map has the same one.
+        They keep their numbers, unless a confirmed object of this map has the same one. Then the
+        saved object gets a new number.
 
         Args:
             state: The saved objects.
