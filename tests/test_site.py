@@ -22,7 +22,8 @@ def first_numbers(page: Page, column: int) -> list[float]:
     cells = (
         page.locator(_TABLE).first.locator(f'tbody tr td:nth-child({column})').all_inner_texts()
     )
-    return [float(cell.split()[0]) for cell in cells if cell != '-']
+    values = [cell.split()[0] for cell in cells if cell != '-']
+    return [0.0 if value == 'equal' else float(value) for value in values]
 
 
 def test_tables_of_results_sort_by_mouse_and_by_keyboard(tmp_path: Path) -> None:

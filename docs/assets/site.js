@@ -1,7 +1,7 @@
 // In tables short names and numbers do not break, long names do after a slash or a bar. Tables with a column of numbers sort
 // by the header that is pressed; a column of numbers by its first number, and what has none stays at the end.
 document$.subscribe(() => {
-  const number = cell => Number(cell.textContent.match(/^\s*(-?\d+(\.\d+)?)/)?.[1] ?? NaN)
+  const number = cell => cell.textContent.trim() === 'equal' ? 0 : Number(cell.textContent.match(/^\s*(-?\d+(\.\d+)?)/)?.[1] ?? NaN)
   for (const code of document.querySelectorAll('.md-typeset td code')) if (code.textContent.length < 28) code.dataset.short = ''
   for (const cell of document.querySelectorAll('.md-typeset td')) {
     if (cell.textContent.length < 13) cell.dataset.short = ''

@@ -139,6 +139,7 @@ def test_a_table_names_its_commit_and_machine_once(root: Path, plan: Plan) -> No
     text = (root / 'docs/page.md').read_text()
     assert '| `a` | `hoid2d` | ground-truth boxes | 0.0200 [0.0200-0.0200] | 75.0 % |' in text
     assert 'Made at commit c1, on M.' in text
+    assert '\nRecorded: `a`, `b`.\n\n| sequence |' in text
     assert text.startswith('# Page\n')
     assert text.endswith('<!-- /bench -->\n\nEnd.\n')
     assert 'old' not in text
@@ -160,7 +161,7 @@ def test_rows_of_another_commit_say_so(root: Path, plan: Plan) -> None:
         *('c1', 'c1'),
         *('c2', 'c2'),
     ]
-    assert 'Made at the commit in its row, on M.' in text
+    assert 'Made at commits c1, c2, on M.' in text
 
 
 def test_an_experiment_that_is_not_complete_stays_as_it_was(root: Path, plan: Plan) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hoid_benchmarks.jobs.results import Result, key_value, read_result, spread, write_result
+from hoid_benchmarks.plan.kinds import kinds_text
 from hoid_benchmarks.plan.plan import Experiment, Job, Plan, load_plan
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.report.headlines import headlines
@@ -81,6 +82,29 @@ def test_the_comparison_states_improvement_in_percent(plan: Plan) -> None:
     assert table.markdown().count('\n') == 2 + len(table.rows)
     assert table.csv().splitlines()[0].startswith('sequence,filter')
     assert [c.text for c in row[5:8]] == ['none', '1.000', '']
+
+
+def test_a_difference_within_the_range_of_the_runs_is_equal(plan: Plan) -> None:
+    compare = plan.experiments[0]
+    noise = {0: 0.0, 1: 0.1}  # of runs with different seeds
+    better = {}
+    for filtered in (0.25, 0.35):
+        ate = {'none': 0.4, 'hoid2d': filtered}
+        every = [result(j, ate[j.filter] + noise[j.seed]) for j in compare.jobs]
+        table = make_table(compare, every)
+        better[filtered] = next(r[4] for r in table.rows if r[1].text == 'hoid2d')
+        (headline,) = headlines(plan, {r.job: r for r in every})
+        assert headline.value.text.startswith(better[filtered].text)
+    assert better[0.25].text == '33.3 %'  # 0.25 to 0.35 against 0.4 to 0.5
+    assert (better[0.35].text, better[0.35].value) == ('equal', 0.0)  # 0.35 to 0.45
+
+
+def test_the_origin_of_the_images_is_named() -> None:
+    assert kinds_text(['crowd', 'fr1_xyz', 'synth-3', 'crowd', 'fr1_xyz_people']) == (
+        'Rendered: crowd, synth-3; recorded: fr1_xyz; recorded, with people pasted in: '
+        'fr1_xyz_people.'
+    )
+    assert kinds_text([]) == ''
 
 
 def test_the_comparison_shows_the_online_error_and_the_time_of_a_frame(plan: Plan) -> None:

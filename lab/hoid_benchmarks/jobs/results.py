@@ -39,6 +39,11 @@ class Spread(NamedTuple):
     high: float
     runs: int
 
+    def overlaps(self, other: Spread) -> bool:
+        """Return whether the ranges overlap; false if a single run leaves a range unknown."""
+        is_known = min(self.runs, other.runs) > 1
+        return is_known and self.low <= other.high and other.low <= self.high
+
 
 def result_path(folder: Path, job: Job) -> Path:
     """Return the path of a job's result."""

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hoid_benchmarks.faults.cases import merged
+from hoid_benchmarks.plan.kinds import kinds_text
 from hoid_benchmarks.publish.figures import Mark, figures, save_figures
 from hoid_benchmarks.publish.literature_page import literature_page
 from hoid_benchmarks.publish.results_file import Kept, Row, read_kept
@@ -150,7 +151,9 @@ def _table(kept: Sequence[Kept]) -> str:
     heads = (*columns, 'commit')
     if len(commits) == 1:
         heads, shown = columns, [cells[:-1] for cells in shown]
-    return f'{_markdown(heads, shown)}\n{_made(rows)}'
+    at = columns.index('sequence')
+    kinds = kinds_text((row.cells[at] for row in rows), '`')
+    return f'{kinds}\n\n{_markdown(heads, shown)}\n{_made(rows)}'
 
 
 def _shown(column: str, cell: str) -> str:
@@ -162,7 +165,7 @@ def _shown(column: str, cell: str) -> str:
 def _made(rows: Sequence[Row]) -> str:
     commits = sorted({row.commit for row in rows})
     machines = '; '.join(sorted({row.machine for row in rows} - {''}))
-    of = f'at commit {commits[0]}' if len(commits) == 1 else 'at the commit in its row'
+    of = f'at commit {commits[0]}' if len(commits) == 1 else f'at commits {", ".join(commits)}'
     return f'Made {of}, on {machines}.' if machines else f'Made {of}.'
 
 
@@ -174,20 +177,18 @@ def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 def _summary(kept: dict[str, Kept]) -> str:
     """Return the table of README without the rows that have no results."""
     table = read_yaml(_SUMMARY_ROWS)
-    rows, commits = [], {name: set[str]() for name in table['filters']}
+    rows, shown = [], list[Row]()
     for wanted in table['rows']:
         ours = [_found(kept, wanted, name) for name in table['filters']]
         if None in ours:
             continue
-        for name, row in zip(table['filters'], ours, strict=True):
-            commits[name].add(row.commit)
+        shown += ours
         errors = [_median(kept[wanted['experiment']], row) for row in ours]
         rows.append(
             (wanted['words'], wanted['orb_slam3'], *errors, _DETECTORS[wanted['detector']])
         )
     heads = ('sequence', 'ORB-SLAM3', *table['filters'].values(), 'detector')
-    of = '; '.join(f'{table["filters"][n]} {", ".join(sorted(c))}' for n, c in commits.items())
-    return f'{_markdown(heads, rows)}\nCommits: {of}.\n'
+    return f'{_markdown(heads, rows)}\n{_made(shown)}\n'
 
 
 def _found(kept: dict[str, Kept], wanted: dict[str, Any], name: str) -> Any:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hoid_benchmarks.jobs.results import Result, key_value, spread
+from hoid_benchmarks.plan.kinds import kind_of
 from hoid_benchmarks.plan.plan import Job, Plan
 from hoid_benchmarks.report.page import Headline
-from hoid_benchmarks.report.tables import Cell
+from hoid_benchmarks.report.tables import EQUAL, Cell, reduction
 from hoid_benchmarks.report.views import by_method, grouped
 
 _MOST = 6
@@ -24,15 +25,20 @@ def headlines(plan: Plan, results: Mapping[Job, Result]) -> tuple[Headline, ...]
 
 def _headline(results: list[Result]) -> Headline | None:
     methods = list(grouped(results, by_method).values())
-    before, after = (spread(group, _ATE).median for group in (methods[0], methods[-1]))
+    before, after = (spread(group, _ATE) for group in (methods[0], methods[-1]))
     job = methods[-1][0].job
-    if len(methods) < 2 or not before > 0 or not after > 0:
+    if len(methods) < 2 or not before.median > 0 or not after.median > 0:
         return None
-    better = 100 * (1 - after / before)
-    value = Cell(f'{abs(better):.1f} % {"better" if better >= 0 else "worse"}', better, (job,))
+    better = reduction(before, after, methods[-1])
+    words = (
+        'equal within the range of the runs'
+        if better.text == EQUAL
+        else f'{abs(better.value):.1f} % {"better" if better.value >= 0 else "worse"}'
+    )
     coverage = spread(methods[-1], _COVERAGE).median
     return Headline(
-        value,
-        f'ATE on {job.sequence}: {before:.4f} m without a filter, {after:.4f} m with {job.filter} '
-        f'({job.detector}), coverage {coverage:.2f}',
+        Cell(words, better.value, (job,)),
+        f'ATE on {job.sequence} ({kind_of(job.sequence)}): {before.median:.4f} m without a '
+        f'filter, {after.median:.4f} m with {job.filter} ({job.detector}), coverage '
+        f'{coverage:.2f}',
     )

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import plotly.offline
 
+from hoid_benchmarks.plan.kinds import kinds_text
 from hoid_benchmarks.plan.plan import Experiment, Job
 from hoid_benchmarks.report.tables import Cell, Table
 
@@ -112,7 +113,8 @@ def _intro(page: Page) -> str:
         '(over 1 s) are RMSE after SE(3) alignment without scale, poses associated within 0.02 s, '
         'of the final trajectory unless a column says online. Coverage is the share of the '
         'frames with a pose. Every number links to its runs and to the commands that repeat '
-        f'them; a click on a column sorts.</p><dl class="facts">{facts}</dl></header>'
+        'them. A difference is called equal if the ranges of the runs overlap; a click on a '
+        f'column sorts.</p><dl class="facts">{facts}</dl></header>'
     )
 
 
@@ -137,6 +139,7 @@ def _section(section: Section, run_of: Mapping[Job, int]) -> str:
     e = section.experiment
     lines = [
         f'<p>{_e(e.about)}</p>' if e.about else '',
+        f'<p>{_e(kinds_text(job.sequence for job in e.jobs))}</p>',
         f'<p class="differs"><b>Differs from the paper:</b> {_e(e.differs)}</p>'
         if e.differs
         else '',

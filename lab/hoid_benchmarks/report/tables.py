@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from hoid_benchmarks.jobs.results import Result, Spread
 from hoid_benchmarks.plan.plan import Job
 
+EQUAL = 'equal'
+"""Text of a difference that is within the range of the runs."""
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -69,6 +72,17 @@ def share(s: Spread, group: Sequence[Result]) -> Cell:
 def percent(value: float, group: Sequence[Result]) -> Cell:
     """Return a cell with a percentage."""
     return Cell('-' if math.isnan(value) else f'{value:.1f} %', value, _jobs(group))
+
+
+def reduction(before: Spread, after: Spread, group: Sequence[Result]) -> Cell:
+    """Return a cell with the reduction of a median in percent.
+
+    The text is `EQUAL` if the ranges of the runs overlap: then the difference is not known to be
+    more than the variation between runs.
+    """
+    if before.overlaps(after):
+        return Cell(EQUAL, 0.0, _jobs(group))
+    return percent(100 * (1 - after.median / before.median) if before.median else math.nan, group)
 
 
 def number(value: float, group: Sequence[Result], digits: int | None = None) -> Cell:

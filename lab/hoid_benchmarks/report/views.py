@@ -10,7 +10,16 @@ from typing import Any
 from hoid_benchmarks.jobs.masks import SHARES
 from hoid_benchmarks.jobs.results import Result, key_value, removed_share, spread
 from hoid_benchmarks.plan.plan import Experiment, Job
-from hoid_benchmarks.report.tables import Cell, Table, meters, number, percent, share, text
+from hoid_benchmarks.report.tables import (
+    Cell,
+    Table,
+    meters,
+    number,
+    percent,
+    reduction,
+    share,
+    text,
+)
 
 _ATE = key_value('ate_rmse_m')
 _COVERAGE = key_value('coverage')
@@ -89,11 +98,11 @@ def _frame_times(group: Sequence[Result]) -> Cell:
 def improvement(
     baseline: Sequence[Result], group: Sequence[Result], name: str = 'ate_rmse_m'
 ) -> Cell:
-    """Return a cell with the reduction (%) of a median; NaN between different commits."""
+    """Return a cell with the reduction of a median, empty between different commits."""
     if commits_of(baseline) != commits_of(group):
         return percent(math.nan, group)
-    before, after = (spread(g, key_value(name)).median for g in (baseline, group))
-    return percent(100 * (1 - after / before) if before else math.nan, group)
+    before, after = (spread(g, key_value(name)) for g in (baseline, group))
+    return reduction(before, after, group)
 
 
 def _curve(experiment: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
