@@ -149,6 +149,14 @@ def test_nav2_reads_a_saved_grid_as_it_is(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_a_grid_whose_image_cannot_be_written_leaves_no_file(tmp_path: Path) -> None:
+    (tmp_path / 'map.pgm').mkdir()
+    grid = Grid(np.full((2, 2), FREE, np.int8), 0.05, np.eye(4), (0, 0))
+    with pytest.raises(IsADirectoryError):
+        write_map_server(grid, tmp_path / 'map')
+    assert not (tmp_path / 'map.yaml').exists()
+
+
 def test_a_tilted_floor_gives_a_level_grid() -> None:
     """The frame of the grid is level: one of its own, or one with the map's x and y."""
     points = room(np.random.default_rng(3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -66,8 +67,7 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
         sequence: The recording, from which ground truth and camera are taken; None: it is missing.
 
     Raises:
-        InputError: A file of the run is missing or damaged, or its trajectory cannot be aligned to
-            the ground truth.
+        InputError: A file of the run is missing or damaged.
     """
     log.path(ESTIMATED_PATH, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
@@ -76,7 +76,8 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     if dense.is_file():
         log.cloud(*read_ply(dense))
     if sequence is not None and sequence.ground_truth is not None:
-        log.path(TRUE_PATH, _in_map(sequence.ground_truth, run.final))
+        with suppress(InputError):  # it cannot be aligned to so few poses
+            log.path(TRUE_PATH, _in_map(sequence.ground_truth, run.final))
 
 
 def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:

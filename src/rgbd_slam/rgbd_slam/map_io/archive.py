@@ -144,9 +144,9 @@ def read(path: Path, read_content: Callable[[Reader], T]) -> T:
         MapFileError: The file does not exist, cannot be read, is damaged, or does not fit into
             memory.
     """
-    if not path.is_file():  # also refuses pipes, whose opening would wait
-        raise MapFileError(f'{path}: there is no such file')
     try:
+        if not path.is_file():  # also refuses pipes, whose opening would wait
+            raise MapFileError('there is no such file')
         with zipfile.ZipFile(path) as archive:
             return read_content(Reader(archive, path.stat().st_size))
     except HoidError as error:

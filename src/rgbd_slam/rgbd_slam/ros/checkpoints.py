@@ -199,7 +199,7 @@ class Checkpoints:
                     'it with load_map'
                 )
             stored = self._folder.read()
-        except HoidError as error:
+        except (HoidError, OSError) as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
         finally:
             self._stored.set_result(stored)

@@ -133,14 +133,15 @@ def write_map_server(grid: Grid, stem: Path) -> None:
     The origin in the file is the corner of cell (0, 0) in the level frame, with height and yaw 0.
 
     Raises:
-        OSError: The file `stem`.yaml cannot be written.
+        OSError: A file cannot be written.
     """
     cells = grid.cells[::-1]  # the image's first row is at the largest y
     # The value 205 is an occupancy of 1 - 205 / 255 = 0.196, which is just not below the limit of
     # free cells.
     gray = np.select([cells == FREE, cells == OCCUPIED], [254, 0], 205).astype(np.uint8)
     image = stem.with_name(f'{stem.name}.pgm')  # not with_suffix: a date contains dots
-    cv2.imwrite(str(image), gray)
+    _, encoded = cv2.imencode(image.suffix, gray)
+    image.write_bytes(encoded.tobytes())
     x, y = grid.origin_m
     stem.with_name(f'{stem.name}.yaml').write_text(
         f'image: {image.name}\nmode: trinary\nresolution: {grid.resolution_m}\n'
