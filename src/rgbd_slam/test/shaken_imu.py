@@ -57,7 +57,8 @@ class ShakenImu:
         offset_s: Time by which the stamps of the IMU are later.
         gyro_bias: (3,) rad/s.
         given: The mounting that the `Imu` is told; None: none.
-        distort: Changes the rates (N, 3) and returns the faulty ones; None: no fault.
+        distort: Changes the rates (N, 3) and returns the faulty ones; None: no fault. It may be
+            set later.
         accelerometer: Whether there is one.
         gyro: Whether there is one.
     """
@@ -76,7 +77,7 @@ class ShakenImu:
     ) -> None:
         self.imu = Imu(ImuConfig(), given)
         self._R_imu_camera = np.eye(3) if R_camera_imu is None else R_camera_imu.T
-        self._offset_s, self._distort = offset_s, distort
+        self._offset_s, self.distort = offset_s, distort
         self._bias = np.zeros(3) if gyro_bias is None else gyro_bias
         self._accelerometer, self._gyro = accelerometer, gyro
         self._rng = np.random.default_rng(seed)
@@ -116,7 +117,7 @@ class ShakenImu:
         if self._gyro:
             rates = np.stack([rate(s) for s in times_s.tolist()]) @ self._R_imu_camera.T
             rates += self._bias + self._rng.normal(0, 2e-3, rates.shape)
-            rates = rates if self._distort is None else self._distort(rates)
+            rates = rates if self.distort is None else self.distort(rates)
             self.imu.add_rates(Samples(stamps_ns, rates))
         if self._accelerometer:
             forces = np.stack([force(s) for s in times_s.tolist()]) @ self._R_imu_camera.T

@@ -191,6 +191,21 @@ def test_a_fault_is_noticed_said_once_and_left_out(
     assert shaken.imu.num_refused > 1
 
 
+def test_rates_that_turn_into_degrees_are_noticed_within_three_seconds() -> None:
+    shaken = ShakenImu(AXES, 0.02, BIAS)
+    shaken.run(6.0)
+    assert shaken.imu.fault is None
+    shaken.imu.take_news()
+    shaken.distort = np.rad2deg
+    shaken.run(9.0)
+    assert shaken.imu.fault is GyroFault.UNIT
+    texts = [news.text for news in shaken.imu.take_news()]
+    assert texts == [f'imu: the gyro is left out: {GyroFault.UNIT.value}']
+    shaken.distort = None
+    shaken.run(15.0)
+    assert shaken.imu.fault is None
+
+
 def test_a_gyro_that_stops_is_late_and_one_that_returns_is_used_again() -> None:
     shaken = ShakenImu()
     shaken.run(3.0)

@@ -7,7 +7,7 @@ from enum import Enum
 import numpy as np
 
 from hoid_common.values import NS_PER_S
-from rgbd_slam.inertial.gyro_calibration import GyroFit
+from rgbd_slam.inertial.gyro_calibration import GyroFit, RecentRates
 from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 
 _LOOK_NS = NS_PER_S  # chosen: the time over which samples must not all be equal
@@ -54,13 +54,28 @@ def fault_of_fit(fit: GyroFit) -> GyroFault | None:
         return None
     if fit.is_mirrored:
         return GyroFault.MIRRORED
-    in_degrees = np.rad2deg(1.0) * fit.scale
-    is_similar = fit.correlation > _MIN_CORRELATION
-    if is_similar and 1 / _UNIT_TOLERANCE < in_degrees < _UNIT_TOLERANCE:
+    if _is_in_degrees(fit.scale, fit.correlation):
         return GyroFault.UNIT
     if fit.residual_radps > _MAX_UNEXPLAINED * fit.signal_radps:
         return GyroFault.DISAGREES
     return None
+
+
+def fault_of_recent_rates(recent: RecentRates) -> GyroFault | None:
+    """Return a fault that a gyro has had for a moment only, or None.
+
+    Only another unit is noticed so early. Where both contradict otherwise, the tracked rotation
+    may be wrong as well, as in a blur.
+    """
+    is_turning = recent.signal_radps > _MIN_SIGNAL_RADPS
+    if is_turning and _is_in_degrees(recent.scale, recent.correlation):
+        return GyroFault.UNIT
+    return None
+
+
+def _is_in_degrees(scale: float, correlation: float) -> bool:
+    in_degrees = np.rad2deg(1.0) * scale
+    return correlation > _MIN_CORRELATION and 1 / _UNIT_TOLERANCE < in_degrees < _UNIT_TOLERANCE
 
 
 def is_saturated(samples: Samples) -> bool:

@@ -15,6 +15,7 @@ MAX_OFFSET_S = 0.1  # chosen: more than drivers of cameras with an IMU are off
 _COARSE_S, _FINE_S = 0.01, 0.0025  # chosen: steps of the search for the offset
 _NUM_FINE = 2  # chosen: fine steps to each side, as the next round goes on from there
 _WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations that are compared with the gyro
+_RECENT_NS = 2 * NS_PER_S  # chosen: as long as the time between two comparisons
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: a longer step between tracked images is not compared
 _MIN_STEPS = 20  # chosen: fewer tracked rotations say nothing
 # Chosen: rounds of the search, each with weights from the residuals of the one before.
@@ -50,6 +51,14 @@ class GyroFit(NamedTuple):
     scale: float  # factor that brings the rates closest to the tracked ones
     correlation: float  # of the rates with the tracked ones, 1 for a perfect gyro of any scale
     is_mirrored: bool  # a rotation and a reflection of the axes would fit much better
+
+
+class RecentRates(NamedTuple):
+    """The rates of a calibrated gyro beside the tracked ones of the last 2 s."""
+
+    scale: float  # factor that brings the rates closest to the tracked ones
+    correlation: float  # of the rates with the tracked ones, 1 for a perfect gyro of any scale
+    signal_radps: float  # RMS of the tracked rates
 
 
 class GyroCalibration:
@@ -94,14 +103,39 @@ class GyroCalibration:
             steps = steps.weighted(residuals_rad)
         return _fit(steps, offset_s, curvature, R_camera_imu)
 
-    def _steps(self, gyro: SampleBuffer) -> _Steps | None:
-        """Return the tracked rotations with samples of the gyro for all offsets."""
+    def recent_rates(self, gyro: SampleBuffer, fit: GyroFit) -> RecentRates | None:
+        """Return how the rates of the last 2 s compare with the tracked ones; None: too few.
+
+        A fit to 20 s with robust weights hardly shows what changed a moment ago.
+
+        Args:
+            gyro: The samples.
+            fit: How the gyro was, by an earlier comparison.
+        """
+        steps = self._steps(gyro, _RECENT_NS)
+        if steps is None:
+            return None
+        measured = steps.integral.over(steps.first_ns, steps.second_ns, fit.offset_s)
+        measured = (measured - steps.time_s[:, None] * fit.bias_radps) @ fit.R_camera_imu.T
+        common = float((measured * steps.tracked_rad).sum())
+        power = max(float(np.square(measured).sum()), _LEAST_RAD**2)
+        tracked_power = max(float(np.square(steps.tracked_rad).sum()), _LEAST_RAD**2)
+        return RecentRates(
+            common / power,
+            common / np.sqrt(power * tracked_power),
+            float(np.sqrt(tracked_power / len(steps.time_s)) / steps.time_s.mean()),
+        )
+
+    def _steps(self, gyro: SampleBuffer, window_ns: int = _WINDOW_NS) -> _Steps | None:
+        """Return the tracked rotations of a time with samples of the gyro for all offsets."""
         if not self._windows_ns:
             return None
         oldest_ns = self._windows_ns[-1][1] - _WINDOW_NS
         num_old = sum(1 for first_ns, _ in self._windows_ns if first_ns < oldest_ns)
         del self._windows_ns[:num_old], self._vectors_rad[:num_old]
         windows_ns = np.array(self._windows_ns, np.int64).reshape(-1, 2)
+        is_used = windows_ns[:, 0] >= windows_ns[-1, 1] - window_ns
+        windows_ns, vectors_rad = windows_ns[is_used], np.array(self._vectors_rad)[is_used]
         if len(windows_ns) < _MIN_STEPS:
             return None
         margin_ns = round((MAX_OFFSET_S + _COARSE_S) * NS_PER_S)
@@ -114,7 +148,7 @@ class GyroCalibration:
             integral,
             first_ns[is_covered],
             second_ns[is_covered],
-            np.array(self._vectors_rad)[is_covered],
+            vectors_rad[is_covered],
             np.ones(np.count_nonzero(is_covered)),
         )
 

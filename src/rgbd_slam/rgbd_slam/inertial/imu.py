@@ -12,6 +12,7 @@ from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.faults import (
     GyroFault,
     fault_of_fit,
+    fault_of_recent_rates,
     fault_of_samples,
     is_saturated,
 )
@@ -193,6 +194,11 @@ class Imu:
     def _fit(self) -> None:
         """Update the calibration and its fault."""
         before = self.fit
+        if before is not None and self._is_mounting_known:
+            recent = self._calibration.recent_rates(self._gyro, before)
+            self.fault = None if recent is None else fault_of_recent_rates(recent)
+            if self.fault is not None:
+                return
         is_known = before is not None and before.offset_sigma_s < _KNOWN_OFFSET_S
         free = self._calibration.fit(self._gyro, None, self._offset_s if is_known else None)
         if free is None:
