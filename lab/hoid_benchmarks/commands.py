@@ -22,8 +22,10 @@ from hoid_benchmarks.jobs.pairs import pair_report
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
 from hoid_benchmarks.live.cases import CASES, PUBLISHING
-from hoid_benchmarks.plan.plan import Job, Plan, load_plan
+from hoid_benchmarks.plan.official import packed_official
+from hoid_benchmarks.plan.plan import Job, Plan, experiment_ids, load_plan, plan_names
 from hoid_benchmarks.plan.sequences import Store
+from hoid_benchmarks.publish.official import OFFICIAL, official_text, sequences_text
 from hoid_benchmarks.publish.pages import (
     publish_faults,
     publish_live,
@@ -50,18 +52,30 @@ _OUT = Path('out/bench')
 def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the experiments."""
     add = parser.add_argument
+    plans = ', '.join(name for name in plan_names() if name != OFFICIAL)
+    experiments = '; '.join(f'{n}: {", ".join(experiment_ids(n))}' for n in plan_names())
+    parser.epilog = f'experiments for --only, by WHAT: {experiments}'
     add(
         'what',
         nargs='?',
         default='full',
         metavar='WHAT',
-        help=f'experiments: full, quick or a YAML file; a stage to time ({", ".join(STAGES)}); '
+        help=f'experiments: {plans} (default: %(default)s) or a YAML file; '
+        f'{OFFICIAL}: the tables of the paper on the official sequences in FOLDER; '
+        f'a stage to time ({", ".join(STAGES)}); '
         f'{_MASKS}: dynamic masks, evaluated at corners; {_PAIRS}: dynamic masks of image pairs; '
         f'{_ROOMS}: dense map, grid and object tracks of rendered rooms; '
         f'{_COVARIANCES}: published covariances compared with the errors; '
         f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)}); '
         f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)}); '
         f'{_LIVE}: what the nodes use while they run ({", ".join((*CASES, PUBLISHING))})',
+    )
+    add(
+        'folder',
+        nargs='?',
+        type=Path,
+        metavar='FOLDER',
+        help=f'{OFFICIAL}: folder of the unpacked sequences of TUM RGB-D and Bonn RGB-D Dynamic',
     )
     add('--quick', action='store_true', help='run the plan "quick", which takes a few minutes')
     add(
@@ -154,6 +168,7 @@ def bench_command(args: argparse.Namespace) -> None:
     Raises:
         HoidError: A result exceeds its bound, or the experiments cannot be read.
     """
+    _take_folder(args)
     if args.what == _FAULTS:
         _faults(args)
         return
@@ -188,6 +203,19 @@ def bench_command(args: argparse.Namespace) -> None:
         _experiments(args, store)
 
 
+def _take_folder(args: argparse.Namespace) -> None:
+    """Use FOLDER as the folder of the official sequences."""
+    if args.folder is not None and args.what != OFFICIAL:
+        raise ConfigError(
+            f'bench {args.what}: unexpected {args.folder}; only {OFFICIAL} has FOLDER'
+        )
+    args.data = args.folder or args.data
+    if args.what == OFFICIAL and args.data is None:
+        raise ConfigError(f'bench {OFFICIAL}: give the folder of the unpacked sequences')
+    if args.what == OFFICIAL and args.publish:
+        raise ConfigError(f'bench {OFFICIAL} has no page in docs/results: omit --publish')
+
+
 def _faults(args: argparse.Namespace) -> None:
     size = SLICE if args.quick else NIGHTLY
     if args.cases is not None:
@@ -214,8 +242,13 @@ def _live(args: argparse.Namespace, store: Store) -> None:
 
 def _experiments(args: argparse.Namespace, store: Store) -> None:
     what = 'quick' if args.quick else args.what
-    plan = load_plan(what, store.official_sequences())
+    here = store.official_sequences()
+    plan = load_plan(what, here)
     plan = replace(plan, command=repeating_command(what, args))
+    if what == OFFICIAL and args.data is not None:
+        named = dict.fromkeys(job.sequence for job in plan.jobs())
+        sys.stdout.write(sequences_text(here, list(named), packed_official(args.data)))
+        plan = plan.on(here)
     if args.detector:
         plan = plan.with_detector(args.detector)
     folder = args.out / plan.name
@@ -232,6 +265,8 @@ def _experiments(args: argparse.Namespace, store: Store) -> None:
         found |= running.run(plan.only(args.only).jobs())
     results = {job: found[job] for job in plan.jobs() if job in found}  # in the plan's order
     page = Report(plan, results, folder, RunList(plan, store, _ROOT)).write()
+    if what == OFFICIAL:
+        sys.stdout.write(f'{official_text(plan, results)}\n')
     sys.stdout.write(f'{_counted(results.values())}\n{page}\n')
     if args.publish:
         _publish(plan.only(args.only), results)
@@ -252,7 +287,7 @@ def repeating_command(what: str, args: argparse.Namespace) -> str:
     """Return the shell command, for the project's root, with the same plan, data and folder."""
     words = ['./hoid', 'bench', _from_root(what) if Path(what).suffix else what]
     if args.data is not None:
-        words += ['--data', _from_root(args.data)]
+        words += [*([] if what == OFFICIAL else ['--data']), _from_root(args.data)]
     if (out := _from_root(args.out)) != str(_OUT):
         words += ['--out', out]
     return shlex.join(words)

@@ -17,7 +17,7 @@ from hoid_common.errors import ConfigError, InputError
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['quick', 'full', 'readme', 'ablation'])
+@pytest.mark.parametrize('name', ['quick', 'full', 'readme', 'ablation', 'official'])
 def test_shipped_plans_load_and_their_parameters_exist(name: str) -> None:
     jobs = load_plan(name).jobs()
     assert jobs
@@ -160,7 +160,7 @@ def test_a_scene_is_rendered_anew_when_any_module_of_the_renderer_changes(
 
 def test_every_named_plan_file_is_shipped() -> None:
     folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'plan' / 'experiments'
-    names = {'quick', 'full', 'readme', 'ablation', 'scenes', 'hand_held'}
+    names = {'quick', 'full', 'readme', 'ablation', 'scenes', 'hand_held', 'official'}
     assert {p.stem for p in folder.glob('*.yaml')} == names
 
 

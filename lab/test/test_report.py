@@ -150,7 +150,7 @@ def test_published_values_are_marked_as_not_rerun() -> None:
 
 def test_the_row_of_this_project_needs_a_run() -> None:
     ours = [Result(Job('fr1_xyz', 'none', '', s), {'ate_rmse_m': 0.01}) for s in (0, 1)]
-    dynamic, static = published([*ours, Result(Job('fr1_desk', 'none', '', 0), {}, 'died')])
+    dynamic, static, _ = published([*ours, Result(Job('fr1_desk', 'none', '', 0), {}, 'died')])
     assert [c.text for c in static.rows[-1][:3]] == [
         'this project, none',
         '0.0100 [0.0100-0.0100]',
@@ -160,12 +160,14 @@ def test_the_row_of_this_project_needs_a_run() -> None:
     assert len(published()[0].rows) == len(dynamic.rows)
 
 
-def test_the_row_of_this_project_is_for_the_detector_of_the_table() -> None:
+def test_each_detector_has_its_row_of_this_project() -> None:
     ates_m = {'yolox_nano': 0.5, 'yolov8n_int8': 0.02}
     jobs = [Job('fr3_walking_xyz', 'hoid+', name, 0) for name in ates_m]
-    dynamic, _ = published([result(job, ates_m[job.detector]) for job in jobs])
-    words = [c.text for c in dynamic.rows[-1][:3]]
-    assert words == ['this project, hoid+, yolov8n_int8', '-', '0.0200']
+    dynamic, *_ = published([result(job, ates_m[job.detector]) for job in jobs])
+    assert [[c.text for c in row[:3]] for row in dynamic.rows[-2:]] == [
+        ['this project, hoid+, yolox_nano', '-', '0.5000'],
+        ['this project, hoid+, yolov8n_int8', '-', '0.0200'],
+    ]
 
 
 def test_missing_sequences_are_listed_once(plan: Plan) -> None:

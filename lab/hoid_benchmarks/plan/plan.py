@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_filter.config import ExtractionConfig
 
 _FOLDER = Path(__file__).parent / 'experiments'
+_SCENES = 'scenes'  # a file in the folder that is no plan
 _PROFILES = Path(__file__).parent / 'profiles'
 _LISTS = ('sequences', 'filters', 'seeds')
 _KEYS = (
@@ -145,6 +146,14 @@ class Plan:
             self, experiments=tuple(e for e in self.experiments if not ids or e.id in ids)
         )
 
+    def on(self, sequences: Collection[str]) -> Plan:
+        """Return the plan with only the jobs on some sequences, without empty experiments."""
+        kept = (
+            replace(e, jobs=tuple(j for j in e.jobs if j.sequence in sequences))
+            for e in self.experiments
+        )
+        return replace(self, experiments=tuple(e for e in kept if e.jobs))
+
     def job(self, key: str) -> Job:
         """Return the job with a key, which the page shows."""
         found = [job for job in self.jobs() if job.key == key]
@@ -178,7 +187,7 @@ def load_plan(name_or_path: str, official: Sequence[str] = ()) -> Plan:
     if path.suffix not in ('.yaml', '.yml'):
         path = _FOLDER / f'{name_or_path}.yaml'
     if not path.is_file():
-        known = ', '.join(sorted({p.stem for p in _FOLDER.glob('*.yaml')} - {'scenes'}))
+        known = ', '.join(plan_names())
         raise ConfigError(f'no experiments "{name_or_path}": give a YAML file or one of {known}')
     try:
         document = read_yaml(path)
@@ -188,6 +197,16 @@ def load_plan(name_or_path: str, official: Sequence[str] = ()) -> Plan:
         raise ConfigError(str(error)) from error
     except (KeyError, TypeError) as error:
         raise ConfigError(f'{path}: {str(error).splitlines()[0]}: see experiments/') from error
+
+
+def plan_names() -> list[str]:
+    """Return the names of the project's plans."""
+    return sorted({path.stem for path in _FOLDER.glob('*.yaml')} - {_SCENES})
+
+
+def experiment_ids(name: str) -> list[str]:
+    """Return the names of the experiments in a plan of the project."""
+    return [entry['id'] for entry in read_yaml(_FOLDER / f'{name}.yaml')['experiments']]
 
 
 def load_profile(name: str) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import re
 import shutil
 import subprocess
 import sys
@@ -12,17 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import hoid_synth
+from hoid_benchmarks.plan.official import WHERE, find_official, official_name, packed_official
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
 from hoid_synth.commands import add_synth_arguments, scene_config
 from hoid_synth.config import SceneConfig
 
-# Short names in experiments, and official names of TUM RGB-D and Bonn RGB-D Dynamic.
-_OFFICIAL = ((r'fr([123])_(\w+)', r'rgbd_dataset_freiburg\1_\2'), (r'bonn_(\w+)', r'rgbd_bonn_\1'))
-_SHORT = (
-    (r'rgbd_dataset_freiburg([123])_(\w+)', r'fr\1_\2'),
-    (r'rgbd_bonn_(\w+)', r'bonn_\1'),
-)
 PEOPLE_SUFFIX = '_people'
 IMU_SUFFIX = '_imu'
 """Suffix of a sequence that is run with the IMU of its recording."""
@@ -32,10 +26,6 @@ _SYNTH = 'synth-'
 _OF_OWN_CAMERA = {'d435_office': 1000}
 _MAKE_PEOPLE = 'tools/make_people_sequence.py'
 _SCENES = Path(__file__).parent / 'experiments' / 'scenes.yaml'
-_WHERE = (
-    'https://cvg.cit.tum.de/data/datasets/rgbd-dataset/download and '
-    'https://www.ipb.uni-bonn.de/data/rgbd-dynamic-dataset'
-)
 
 
 @dataclass(frozen=True)
@@ -69,9 +59,8 @@ class Store:
         name = name.removesuffix(IMU_SUFFIX)
         if options := scene_options(name):
             return self._bag(name, options)
-        folder = official_name(name)
-        if self.official is not None and folder and (self.official / folder).is_dir():
-            return self.official / folder
+        if path := self._official().get(name):
+            return path
         recording = self.shared / 'data' / name
         if recording.is_dir():
             return self.made / name if name in _OF_OWN_CAMERA else recording
@@ -86,12 +75,14 @@ class Store:
         if self.official is None:
             return ()
         if not self.official.is_dir():
-            raise InputError(f'--data {self.official}: no such folder')
-        names = tuple(filter(None, (_renamed(p.name, _SHORT) for p in self._folders())))
+            raise InputError(f'{self.official}: no such folder')
+        names = tuple(self._official())
         if not names:
+            packed = packed_official(self.official)
+            todo = f'unpack {packed[0]}' if packed else f'download from {WHERE} and unpack there'
             raise InputError(
-                f'--data {self.official}: has no folder with an official name, such as '
-                f'{official_name("fr3_walking_xyz")}; download from {_WHERE} and unpack there'
+                f'{self.official}: has no folder with an official name, such as '
+                f'{official_name("fr3_walking_xyz")}; {todo}'
             )
         return names
 
@@ -106,8 +97,9 @@ class Store:
             return ['convert', str(folder), str(self.made / name), *camera, *units]
         return []
 
-    def _folders(self) -> list[Path]:
-        return sorted(p for p in (self.official or Path()).iterdir() if p.is_dir())
+    def _official(self) -> dict[str, Path]:
+        folder = self.official
+        return find_official(folder) if folder is not None and folder.is_dir() else {}
 
     def _bag(self, name: str, options: list[str]) -> Path:
         """Return the path of a rendered bag, by a digest of scene and renderer code."""
@@ -126,11 +118,6 @@ class Store:
         shutil.rmtree(unfinished, ignore_errors=True)
         _call([sys.executable, str(tool), str(base), str(unfinished)])
         unfinished.rename(folder)
-
-
-def official_name(name: str) -> str:
-    """Return the official folder name for a short name; empty if the name is not official."""
-    return _renamed(name, _OFFICIAL)
 
 
 def scene_options(name: str) -> list[str]:
@@ -159,16 +146,9 @@ def scene_of(name: str) -> SceneConfig | None:
     return scene_config(parser.parse_args(['-', *options]))
 
 
-def _renamed(name: str, rules: tuple[tuple[str, str], ...]) -> str:
-    for pattern, replacement in rules:
-        if match := re.fullmatch(pattern, name):
-            return match.expand(replacement)
-    return ''
-
-
 def _advice(name: str) -> str:
     if folder := official_name(name):
-        return f'unpack {folder} ({_WHERE}) and pass its parent folder as --data DIR'
+        return f'unpack {folder} ({WHERE}) and pass its parent folder as --data DIR'
     return 'the name is neither official nor in experiments/scenes.yaml'
 
 

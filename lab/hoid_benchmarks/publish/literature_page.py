@@ -12,8 +12,8 @@ from hoid_benchmarks.report.tables import text
 _ATE, _SEQUENCE, _FILTER = 'RMSE [m]', 'sequence', 'filter'
 _HEAD = """# Published values
 
-ATE RMSE in meters as stated in the papers, which was not reproduced here. `./hoid bench full
---data DATA` adds the values of this project, which needs the recordings
+ATE RMSE in meters as stated in the papers, which was not reproduced here. `./hoid bench official
+DATA` adds the values of this project for the recordings in the folder `DATA`
 ([how](../howto/official_sequences.md)). `make reference` writes this page.
 """
 
