@@ -159,15 +159,17 @@ def test_more_drift_than_the_path_explains_is_no_loop(
 
 def test_drift_far_beyond_that_of_the_loops_so_far_is_unusual() -> None:
     limit = DriftLimit(LoopConfig())
-    assert limit.is_usual(180.0, 3.2)  # nothing is known of the camera
-    limit.add(5.0, 0.0)
+    assert limit.is_usual(180.0, np.pi, 3.2)  # nothing is known of the camera
+    limit.add(5.0, 0.0, 0.0)
     for path_m in (60.0, 150.0, 250.0):
-        limit.add(path_m, 0.001 * path_m)
-    assert limit.explains(180.0, 0.0, 3.2)
-    assert not limit.is_usual(180.0, 3.2)
-    assert limit.is_usual(180.0, 0.1 + 0.005 * 180.0)
-    limit.add(100.0, 1.0)
-    assert limit.is_usual(180.0, 3.2)
+        limit.add(path_m, 0.0001 * path_m, 0.001 * path_m)
+    assert limit.explains(180.0, 1.0, 1.5)
+    assert not limit.is_usual(180.0, 0.0, 1.5)
+    assert not limit.is_usual(180.0, 1.0, 0.0)
+    assert limit.is_usual(180.0, np.deg2rad(4.0 + 0.05 * 180.0), 0.1 + 0.005 * 180.0)
+    limit.add(100.0, 0.2, 1.0)
+    assert limit.is_usual(180.0, 1.0, 1.5)
+    assert not limit.is_usual(180.0, 1.0, 3.2)  # as far as a room that looks alike may be
 
 
 def test_loops_can_be_switched_off(drifting: tuple[Atlas, IntArray, FloatArray]) -> None:

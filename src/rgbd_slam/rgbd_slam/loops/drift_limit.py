@@ -14,6 +14,10 @@ _MIN_LOOPS = 3  # chosen: fewer loops do not show how much the drift varies
 _FACTOR = 5.0
 # Chosen: a drift of 0.5 % of the path is usual for every camera.
 _USUAL_SHARE = 0.005
+_USUAL_RAD_PER_M = np.deg2rad(0.05)  # chosen: the same for the rotation
+# Chosen: places that look alike, such as rooms along a corridor or above each other, are farther
+# apart than this, so that a longer path does not explain such a correction by itself.
+_APART_M = 2.0
 
 
 class DriftLimit:
@@ -25,7 +29,10 @@ class DriftLimit:
 
     def __init__(self, config: LoopConfig) -> None:
         self._config = config
-        self._shares: list[float] = []  # correction / path of the long loops closed so far
+        # Of the long loops closed so far: distance and rotation of the correction, divided by the
+        # length of the path.
+        self._shares: list[float] = []
+        self._turns_rad_per_m: list[float] = []
 
     def explains(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
         """Return whether a camera can have drifted by this rotation and distance on a path.
@@ -37,20 +44,30 @@ class DriftLimit:
         max_m = limit.drift_m + limit.drift_share * path_m
         return bool(distance_m <= max_m and turn_rad <= max_rad)
 
-    def is_usual(self, path_m: float, distance_m: float) -> bool:
-        """Return whether a drift of `distance_m` is usual, compared with the loops closed so far.
+    def is_usual(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
+        """Return whether a drift is usual, compared with the loops closed so far.
 
-        It is always usual before three long loops have been closed.
+        Every drift is usual before three long loops have been closed. After these, one of 2 m or
+        more never is.
+
+        Args:
+            path_m: Length of the path.
+            turn_rad: Rotation of the drift.
+            distance_m: Distance of the drift.
         """
         if len(self._shares) < _MIN_LOOPS:
             return True
         share = max(_USUAL_SHARE, _FACTOR * max(self._shares))
-        return distance_m <= self._config.drift_m + share * path_m
+        rad_per_m = max(_USUAL_RAD_PER_M, _FACTOR * max(self._turns_rad_per_m))
+        max_m = min(self._config.drift_m + share * path_m, _APART_M)
+        max_rad = np.deg2rad(self._config.drift_deg) + rad_per_m * path_m
+        return bool(distance_m <= max_m and turn_rad <= max_rad)
 
-    def add(self, path_m: float, distance_m: float) -> None:
-        """Learn from a loop that is closed: the length of its path, and its correction [m].
+    def add(self, path_m: float, turn_rad: float, distance_m: float) -> None:
+        """Learn from a closed loop: the length of its path, and its correction.
 
         Loops with a path shorter than 20 m are ignored.
         """
         if _MIN_PATH_M <= path_m < np.inf:
             self._shares.append(distance_m / path_m)
+            self._turns_rad_per_m.append(turn_rad / path_m)

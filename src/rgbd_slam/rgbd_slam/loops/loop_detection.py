@@ -34,9 +34,11 @@ _SUPPORT_RAD = 0.035
 # no loop candidates. A late mapper may not have connected them with the new keyframe yet, so that
 # they would be recognized as a loop.
 _RECENT = 10
-# Chosen: a loop that moves a keyframe farther could lead to another room that looks the same, so
-# that the surroundings are compared.
+# Chosen: a loop that moves a keyframe by more than this distance or angle could lead to another
+# room that looks the same, or to the other side of a symmetric one, so that the surroundings are
+# compared.
 _FAR_M = 0.5
+_FAR_RAD = 0.5
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
@@ -165,9 +167,9 @@ class LoopDetector:
 
         The drift between different maps is unknown: two maps are merged only if more points are
         found, and if their surroundings do not differ. Within a map, the surroundings are compared
-        before a keyframe is moved by more than 0.5 m. If it would be moved farther than the drift
-        measured so far explains, then agreeing views must also be farther apart than a room is
-        long.
+        before a keyframe is moved by more than 0.5 m or turned by more than 0.5 rad. If this is
+        more than the drift measured so far explains, or 2 m or more, then agreeing views must also
+        be farther apart than a room is long.
         """
         keyframes = self._atlas.keyframes
         if keyframes.map_id[i] != keyframes.map_id[c]:
@@ -177,12 +179,12 @@ class LoopDetector:
         path_m = path_length_m(self._atlas, c, i)
         if not self._drift.explains(path_m, turn_rad, distance_m):
             return False
-        if distance_m >= _FAR_M:
+        if distance_m >= _FAR_M or turn_rad >= _FAR_RAD:
             seen = self._surroundings.compare(i, c, match)
-            is_usual = self._drift.is_usual(path_m, distance_m)
+            is_usual = self._drift.is_usual(path_m, turn_rad, distance_m)
             if seen.are_others or not (is_usual or seen.agree_beyond_a_room):
                 return False
-        self._drift.add(path_m, distance_m)
+        self._drift.add(path_m, turn_rad, distance_m)
         return True
 
 
