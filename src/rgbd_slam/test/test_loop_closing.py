@@ -166,7 +166,7 @@ def test_drift_far_beyond_that_of_the_loops_so_far_is_unusual() -> None:
     assert limit.explains(180.0, 1.0, 1.5)
     assert not limit.is_usual(180.0, 0.0, 1.5)
     assert not limit.is_usual(180.0, 1.0, 0.0)
-    assert limit.is_usual(180.0, np.deg2rad(4.0 + 0.05 * 180.0), 0.1 + 0.005 * 180.0)
+    assert limit.is_usual(180.0, np.deg2rad(12.9), 0.99)  # 4 + 9 degrees, 0.1 + 0.9 m
     limit.add(100.0, 0.2, 1.0)
     assert limit.is_usual(180.0, 1.0, 1.5)
     assert not limit.is_usual(180.0, 1.0, 3.2)  # as far as a room that looks alike may be
