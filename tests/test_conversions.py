@@ -323,15 +323,18 @@ def test_more_than_1000_objects_are_refused() -> None:
 
 @pytest.mark.parametrize('n', [0, 1, 100])
 @pytest.mark.parametrize('colored', [False, True])
-def test_cloud_round_trip(n: int, colored: bool) -> None:
+@pytest.mark.parametrize('labeled', [False, True])
+def test_cloud_round_trip(n: int, colored: bool, labeled: bool) -> None:
     rng = np.random.default_rng(0)
     points = rng.normal(size=(n, 3)).astype(np.float32)
-    cloud = Cloud(points, rng.integers(0, 256, (n, 3), np.uint8) if colored else None)
+    colors = rng.integers(0, 256, (n, 3), np.uint8) if colored else None
+    cloud = Cloud(points, colors, rng.integers(0, 2**32, n, np.uint32) if labeled else None)
     msg = sent(conversions.cloud_to_msg(cloud, HEADER))
-    assert (msg.width, msg.point_step) == (n, 16 if colored else 12)
+    assert (msg.width, msg.point_step) == (n, 12 + 4 * (colored + labeled))
     back = conversions.cloud_from_msg(msg)
     np.testing.assert_array_equal(back.points_m, points)
     np.testing.assert_array_equal(back.colors_bgr, cloud.colors_bgr)
+    np.testing.assert_array_equal(back.labels, cloud.labels)
 
 
 def test_the_color_of_a_cloud_point_is_packed_as_rgb() -> None:

@@ -69,12 +69,15 @@ def test_keyframes_are_lines_of_one_marker(count: int, frame: str) -> None:
     assert len(found.markers[0].points) == 16 * count
 
 
-@given(st.integers(0, 5), st.text('ab/', max_size=9), st.booleans())
-def test_a_cloud_equals_the_message_of_its_points(count: int, frame: str, colored: bool) -> None:
+@given(st.integers(0, 5), st.text('ab/', max_size=9), st.booleans(), st.booleans())
+def test_a_cloud_equals_the_message_of_its_points(
+    count: int, frame: str, colored: bool, labeled: bool
+) -> None:
     rng = np.random.default_rng(count)
     points_m = rng.normal(size=(count, 3)).astype(np.float32)
     colors = rng.integers(0, 256, (count, 3), np.uint8) if colored else None
-    cloud = conversions.Cloud(points_m, colors)
+    labels = rng.integers(0, 9, count, np.uint32) if labeled else None
+    cloud = conversions.Cloud(points_m, colors, labels)
     expected = conversions.cloud_to_msg(cloud, header(frame))
     assert read(cloud_to_cdr(cloud, header(frame)), PointCloud2) == expected
 

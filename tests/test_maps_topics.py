@@ -20,7 +20,7 @@ from nav_msgs.msg import OccupancyGrid
 from people_msgs.msg import People
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
-from vision_msgs.msg import Detection3D, Detection3DArray
+from vision_msgs.msg import Detection3D, Detection3DArray, LabelInfo
 from visualization_msgs.msg import MarkerArray
 
 from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
@@ -62,6 +62,7 @@ class Peer(ScenePeer):
         self.people = probe.collect(People, 'people', wait=False)
         self.object_maps = probe.collect(Detection3DArray, 'object_map', qos.LATCHED, wait=False)
         self.markers = probe.collect(MarkerArray, 'tracked_objects/markers', wait=False)
+        self.names = probe.collect(LabelInfo, 'cloud_map/labels', qos.LATCHED, wait=False)
         super().__init__(probe)
 
     def track(self, images: list[Messages]) -> None:
@@ -88,6 +89,7 @@ def peer(start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]) -
         'map_directory': str(tmp_path / 'maps'),
         'dense.publish_period_s': 0.3,
         'object_map.enabled': True,
+        'object_map.label_cloud': True,
     }
     start('rgbd_slam', 'rgbd_slam_node', parameters | RELIABLE)
     peer = Peer(probe)
@@ -106,6 +108,7 @@ def test_the_room_is_mapped_without_its_people(
     check_patches(peer)
     check_objects(peer, truth)
     check_object_map(peer, truth)
+    check_labels(peer)
     check_files(peer, tmp_path / 'maps')
     check_run_time(peer)
     check_object_services(peer, tmp_path / 'maps')
@@ -153,6 +156,21 @@ def check_object_map(peer: Peer, truth: RoomTruth) -> None:
     assert np.median(scores.seen_center_m) < 0.15
     assert len({detection.id for detection in msg.detections}) == len(found)
     assert all(stamp_of(detection) <= stamp_of(msg) for detection in msg.detections)
+
+
+def check_labels(peer: Peer) -> None:
+    """Points with the label of a class are on an object of the class."""
+    cloud = conversions.cloud_from_msg(peer.clouds[-1])
+    assert cloud.labels is not None
+    names = {c.class_id: c.class_name for c in peer.names[-1].class_map}
+    assert set(cloud.labels.tolist()) <= {0, *names}
+    assert 0.01 < np.mean(cloud.labels > 0) < 0.5
+    on_object = np.zeros(len(cloud.labels), np.bool_)
+    for item in map(found_object, peer.object_maps[-1].detections):
+        near = np.abs(cloud.points_m - item.center_m) < item.size_m / 2 + 0.1
+        number = {name: n for n, name in names.items()}.get(item.class_name, 0)
+        on_object |= near.all(axis=1) & (cloud.labels == number)
+    assert np.mean(on_object[cloud.labels > 0]) > 0.8
 
 
 def check_object_services(peer: Peer, folder: Path) -> None:

@@ -31,6 +31,7 @@ VISUAL_ODOM = 'visual_odom'  # output instead of `odom` when `odom` is the input
 PATH = 'path'
 MAP_POINTS = 'map_points'
 CLOUD_MAP = 'cloud_map'
+CLOUD_LABELS = 'cloud_map/labels'  # vision_msgs/LabelInfo, the classes of the labels of cloud_map
 GRID_MAP = 'grid_map'
 GRID_MAP_UPDATES = 'grid_map_updates'  # map_msgs/OccupancyGridUpdate, changed parts of the grid
 KEYFRAMES = 'keyframes'

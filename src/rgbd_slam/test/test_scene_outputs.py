@@ -11,7 +11,8 @@ from std_msgs.msg import Header, UInt32
 
 from hoid_common.inputs.input_config import InputConfig
 from hoid_common.ros import qos
-from hoid_common.values import CameraModel
+from hoid_common.ros.conversions import cloud_from_msg
+from hoid_common.values import CameraModel, DynamicObject, Reason
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.config.object_map_config import ObjectMapConfig
@@ -43,14 +44,16 @@ PERSON = TrackedObject(
 )
 
 
-def new_outputs(*, is_map_level: bool) -> tuple[SceneOutputs, list[Output]]:
+def new_outputs(
+    *, is_map_level: bool, object_map: ObjectMapConfig | None = None
+) -> tuple[SceneOutputs, list[Output]]:
     setup = SceneSetup(
         'scene',
         'map',
         is_map_level,
         DenseConfig(),
         ObjectTrackerConfig(),
-        ObjectMapConfig(),
+        object_map or ObjectMapConfig(),
         InputConfig(),
     )
     sent: list[Output] = []
@@ -59,9 +62,12 @@ def new_outputs(*, is_map_level: bool) -> tuple[SceneOutputs, list[Output]]:
     return scene_outputs, sent
 
 
-def floor_scene() -> SceneMapper:
-    """Return the scene of a camera 1 m above a floor, tilted down by 45 degrees."""
-    scene = SceneMapper(CAMERA, DenseConfig(), ObjectTrackerConfig())
+def floor_scene(object_map: ObjectMapConfig | None = None) -> SceneMapper:
+    """Return the scene of a camera 1 m above a floor, tilted down by 45 degrees.
+
+    With an object map, there is a bag on the floor.
+    """
+    scene = SceneMapper(CAMERA, DenseConfig(), ObjectTrackerConfig(), object_map)
     pitch = np.eye(4)
     pitch[[0, 0, 2, 2], [0, 2, 0, 2]] = np.sqrt(0.5) * np.array([1, 1, -1, 1])
     T_map_camera = pitch @ T_BODY_OPTICAL
@@ -69,9 +75,13 @@ def floor_scene() -> SceneMapper:
     depth_m = (1 / (np.sqrt(0.5) * (1 + (v - 59.5) / 130))).astype(np.float32)
     one = np.zeros(1, np.int64)
     keyframes = KeyframePoses(1, one, one, 0, np.eye(4)[None])
-    for _ in range(3):
-        request = SceneRequest(STAMP_NS, T_map_camera, 0, keyframes)
+    if object_map is not None:
+        depth_m[44:76, 54:106] -= 0.2
+    bag = DynamicObject('bag', (50.0, 40.0, 110.0, 80.0), 0.9, -1, Reason.STATIC)
+    for i in range(3):
+        request = SceneRequest(STAMP_NS + i * 500_000_000, T_map_camera, 0, keyframes, True, True)
         scene.fuse(request, depth_m, np.zeros((120, 160, 3), np.uint8), ())
+        scene.map_objects(request, depth_m, (bag,))
     return scene
 
 
@@ -169,3 +179,24 @@ def test_objects_at_rest_are_detections_with_their_classes() -> None:
     assert (size.x, size.y, size.z) == (0.1, 0.2, 0.3)
     labels = [m.text for m in object_map_markers_to_msg((at_rest, gone), header).markers if m.text]
     assert labels == ['cup 4', 'cup 5: gone']
+
+
+def test_a_labeled_cloud_is_published_with_the_names_of_its_labels() -> None:
+    config = ObjectMapConfig(enabled=True, label_cloud=True)
+    scene_outputs, sent = new_outputs(is_map_level=True, object_map=config)
+    scene_outputs.subscribed = frozenset({'cloud_map', 'cloud_map/labels'})
+    scene_outputs.note_change()
+    scene_outputs.publish_map(floor_scene(config), STAMP_NS)
+    scene_outputs.clear(STAMP_NS)
+    types = {output.name: output.type for output in MAP_OUTPUTS}
+    of_cloud = [output for output in sent if output.topic in scene_outputs.subscribed]
+    cloud, names, no_points, no_names = [
+        deserialize_message(output.data, types[output.topic]) for output in of_cloud
+    ]
+    assert [(c.class_id, c.class_name) for c in names.class_map] == [(1, 'bag')]
+    labels = cloud_from_msg(cloud).labels
+    assert labels is not None
+    assert set(labels.tolist()) == {0, 1}
+    assert 0.05 < labels.mean() < 0.6
+    assert [field.name for field in no_points.fields] == [field.name for field in cloud.fields]
+    assert no_points.width == len(no_names.class_map) == 0

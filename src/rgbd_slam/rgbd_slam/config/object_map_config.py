@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hoid_common.config import Config, param
+from hoid_common.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -27,3 +28,16 @@ class ObjectMapConfig(Config):
         read_only=False,
         expert=True,
     )
+    label_cloud: bool = param(
+        default=False,  # decision 052: few nodes read it, and a point takes 4 bytes more
+        description='Whether each point of cloud_map has the class of its object in a field label '
+        '(uint32, 0: no object); the names of the classes are published on cloud_map/labels. Set '
+        'it to true if a node uses the labels. It needs object_map.enabled and dense.enabled.',
+        expert=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if an output is requested that needs the object map."""
+        super().__post_init__()
+        if self.label_cloud and not self.enabled:
+            raise ConfigError('object_map.label_cloud needs object_map.enabled')

@@ -129,7 +129,7 @@ class DepthCamera:
         points = se3.transform(T_map_camera, self._rays[row, col] * z[:, None])
         colors = view.image_bgr[row // 2, col // 2]
         weight = 1.0 / z**4  # inverse variance: the standard deviation grows with depth squared
-        keys, inverse = np.unique(_keys_of(points, self._config.voxel_m), return_inverse=True)
+        keys, inverse = np.unique(voxel_keys(points, self._config.voxel_m), return_inverse=True)
         total = np.asarray(np.bincount(inverse, weight, len(keys)), np.float64)
         columns = [*points.T, *colors.T]
         means = [np.bincount(inverse, weight * c, len(keys)) / total for c in columns]
@@ -173,7 +173,7 @@ def _pixel_rays(camera: CameraModel, stride: int) -> FloatArray:
     return np.stack([x, y, np.ones_like(x)], -1).reshape(*u.shape, 3).astype(np.float64)
 
 
-def _keys_of(points_m: FloatArray, voxel_m: float) -> IntArray:
+def voxel_keys(points_m: FloatArray, voxel_m: float) -> IntArray:
     """Return the (N,) keys of the voxels that points (N, 3) fall into."""
     cell = np.floor(points_m / voxel_m).astype(np.int64) + _KEY_OFFSET
     return (cell[:, 0] << (2 * _KEY_BITS)) | (cell[:, 1] << _KEY_BITS) | cell[:, 2]

@@ -30,6 +30,7 @@ from rgbd_slam.scene.grid import Grid, SubmapCells, cells_of, compose_grid
 from rgbd_slam.scene.local_floors import LocalFloors
 from rgbd_slam.scene.object_sighting import DepthImage
 from rgbd_slam.scene.object_tracker import ObjectTracker, TrackedObject
+from rgbd_slam.scene.objects.cloud_labels import NO_CLASS, CloudLabels
 from rgbd_slam.scene.objects.mapped_object import MapObject
 from rgbd_slam.scene.objects.object_map import ObjectMap
 from rgbd_slam.scene.objects.object_map_state import ObjectMapState
@@ -41,6 +42,9 @@ _FLOOR_POINTS = 50_000  # chosen: about so many points of the cloud are used to 
 # Chosen, less than half a voxel: the old floor is kept if the new one differs by less, because
 # `LocalFloors` corrects small differences.
 _SAME_FLOOR_M = 0.01
+# Chosen: more than the noise of the floor, of which the boxes of furniture show a part between the
+# legs. Points lower than this have no label.
+_ON_FLOOR_M = 0.04
 
 
 class SceneMapper:
@@ -81,6 +85,7 @@ class SceneMapper:
         self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
         is_mapped = object_map is not None and object_map.enabled
         self._object_map = ObjectMap(camera) if is_mapped else None
+        self._is_labeled = object_map is not None and object_map.label_cloud
         self._is_map_level = is_map_level
         self._floors: LocalFloors | None = None
         # The cells below each submap, and the key for which they are valid.
@@ -247,6 +252,21 @@ class SceneMapper:
         """Return the confirmed points of the dense map (main map only), in the map frame."""
         return self._voxels.cloud()
 
+    def label(self, cloud: ColoredCloud) -> CloudLabels | None:
+        """Return the classes of the points of a cloud of the dense map; the floor has none.
+
+        None is returned if `object_map.label_cloud` is false, or if there is no object map.
+        """
+        if self._object_map is None or not self._is_labeled:
+            return None
+        if self._floors is None:
+            self._update_floor(_sample(cloud))
+        found = self._object_map.label(cloud.points_m)
+        if self._floors is not None:
+            heights_m = _heights_m(cloud.points_m.astype(np.float64), self._floors.floor)
+            found.labels[heights_m < _ON_FLOOR_M] = NO_CLASS
+        return found
+
     def grid(self, cloud: ColoredCloud) -> Grid | None:
         """Return the grid of the dense map, or None while no floor has been found.
 
@@ -255,7 +275,7 @@ class SceneMapper:
         Args:
             cloud: The present result of `cloud`, in which the floor is searched for.
         """
-        self._update_floor(cloud.points_m[:: max(1, len(cloud.points_m) // _FLOOR_POINTS)])
+        self._update_floor(_sample(cloud))
         if self._floors is None:
             return None
         floor, config = self._floors.floor, self._config.grid
@@ -298,6 +318,11 @@ class SceneMapper:
         self._cells.clear()
         for submap in self._voxels.submaps:
             submap.marked.clear()
+
+
+def _sample(cloud: ColoredCloud) -> Float32Array:
+    """Return enough points (N, 3) of a cloud to find the floor."""
+    return cloud.points_m[:: max(1, len(cloud.points_m) // _FLOOR_POINTS)]
 
 
 def _heights_m(points_m: FloatArray, floor: Floor) -> FloatArray:

@@ -75,7 +75,8 @@ def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
 def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
     """Return the bytes (uint8) of the sensor_msgs/PointCloud2 that `cloud_to_msg` makes."""
     colors = None if cloud.colors_bgr is None else cloud.colors_bgr[:0]
-    msg = cloud_to_msg(Cloud(cloud.points_m[:0], colors), header)
+    labels = None if cloud.labels is None else cloud.labels[:0]
+    msg = cloud_to_msg(Cloud(cloud.points_m[:0], colors, labels), header)
     table = point_table(cloud)
     n, step = table.shape
     msg.width, msg.row_step = n, n * step

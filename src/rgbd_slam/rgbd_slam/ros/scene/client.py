@@ -80,7 +80,7 @@ class SceneClient:
                 node, output.type, output.name, output.qos, self._report_subscribers
             )
             for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS, *OBJECT_MAP_OUTPUTS)
-            if output.name != topics.TF_STATIC or not config.frames.base
+            if self._is_published(output.name)
         }
         diagnostics.set_count(_DEATHS, 0)
         setup = SceneSetup(
@@ -94,6 +94,15 @@ class SceneClient:
             remappings=own_remappings(node.get_name(), sys.argv),
         )
         self._process = SceneProcess(setup, self._publish, self._report_end)
+
+    def _is_published(self, topic: str) -> bool:
+        """Return whether a topic of the scene is published with these parameters."""
+        match topic:
+            case topics.TF_STATIC:  # otherwise the grid is in the map frame
+                return not self._config.frames.base
+            case topics.CLOUD_LABELS:
+                return self._config.object_map.label_cloud
+        return True
 
     @property
     def _dense_process(self) -> SceneProcess | None:

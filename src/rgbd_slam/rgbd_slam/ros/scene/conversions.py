@@ -13,6 +13,7 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from people_msgs.msg import People, Person
 from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
+from vision_msgs.msg import LabelInfo, VisionClass
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common.ros import conversions
@@ -23,6 +24,7 @@ from rgbd_slam.ros.scene.markers import LabeledBox, markers_of, vector_to_msg
 from rgbd_slam.ros.scene.steady_grid import GridPatch
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.objects.cloud_labels import CloudLabels
 
 _COLORS = {
     ObjectState.PERSON: ColorRGBA(r=0.9, g=0.2, b=0.2, a=0.5),
@@ -45,13 +47,29 @@ class SceneMaps(NamedTuple):
     patch: GridPatch | None = None
     # (4, 4) pose of the level frame; None: unchanged, or the grid is in the map frame.
     T_map_level: FloatArray | None = None
+    labels: CloudLabels | None = None  # of the points of the cloud; None: they have no labels
     is_discarded: bool = False  # True: the scene was discarded, and the maps are empty
 
 
 def serialized_cloud(maps: SceneMaps) -> ByteArray:
     """Return the serialized sensor_msgs/PointCloud2 of the dense map."""
-    cloud = conversions.Cloud(maps.cloud.points_m, maps.cloud.colors_bgr)
+    labels = None if maps.labels is None else maps.labels.labels
+    cloud = conversions.Cloud(maps.cloud.points_m, maps.cloud.colors_bgr, labels)
     return cloud_to_cdr(cloud, maps.header)
+
+
+def labels_to_msg(maps: SceneMaps) -> LabelInfo | None:
+    """Return the names of the labels of the cloud; None if it has no labels.
+
+    The label 0 of points without an object has no name.
+    """
+    if maps.labels is None:
+        return None
+    classes = [
+        VisionClass(class_id=i + 1, class_name=name)
+        for i, name in enumerate(maps.labels.class_names)
+    ]
+    return LabelInfo(header=maps.header, class_map=classes)
 
 
 def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:

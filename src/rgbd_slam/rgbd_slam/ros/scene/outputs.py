@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
 from tf2_msgs.msg import TFMessage
-from vision_msgs.msg import Detection3DArray
+from vision_msgs.msg import Detection3DArray, LabelInfo
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common import topics
@@ -32,6 +32,7 @@ from rgbd_slam.ros.scene.messages import Output, SceneSetup
 from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
+from rgbd_slam.scene.objects.cloud_labels import CloudLabels
 from rgbd_slam.scene.scene_mapper import SceneMapper
 
 
@@ -72,16 +73,18 @@ OBJECT_MAP_OUTPUTS = (
     ),
 )
 # `to_msg` is called with (maps: SceneMaps) at most once per `dense.publish_period_s`, if the maps
-# have changed and a topic of the table has subscribers. The cloud is made only if it has
-# subscribers itself; all other messages are made if any topic other than the cloud has some.
+# have changed and a topic of the table has subscribers. The cloud and its labels are made only if
+# they have subscribers themselves; all other messages are made if any of the others has some.
 MAP_OUTPUTS = (
     OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, conversions.serialized_cloud),
+    OutputTopic(topics.CLOUD_LABELS, LabelInfo, qos.LATCHED, conversions.labels_to_msg),
     OutputTopic(topics.TF_STATIC, TFMessage, qos.TF_STATIC, conversions.level_frame_to_msg),
     OutputTopic(topics.GRID_MAP, OccupancyGrid, qos.LATCHED, conversions.grid_to_msg),
     OutputTopic(
         topics.GRID_MAP_UPDATES, OccupancyGridUpdate, qos.OUTPUT, conversions.grid_update_to_msg
     ),
 )
+_OF_CLOUD = frozenset({topics.CLOUD_MAP, topics.CLOUD_LABELS})
 
 
 class SceneOutputs:
@@ -101,6 +104,7 @@ class SceneOutputs:
     def __init__(self, send: Callable[[Output], None], setup: SceneSetup) -> None:
         self._send = send
         self.frame, self._is_map_level = setup.map_frame, setup.is_map_level
+        self._is_labeled = setup.object_map.label_cloud
         self._steady = SteadyGrid()
         self._T_map_level: FloatArray | None = None  # as published last
         # Topics of `MAP_OUTPUTS` and of `OBJECT_MAP_OUTPUTS` whose last message is not up to date.
@@ -111,6 +115,8 @@ class SceneOutputs:
     def note_change(self) -> None:
         """Mark the dense map, the grid and the object map as changed, to be published."""
         self._outdated = {output.name for output in MAP_OUTPUTS}
+        if not self._is_labeled:
+            self._outdated.discard(topics.CLOUD_LABELS)
         self.note_object_change()
 
     def note_object_change(self) -> None:
@@ -121,11 +127,12 @@ class SceneOutputs:
     def due(self) -> frozenset[str]:
         """Return the topics of `MAP_OUTPUTS` that are outdated and whose messages are wanted.
 
-        The cloud is wanted by its own subscribers, and the others by those of any of them.
+        The cloud and its labels are wanted by their own subscribers, and the others by those of
+        any of them.
         """
         wanted = self._outdated & self.subscribed
-        if wanted - {topics.CLOUD_MAP}:
-            wanted |= self._outdated - {topics.CLOUD_MAP}
+        if wanted - _OF_CLOUD:
+            wanted |= self._outdated - _OF_CLOUD
         return frozenset(wanted)
 
     def publish_objects(self, objects: tuple[TrackedObject, ...], stamp_ns: int) -> None:
@@ -150,7 +157,7 @@ class SceneOutputs:
         due = self.due
         self._outdated -= due
         header, cloud = header_to_msg(stamp_ns, self.frame), scene.cloud()
-        grid = self.place_grid(scene, cloud) if due - {topics.CLOUD_MAP} else None
+        grid = self.place_grid(scene, cloud) if due - _OF_CLOUD else None
         if grid is None:
             maps = SceneMaps(cloud, header)
         elif self._is_map_level:
@@ -160,6 +167,8 @@ class SceneOutputs:
             level_header = header_to_msg(stamp_ns, f'{self.frame}_level')
             patch, T_map_level = self._steady.take_patch(grid), self._take_level(grid.T_map_level)
             maps = SceneMaps(cloud, header, grid, level_header, 0.0, patch, T_map_level)
+        if due & _OF_CLOUD:
+            maps = maps._replace(labels=scene.label(cloud))
         self._publish([output for output in MAP_OUTPUTS if output.name in due], maps)
 
     def place_grid(self, scene: SceneMapper, cloud: ColoredCloud) -> Grid | None:
@@ -183,7 +192,8 @@ class SceneOutputs:
         header = header_to_msg(stamp_ns, self.frame)
         self._outdated.clear()
         # Late subscribers must not get a map that was discarded.
-        self._publish(MAP_OUTPUTS, SceneMaps(empty, header, is_discarded=True))
+        labels = CloudLabels(np.empty(0, np.uint32), ()) if self._is_labeled else None
+        self._publish(MAP_OUTPUTS, SceneMaps(empty, header, labels=labels, is_discarded=True))
         self._publish(OBJECT_OUTPUTS, (), header)
         self._outdated_objects.clear()
         self._publish(OBJECT_MAP_OUTPUTS, (), header)

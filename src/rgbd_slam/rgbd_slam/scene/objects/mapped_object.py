@@ -176,6 +176,10 @@ class MappedObject:
         """Return the (N, 3) mean points of all voxels in the map frame."""
         return se3.transform(self.T_map_object, self.voxels.means_m)
 
+    def solid_points_map_m(self) -> FloatArray:
+        """Return the (N, 3) mean points of the voxels that belong to it, in the map frame."""
+        return se3.transform(self.T_map_object, self.voxels.means_m[self.is_solid()])
+
     def center_map_m(self) -> FloatArray:
         """Return the center (3,) of the measured box in the map frame."""
         self.box_m()

@@ -37,6 +37,7 @@ from rgbd_slam.scene.objects.association import (
     prior_of,
 )
 from rgbd_slam.scene.objects.carrying import Carrying
+from rgbd_slam.scene.objects.cloud_labels import CloudLabeler, CloudLabels
 from rgbd_slam.scene.objects.mapped_object import MapObject, MappedObject, PlaceState
 from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.scene.objects.object_view import ObjectCamera, ObjectView
@@ -78,6 +79,7 @@ class ObjectMap:
         self._merged_ns = 0  # stamp of the last merging
         self._is_reused = False  # whether a map was loaded
         self._carrying = Carrying()
+        self._labeler = CloudLabeler()
 
     def __len__(self) -> int:
         return len(self._objects)
@@ -90,9 +92,21 @@ class ObjectMap:
         """
         return tuple(
             item.value(floor, is_new=self._is_reused and not item.is_loaded)
+            for item in self._shown()
+        )
+
+    def label(self, points_map_m: Float32Array) -> CloudLabels:
+        """Return the classes of points (N, 3) of the dense map, by the objects at their places."""
+        present = [item for item in self._shown() if item.is_present]
+        return self._labeler.label(points_map_m, present)
+
+    def _shown(self) -> list[MappedObject]:
+        """Return the confirmed objects of the main map, by id."""
+        return [
+            item
             for item in sorted(self._objects, key=lambda item: item.object_id)
             if item.is_confirmed and item.place.map_id == self._keyframes.main_map
-        )
+        ]
 
     def update(
         self,
