@@ -98,6 +98,14 @@ class PlusConfig(Config):
         'noticed too late.',
         read_only=False,
     )
+    doubt_in_turns: bool = param(
+        default=True,  # decision 050
+        description='Whether hoid+ ignores every person with a score below 0.5 in this way while '
+        'the camera turns by more than 90 degrees per second, and then predicts no missed boxes: '
+        'detectors find people in blurred furniture, and boxes cross the image in few frames. It '
+        'has no effect without motion.enabled.',
+        read_only=False,
+    )
     remember: bool = param(
         default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
         description='Whether hoid+ keeps an object dynamic until nobody has handled it for a '
@@ -114,11 +122,13 @@ class PlusConfig(Config):
         read_only=False,
     )
 
-    # Chosen: a person is suspected to be a false detection when its box covers a larger share of
-    # the image than `doubt_area` at a score below `doubt_score`. The suspicion ends after
-    # `doubt_detections` detections in a row.
+    # Chosen: a person is suspected to be a false detection at a score below `doubt_score` when its
+    # box covers a larger share of the image than `doubt_area`, or when the camera turns faster
+    # than `doubt_turn_radps`: 90 degrees per second blur a VGA image by 8 px in 10 ms. The
+    # suspicion ends after `doubt_detections` detections in a row.
     doubt_area: ClassVar[float] = 0.4
     doubt_score: ClassVar[float] = 0.5
+    doubt_turn_radps: ClassVar[float] = 1.57
     doubt_detections: ClassVar[int] = 4
     # Chosen: a handled object stays handled while a person covers more than this share of
     # `min_interaction_area` of its box.

@@ -7,6 +7,7 @@ import pytest
 
 from hoid_common.values import Detections, Float32Array, Reason
 from hoid_filter.config import FilterConfig
+from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS
 from hoid_filter.strategies.hoid_plus import HoidPlus
 from hoid_filter.strategy import Verdict
 
@@ -167,6 +168,37 @@ def test_a_large_person_is_confirmed_when_strong_or_tracked_or_the_switch_is_off
     strategy = plus()
     classify_huge(strategy, 0.9)
     assert classify_huge(strategy, 0.3, 1) is Reason.PERSON
+
+
+@pytest.mark.parametrize(
+    ('turn_radps', 'score', 'is_doubted', 'expected'),
+    [
+        (2.0, 0.4, True, Reason.STATIC),
+        (1.0, 0.4, True, Reason.PERSON),
+        (2.0, 0.6, True, Reason.PERSON),
+        (2.0, 0.4, False, Reason.PERSON),
+    ],
+)
+def test_a_weak_person_is_doubted_while_the_camera_turns_fast(
+    turn_radps: float, score: float, is_doubted: bool, expected: Reason
+) -> None:
+    found = view(detections(('person', PERSON), score=score))
+    turning = NO_MOVING_REGIONS._replace(camera_turn_radps=turn_radps)
+    strategy = plus(doubt_in_turns=is_doubted)
+    verdict = strategy.classify(found._replace(moving_regions=turning))
+    assert verdict.objects.reasons == (expected,)
+
+
+@pytest.mark.parametrize(('turn_radps', 'expected'), [(1.0, (Reason.PREDICTED,)), (2.0, ())])
+def test_a_missed_person_is_not_predicted_while_the_camera_turns_fast(
+    turn_radps: float, expected: tuple[Reason, ...]
+) -> None:
+    strategy = plus()
+    _, stamp_ns = walk(strategy, 10)
+    missed = view(Detections.none(stamp_ns + FRAME_NS))
+    turning = NO_MOVING_REGIONS._replace(camera_turn_radps=turn_radps)
+    verdict = strategy.classify(missed._replace(moving_regions=turning))
+    assert verdict.objects.reasons == expected
 
 
 def test_a_handled_object_is_released_at_less_overlap_than_it_is_taken() -> None:

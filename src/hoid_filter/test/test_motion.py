@@ -11,6 +11,7 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import (
+    PERSON,
     UNKNOWN,
     BoolArray,
     ByteArray,
@@ -347,3 +348,18 @@ def test_no_motion_is_looked_for_in_a_color_image_that_is_sent_twice() -> None:
         result = filtering.process(replace(frame, image_bgr=shown), None)
         assert not [item for item in result.objects if item.is_dynamic]
     assert filtering.counters['repeated color images'] == 12
+
+
+@pytest.mark.parametrize(('turn_radps', 'expected'), [(0.5, Reason.PERSON), (2.5, Reason.STATIC)])
+def test_a_weak_person_is_doubted_by_the_turn_that_the_images_show(
+    turn_radps: float, expected: Reason
+) -> None:
+    both = make_filter(strategy='hoid+')
+    for i in range(6):
+        pose = moved(turned_rad=turn_radps * (i - 3) * PERIOD_NS * 1e-9)
+        frame, square = scene_of(CAMERA).frame(i, pose, 0.0)
+        found = replace(seen_person(frame.stamp_ns, square), scores=np.array([0.4], np.float32))
+        is_last = i == 5
+        result = both.process(frame, found if is_last else Detections.none(frame.stamp_ns))
+    (person,) = [item for item in result.objects if item.class_name == PERSON]
+    assert person.reason is expected

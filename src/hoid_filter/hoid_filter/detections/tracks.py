@@ -174,6 +174,10 @@ class BoxTracker:
         may_match = is_same_kind & ~(is_other_class & (iou < _MIN_IOU_OTHER_CLASS))
         return np.where(may_match, iou - _OTHER_CLASS_PENALTY * is_other_class, 0.0)
 
+    def drop_missed(self) -> None:
+        """Delete the tracks that were not detected in the newest image with detections."""
+        self._tracks = [track for track in self._tracks if not track.is_missed]
+
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:

@@ -126,6 +126,11 @@ class MotionSegmentation:
         return regions
 
     @property
+    def turn_radps(self) -> float:
+        """Return how fast the camera turned before the last view; 0 after a restart."""
+        return float(np.linalg.norm(self._turn_radps))
+
+    @property
     def depth_m(self) -> Float32Array:
         """Return the downscaled depth image (h, w) of the last view, which must exist."""
         assert self._view is not None

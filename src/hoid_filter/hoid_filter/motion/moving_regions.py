@@ -25,6 +25,7 @@ class MovingRegions(NamedTuple):
     velocities_mps: FloatArray  # (N, 3) relative to the world, along camera axes; NaN = unknown
     label: ByteArray  # (h, w) at low resolution: 0 = static, else 1 + index of the region
     camera: DownscaledCamera | None  # maps pixels to the label image; None: no regions
+    camera_turn_radps: float = 0.0  # how fast the camera turns; 0 = unknown
 
     def label_at(self, pixels: IntArray) -> ByteArray:
         """Return the labels of pixels: 0 = static, else 1 + index of the region.
@@ -70,6 +71,7 @@ class MotionDetector:
         moving = (
             _describe(regions, self._segmentation) if regions.num_regions else NO_MOVING_REGIONS
         )
+        moving = moving._replace(camera_turn_radps=self._segmentation.turn_radps)
         self._results.append((view.stamp_ns, moving))
 
     def has_result(self, stamp_ns: int) -> bool:

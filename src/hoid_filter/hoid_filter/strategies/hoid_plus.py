@@ -49,7 +49,9 @@ class HoidPlus:
         """
         plus = self._config.plus
         if image.detections is not None:
-            unsure = self._unsure(image.detections, image.depth_m.size)
+            unsure = self._unsure(
+                image.detections, image.depth_m.size, are_blurred=self._turns_fast(image)
+            )
             self._tracker.observe(image.detections, unsure)
         low_depth_m = subsample(image.depth_m)
         snapshot = self._snapshot(image, low_depth_m)
@@ -66,21 +68,35 @@ class HoidPlus:
             detected_mask=detected_mask,
         )
 
-    def _unsure(self, detections: Detections, image_area_px2: int) -> BoolArray:
-        """Return (N,) flags: people of low score who cover much of the image.
+    def _unsure(
+        self, detections: Detections, image_area_px2: int, *, are_blurred: bool
+    ) -> BoolArray:
+        """Return (N,) flags: people of low score who cover much of the image or are blurred.
 
         Such detections are often false. Depth does not reveal it: at arm's length a desk is as
-        wide as a person. With `doubt_large_people` off, no detection is flagged.
+        wide as a person. With `doubt_large_people` off, a large box alone is no reason.
+
+        Args:
+            detections: N detections.
+            image_area_px2: Area of the image.
+            are_blurred: Whether the camera turns fast.
         """
         plus = self._config.plus
-        if not plus.doubt_large_people:
-            return np.zeros(len(detections), np.bool_)
-        is_large = areas_px2(detections.boxes_xyxy_px) > plus.doubt_area * image_area_px2
-        if not is_large.any():
-            return is_large
+        is_suspicious = np.full(len(detections), are_blurred)
+        if plus.doubt_large_people:
+            max_area_px2 = plus.doubt_area * image_area_px2
+            is_suspicious |= areas_px2(detections.boxes_xyxy_px) > max_area_px2
+        if not is_suspicious.any():
+            return is_suspicious
         is_weak = detections.scores < plus.doubt_score
         is_person = np.array([name == PERSON for name in detections.class_names], np.bool_)
-        return is_large & is_weak & is_person
+        return is_suspicious & is_weak & is_person
+
+    def _turns_fast(self, image: FilterInput) -> bool:
+        """Return whether the camera turns so fast that detections are doubtful (decision 050)."""
+        plus = self._config.plus
+        turn_radps = image.moving_regions.camera_turn_radps
+        return plus.doubt_in_turns and turn_radps > plus.doubt_turn_radps
 
     def _snapshot(self, image: FilterInput, low_depth_m: Float32Array) -> TrackSnapshot:
         """Predict the tracks to the stamp of the image, and return them with their depths.
@@ -89,6 +105,8 @@ class HoidPlus:
         person is stored on the track.
         """
         height, width = image.depth_m.shape
+        if self._turns_fast(image):
+            self._tracker.drop_missed()
         tracks, boxes = self._tracker.advance(image.stamp_ns, width, height)
         depths_m = box_center_depths_m(image.depth_m, boxes, self._config.sample_box_px)
         people = [n for n, track in enumerate(tracks) if track.is_person]
