@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from hoid_benchmarks.publish.results_file import Kept
-from hoid_benchmarks.report.literature import published
+from hoid_benchmarks.report.literature import own_names, published
 from hoid_benchmarks.report.tables import text
 
 _ATE, _SEQUENCE, _FILTER = 'RMSE [m]', 'sequence', 'filter'
@@ -22,14 +22,15 @@ def literature_page(kept: Mapping[str, Kept]) -> str:
     """Return the page as Markdown, with a section for each table."""
     parts = [_HEAD]
     for table in published():
-        ours = [_without_filter(kept, sequence) for sequence in table.columns[1:]]
+        names = own_names(table.id)
+        ours = [_without_filter(kept, names.get(column)) for column in table.columns[1:]]
         row = tuple(map(text, ('this project, no filter', *ours[:-1], 'run here, median')))
         rows = (*table.rows, row) if any(cell != '-' for cell in ours) else table.rows
         parts.append(f'## {table.title}\n\n{replace(table, rows=rows).markdown()}')
     return '\n'.join(parts)
 
 
-def _without_filter(kept: Mapping[str, Kept], sequence: str) -> str:
+def _without_filter(kept: Mapping[str, Kept], sequence: str | None) -> str:
     """Return the median of the unfiltered runs of a sequence, or a dash."""
     for one in kept.values():
         if {_ATE, _SEQUENCE, _FILTER} <= {*one.columns}:

@@ -25,6 +25,13 @@ def published(results: Sequence[Result] = ()) -> tuple[Table, ...]:
     return tuple(_table(e, results) for e in read_yaml(_FILE)['tables'])
 
 
+def own_names(table_id: str) -> Mapping[str, str]:
+    """Return the names that this project has for the sequences of a table, by column."""
+    (entry,) = (e for e in read_yaml(_FILE)['tables'] if e['id'] == table_id)
+    names: Mapping[str, str] = entry['sequences']
+    return names
+
+
 def published_base(sequence: str) -> tuple[str, str]:
     """Return the name and the published ATE of a system without a filter; empty if unknown."""
     for entry, row, column in _columns_of(sequence):

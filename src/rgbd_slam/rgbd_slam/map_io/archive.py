@@ -146,13 +146,15 @@ def read(path: Path, read_content: Callable[[Reader], T]) -> T:
     """
     try:
         if not path.is_file():  # also refuses pipes, whose opening would wait
-            raise MapFileError('there is no such file')
+            raise FileNotFoundError
         with zipfile.ZipFile(path) as archive:
             return read_content(Reader(archive, path.stat().st_size))
     except HoidError as error:
         raise MapFileError(f'{path}: {error}') from error
     except MemoryError as error:
         raise MapFileError(f'{path}: does not fit into memory') from error
+    except FileNotFoundError as error:
+        raise MapFileError(f'{path}: there is no such file') from error
     except OSError as error:
         raise MapFileError(f'{path}: cannot be read: {error.strerror}') from error
     except DAMAGE as error:
