@@ -23,6 +23,9 @@ _OWN_OVERLAP = 0.3
 # Share of a detected box's size by which, in addition to one strided pixel, its sides are
 # uncertain; not tuned.
 _MISS_MARGIN = 0.05
+_DOUBLE_SHARE = (
+    0.7  # of the smaller of two boxes; two that share more may show the same object; not tuned
+)
 _CONFUSABLE_CLASSES = (
     frozenset({'chair', 'couch', 'bench', 'bed'}),
     frozenset({'dining table', 'bed', 'bench', 'couch'}),
@@ -198,6 +201,19 @@ def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
     left, top, right, bottom = box_px
     u, v = uv_px.T
     return np.asarray((u >= left - 0.5) & (u < right) & (v >= top - 0.5) & (v < bottom))
+
+
+def overlap_much(first_px: tuple[int, ...], second_px: tuple[int, ...]) -> bool:
+    """Return whether two boxes share over 70 % of the smaller one: an object detected twice.
+
+    Args:
+        first_px: Left, top, right and bottom.
+        second_px: Left, top, right and bottom.
+    """
+    a, b = np.array(first_px), np.array(second_px)
+    shared = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0).prod()
+    smaller = min((box[2:] - box[:2]).prod() for box in (a, b))
+    return bool(shared > _DOUBLE_SHARE * smaller)
 
 
 def is_confusable(first: str, second: str) -> bool:

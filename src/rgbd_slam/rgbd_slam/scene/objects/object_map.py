@@ -34,6 +34,7 @@ from rgbd_slam.scene.objects.association import (
     is_confusable,
     look_at,
     missed_rows,
+    overlap_much,
     prior_of,
 )
 from rgbd_slam.scene.objects.carrying import Carrying
@@ -57,7 +58,6 @@ _MERGE_PERIOD_NS = NS_PER_S
 _MERGE_SHARE = 0.5  # of one object's voxels in the box of the other, from which on they are merged
 _MERGE_OTHER_SHARE = 0.8  # the same for classes that detectors do not confuse
 _MERGE_MARGIN_M = 0.04  # by which this box is enlarged on each side
-_DOUBLE_SHARE = 0.7  # of the smaller of two boxes; two that share more may show the same object
 _FORGET_NS = 10 * NS_PER_S  # an unconfirmed object that is not seen for so long is forgotten
 _MAX_OBJECTS = 1000  # chosen: 0.6 MB for a room of 30 objects
 
@@ -316,7 +316,7 @@ class ObjectMap:
     def _note_apart(self, seen: Sequence[tuple[MappedObject, Segment]]) -> None:
         """Record the pairs of objects that one image shows as two objects."""
         for (first, one), (second, other) in combinations(seen, 2):
-            if not _overlap_much(one.box_px, other.box_px):
+            if not overlap_much(one.box_px, other.box_px):
                 a, b = sorted((first.object_id, second.object_id))
                 self._apart.add((a, b))
 
@@ -388,16 +388,3 @@ def _touch(objects: Sequence[MappedObject]) -> BoolArray:
 def _is_measured(item: DynamicObject) -> bool:
     """Return whether the box was detected and not predicted, and its class is known."""
     return item.reason is not Reason.PREDICTED and item.class_name != UNKNOWN
-
-
-def _overlap_much(first_px: tuple[int, ...], second_px: tuple[int, ...]) -> bool:
-    """Return whether two boxes share over 70 % of the smaller one: an object detected twice.
-
-    Args:
-        first_px: Left, top, right and bottom.
-        second_px: Left, top, right and bottom.
-    """
-    a, b = np.array(first_px), np.array(second_px)
-    shared = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0).prod()
-    smaller = min((box[2:] - box[:2]).prod() for box in (a, b))
-    return bool(shared > _DOUBLE_SHARE * smaller)
