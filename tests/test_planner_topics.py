@@ -15,6 +15,7 @@ import yaml
 from ament_index_python.packages import get_package_share_directory
 from geometry_msgs.msg import Point, Pose
 from hoid_msgs.msg import DynamicObject as ObjectMsg
+from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from people_msgs.msg import People, Person
 from sensor_msgs.msg import PointCloud2
@@ -23,10 +24,12 @@ from vision_msgs.msg import (
     BoundingBox2D,
     Detection2D,
     Detection2DArray,
+    LabelInfo,
     ObjectHypothesis,
     ObjectHypothesisWithPose,
     Point2D,
     Pose2D,
+    VisionClass,
 )
 
 from hoid_common import se3, topics
@@ -63,6 +66,15 @@ FIELDS: dict[Any, list[tuple[str, str]]] = {
     ],
     Detection2DArray: [
         ('header', 'std_msgs/Header'), ('detections', 'sequence<vision_msgs/Detection2D>'),
+    ],
+    VisionClass: [('class_id', 'uint16'), ('class_name', 'string')],
+    LabelInfo: [
+        ('header', 'std_msgs/Header'), ('class_map', 'sequence<vision_msgs/VisionClass>'),
+        ('threshold', 'float'),
+    ],
+    CostmapFilterInfo: [
+        ('header', 'std_msgs/Header'), ('type', 'uint8'), ('filter_mask_topic', 'string'),
+        ('base', 'float'), ('multiplier', 'float'),
     ],
 }  # fmt: skip
 

@@ -39,6 +39,11 @@ SLAM_STATUS = 'slam_status'
 TRACKED_OBJECTS = 'tracked_objects'  # hoid_msgs/TrackedObjectArray
 PEOPLE = 'people'  # people_msgs/People
 TRACKED_OBJECT_MARKERS = 'tracked_objects/markers'  # visualization_msgs/MarkerArray
+# Masks for Nav2's costmap filters (nav_msgs/OccupancyGrid, nav2_msgs/CostmapFilterInfo).
+KEEP_OUT_MASK = 'keep_out_mask'
+KEEP_OUT_INFO = 'keep_out_mask/info'
+SPEED_MASK = 'speed_mask'
+SPEED_INFO = 'speed_mask/info'
 OBJECT_MAP = 'object_map'  # vision_msgs/Detection3DArray, the objects at rest
 OBJECT_MAP_MARKERS = 'object_map/markers'  # visualization_msgs/MarkerArray
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hoid_common.config import Config, param, section
+from hoid_common.errors import ConfigError
 from hoid_common.inputs.input_config import NodeConfig
 from hoid_common.slam_status import SlamMode
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.navigation_config import NavigationConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.config.object_map_config import ObjectMapConfig
 from rgbd_slam.config.slam_config import SlamConfig
@@ -118,3 +120,12 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     dense: DenseConfig = section(DenseConfig)
     objects: ObjectTrackerConfig = section(ObjectTrackerConfig)
     object_map: ObjectMapConfig = section(ObjectMapConfig)
+    navigation: NavigationConfig = section(NavigationConfig)
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if the masks for navigation lack what they are made of."""
+        super().__post_init__()
+        if self.navigation.enabled and not self.frames.base:
+            raise ConfigError('navigation.enabled needs frames.base, which makes the map level')
+        if self.navigation.enabled and not self.objects.enabled:
+            raise ConfigError('navigation.enabled needs objects.enabled')

@@ -32,7 +32,12 @@ from rgbd_slam.ros.scene.messages import (
     SceneSetup,
     Subscribed,
 )
-from rgbd_slam.ros.scene.outputs import MAP_OUTPUTS, OBJECT_MAP_OUTPUTS, OBJECT_OUTPUTS
+from rgbd_slam.ros.scene.outputs import (
+    MAP_OUTPUTS,
+    MASK_OUTPUTS,
+    OBJECT_MAP_OUTPUTS,
+    OBJECT_OUTPUTS,
+)
 from rgbd_slam.ros.scene.process import SceneProcess
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 
@@ -79,7 +84,7 @@ class SceneClient:
             output.name: OnDemandPublisher(
                 node, output.type, output.name, output.qos, self._report_subscribers
             )
-            for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS, *OBJECT_MAP_OUTPUTS)
+            for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS, *OBJECT_MAP_OUTPUTS, *MASK_OUTPUTS)
             if self._is_published(output.name)
         }
         diagnostics.set_count(_DEATHS, 0)
@@ -90,6 +95,7 @@ class SceneClient:
             dense=config.dense,
             objects=config.objects,
             object_map=config.object_map,
+            navigation=config.navigation,
             input=config.input,
             remappings=own_remappings(node.get_name(), sys.argv),
         )
@@ -102,7 +108,8 @@ class SceneClient:
                 return not self._config.frames.base
             case topics.CLOUD_LABELS:
                 return self._config.object_map.label_cloud
-        return True
+        is_mask = topic in {output.name for output in MASK_OUTPUTS}
+        return self._config.navigation.enabled or not is_mask
 
     @property
     def _dense_process(self) -> SceneProcess | None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from hoid_common.inputs.input_config import InputConfig
 from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.navigation_config import NavigationConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
 from rgbd_slam.config.object_map_config import ObjectMapConfig
 from rgbd_slam.dense.stored_view import StoredView, ViewChange
@@ -30,6 +31,7 @@ class SceneSetup(NamedTuple):
     object_map: ObjectMapConfig
     input: InputConfig
     remappings: tuple[str, ...] = ()  # rules that the command line has for the SLAM node only
+    navigation: NavigationConfig = NavigationConfig()
     folder: Path | None = None  # for the files of the stored images; None: a new temporary folder
 
 

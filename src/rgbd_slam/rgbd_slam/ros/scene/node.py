@@ -43,6 +43,8 @@ from rgbd_slam.ros.scene.messages import (
 from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.ros.timers import set_period
 from rgbd_slam.scene.floor import NO_FLOOR
+from rgbd_slam.scene.navigation_masks import NavigationMasks
+from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
@@ -79,6 +81,7 @@ class SceneNode(Node):
         self._scene: SceneMapper | None = None
         self._camera: CameraModel | None = None
         self._outputs = SceneOutputs(self._report, setup)
+        self._masks = NavigationMasks(setup.navigation)
         self._stamp_ns = 0  # of the latest image in the scene; 0: none yet
         self._rest_until_s = 0.0  # monotonic time from which the maps may be published again
         self._num_fused = 0  # number of images fused into the dense map of this scene
@@ -186,8 +189,11 @@ class SceneNode(Node):
                 is_map_level=self._setup.is_map_level,
                 folder=self._setup.folder,
             )
+        self._masks = NavigationMasks(self._setup.navigation)
         self._matcher.reset()
         self._outputs.clear(self._stamp_ns)
+        if self._setup.navigation.enabled and self._stamp_ns:
+            self._outputs.publish_masks(self._masks, self._stamp_ns, self.resolve_topic_name)
 
     def _on_objects(self, msg: DynamicObjectArray) -> None:
         """Add the objects of an image if their verdicts are final: the maps can wait for these."""
@@ -221,6 +227,7 @@ class SceneNode(Node):
         if self._setup.objects.enabled and request.track_objects:
             tracks = self._scene.track_objects(request, depth_m, objects)
             self._outputs.publish_objects(tracks, request.stamp_ns)
+            self._publish_masks(tracks, request)
         if request.is_for_object_map:
             self._scene.map_objects(request, depth_m, objects)
             self._diagnostics.set_count('mapped objects', self._scene.num_mapped_objects)
@@ -234,6 +241,12 @@ class SceneNode(Node):
             self._num_fused += 1
             self._diagnostics.count('images fused')
             self._diagnostics.set_count('voxels', self._scene.num_voxels)
+
+    def _publish_masks(self, tracks: tuple[TrackedObject, ...], request: SceneRequest) -> None:
+        if not self._setup.navigation.enabled:
+            return
+        if self._masks.update(tracks, request.T_map_camera, request.stamp_ns):
+            self._outputs.publish_masks(self._masks, request.stamp_ns, self.resolve_topic_name)
 
     def _check_size(self, image: NDArray[Any], what: str) -> None:
         assert self._camera is not None

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from hoid_msgs.msg import TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
+from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import OccupancyGrid
 from people_msgs.msg import People
 from rclpy.qos import QoSProfile
@@ -29,8 +30,14 @@ from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.ros.scene import conversions, object_map_messages
 from rgbd_slam.ros.scene.conversions import SceneMaps
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
+from rgbd_slam.ros.scene.navigation.mask_messages import (
+    FilterType,
+    filter_info_to_msg,
+    mask_to_msg,
+)
 from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 from rgbd_slam.scene.grid import Grid
+from rgbd_slam.scene.navigation_masks import NavigationMasks
 from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.objects.cloud_labels import CloudLabels
 from rgbd_slam.scene.scene_mapper import SceneMapper
@@ -82,6 +89,38 @@ MAP_OUTPUTS = (
     OutputTopic(topics.GRID_MAP, OccupancyGrid, qos.LATCHED, conversions.grid_to_msg),
     OutputTopic(
         topics.GRID_MAP_UPDATES, OccupancyGridUpdate, qos.OUTPUT, conversions.grid_update_to_msg
+    ),
+)
+# `to_msg` is called with (masks: NavigationMasks, header: Header, resolve: Callable[[str], str]),
+# at most once per `NavigationConfig.period_s`; `resolve` returns the full name of a topic.
+MASK_OUTPUTS = (
+    OutputTopic(
+        topics.KEEP_OUT_MASK,
+        OccupancyGrid,
+        qos.LATCHED,
+        lambda masks, header, _: mask_to_msg(masks.keep_out(), header),
+    ),
+    OutputTopic(
+        topics.KEEP_OUT_INFO,
+        CostmapFilterInfo,
+        qos.LATCHED,
+        lambda _, header, resolve: filter_info_to_msg(
+            FilterType.KEEP_OUT, resolve(topics.KEEP_OUT_MASK), header
+        ),
+    ),
+    OutputTopic(
+        topics.SPEED_MASK,
+        OccupancyGrid,
+        qos.LATCHED,
+        lambda masks, header, _: mask_to_msg(masks.speed(), header),
+    ),
+    OutputTopic(
+        topics.SPEED_INFO,
+        CostmapFilterInfo,
+        qos.LATCHED,
+        lambda _, header, resolve: filter_info_to_msg(
+            FilterType.SPEED_PERCENT, resolve(topics.SPEED_MASK), header
+        ),
     ),
 )
 _OF_CLOUD = frozenset({topics.CLOUD_MAP, topics.CLOUD_LABELS})
@@ -139,6 +178,13 @@ class SceneOutputs:
         """Publish the tracks of people and objects after an image with this stamp."""
         wanted = [output for output in OBJECT_OUTPUTS if output.name in self.subscribed]
         self._publish(wanted, objects, header_to_msg(stamp_ns, self.frame))
+
+    def publish_masks(
+        self, masks: NavigationMasks, stamp_ns: int, resolve: Callable[[str], str]
+    ) -> None:
+        """Publish the masks for navigation on their topics that have subscribers."""
+        wanted = [output for output in MASK_OUTPUTS if output.name in self.subscribed]
+        self._publish(wanted, masks, header_to_msg(stamp_ns, self.frame), resolve)
 
     def publish_object_map(self, scene: SceneMapper, stamp_ns: int) -> None:
         """Publish the object map on its topics that have subscribers and are outdated."""

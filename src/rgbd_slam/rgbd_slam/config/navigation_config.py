@@ -1,0 +1,67 @@
+"""Parameters of the masks for Nav2's costmap filters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from hoid_common.config import Config, param
+
+
+@dataclass(frozen=True)
+class NavigationConfig(Config):
+    """Masks that keep a robot away from what people do, and slow where people are often met."""
+
+    enabled: bool = param(
+        default=False,
+        description='Whether to publish masks for the costmap filters of Nav2: keep_out_mask and '
+        'speed_mask, with keep_out_mask/info and speed_mask/info. Set it to true if Nav2 has the '
+        'filters. It needs frames.base, since the masks are in the map frame, which must be '
+        'level, and objects.enabled.',
+        expert=True,
+    )
+    horizon_s: float = param(
+        2.0,  # chosen: a person at 1.2 m/s walks 2.4 m, which is half a room
+        'Time for which the keep-out area follows a walking person into the future (s). Raise it '
+        'for a slow robot; a robot that passes behind people needs less.',
+        minimum=0.0,
+        maximum=10.0,
+        expert=True,
+    )
+    margin_m: float = param(
+        0.4,  # chosen: the personal space of Hall's proxemics starts at 0.45 m
+        'Distance that is kept from the places where a person will be, and from a handled object '
+        '(m). The radius of the robot is added by the inflation layer of Nav2.',
+        minimum=0.0,
+        maximum=2.0,
+        expert=True,
+    )
+    classes: tuple[str, ...] = param(
+        (),
+        'Classes of handled objects around which there is a keep-out area; without any, all '
+        'classes have one.',
+        expert=True,
+    )
+    busy_crossings: int = param(
+        5,  # chosen: a place that a family crosses five times in a session
+        'Number of times that people must have crossed a cell of speed_mask for the full speed '
+        'limit to hold there. Fewer crossings lower the limit in proportion.',
+        minimum=1,
+        maximum=1000,
+        expert=True,
+    )
+    busy_speed_percent: float = param(
+        50.0,  # chosen: halves the distance in which a robot stops, or more
+        'Speed limit where people often walk, in percent of the largest speed of the robot.',
+        minimum=1.0,
+        maximum=100.0,
+        expert=True,
+    )
+    # Radius around the camera in which there is no keep-out area, since Nav2 finds no way out of
+    # one (m). Chosen: that of a robot for rooms.
+    robot_radius_m: ClassVar[float] = 0.4
+    # People who are slower stand, and are not predicted (m/s). Chosen: above the tracker's noise.
+    walking_mps: ClassVar[float] = 0.25
+    keep_out_cell_m: ClassVar[float] = 0.1  # chosen: two cells of the costmap
+    speed_cell_m: ClassVar[float] = 0.25  # chosen: half the width of a person
+    period_s: ClassVar[float] = 0.5  # chosen: shortest time between two masks

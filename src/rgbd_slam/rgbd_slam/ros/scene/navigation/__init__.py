@@ -1,0 +1,1 @@
+"""The messages of the masks for Nav2's costmap filters."""

@@ -1,0 +1,57 @@
+"""Converts the masks for navigation to messages of Nav2's costmap filters."""
+
+from __future__ import annotations
+
+from array import array
+from enum import IntEnum
+
+from geometry_msgs.msg import Pose
+from nav2_msgs.msg import CostmapFilterInfo
+from nav_msgs.msg import MapMetaData, OccupancyGrid
+from std_msgs.msg import Header
+
+from rgbd_slam.scene.navigation_masks import Mask
+
+
+class FilterType(IntEnum):
+    """The kinds of costmap filters (nav2_costmap_2d/costmap_filters/filter_values.hpp)."""
+
+    KEEP_OUT = 0
+    SPEED_PERCENT = 1
+
+
+# Base and multiplier: a cell of the speed mask has the percents to go more slowly.
+_BASES = {FilterType.KEEP_OUT: (0.0, 1.0), FilterType.SPEED_PERCENT: (100.0, -1.0)}
+
+
+def mask_to_msg(mask: Mask, header: Header) -> OccupancyGrid:
+    """Return the message of a mask, in the map frame of the header."""
+    height, width = mask.cells.shape
+    origin = Pose()
+    origin.position.x, origin.position.y = (float(i * mask.resolution_m) for i in mask.low)
+    info = MapMetaData(
+        map_load_time=header.stamp,
+        resolution=mask.resolution_m,
+        width=width,
+        height=height,
+        origin=origin,
+    )
+    return OccupancyGrid(header=header, info=info, data=array('b', mask.cells.tobytes()))
+
+
+def filter_info_to_msg(kind: FilterType, mask_topic: str, header: Header) -> CostmapFilterInfo:
+    """Return how Nav2 is to read a mask.
+
+    Args:
+        kind: The kind of the filter.
+        mask_topic: Full name of the topic of the mask: Nav2's nodes have namespaces of their own.
+        header: Header with the map frame.
+    """
+    base, multiplier = _BASES[kind]
+    return CostmapFilterInfo(
+        header=header,
+        type=int(kind),
+        filter_mask_topic=mask_topic,
+        base=base,
+        multiplier=multiplier,
+    )
