@@ -41,6 +41,14 @@ def test_every_field_of_the_summary_is_documented() -> None:
     assert [field.name for field in fields(Summary) if f'`{field.name}`' not in page] == []
 
 
+def test_the_graph_has_every_topic_of_readme() -> None:
+    graph = (ROOT / 'docs/images/graph.svg').read_text()
+    rows = (ROOT / 'README.md').read_text().split('## Topics that matter')[1].split('\nMore:')[0]
+    topics = re.findall(r'`(\S+?)`', rows)
+    assert len(topics) > 10
+    assert [topic for topic in topics if topic not in graph] == []
+
+
 def test_code_named_in_pages_exists() -> None:
     for page in PAGES:
         text = page.read_text()

@@ -8,6 +8,7 @@ import pytest
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
 from hoid_benchmarks.publish.figures import ATE, TIME, WORTH, digest, figures
+from hoid_benchmarks.publish.layouts import layouts_svg
 from hoid_benchmarks.publish.pages import (
     DECISIONS,
     RESULTS,
@@ -113,7 +114,16 @@ def test_a_figure_draws_medians_and_ranges_in_units_of_its_axis() -> None:
         ('none', 7.0, 7.0, 8.0),
         ('hoid2d', 8.25, 8.25, 9.5),
     ]
+    renamed = replace(compared, rows=(Row(('carry-box', 'none', '-', '0.01', ''), 'c', 'M'),))
+    assert figures({'one': renamed}, {})[ATE][0].row == 'somebody carries a box'
     assert drawn[WORTH] == [('p.x', 'hoid+, a', *map(pytest.approx, (1.0, 2.0, 3.0)))]
+
+
+def test_the_sketch_of_the_layouts_shows_their_topics() -> None:
+    sketch = layouts_svg(ROOT)
+    for words in ('Dense map: cloud_map', 'object_map/markers', 'time per stage [ms]'):
+        assert f'>{words}</text>' in sketch
+    assert sketch.count('>3-D view</text>') == 2
 
 
 def test_the_list_of_decisions_has_every_page() -> None:

@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from hoid_benchmarks.publish.results_file import Kept
+from hoid_common.io.yaml_file import read_yaml
 
 ATE, TIME, WORTH = 'ate.svg', 'time.svg', 'worth.svg'
 _EXACT = 'exact'  # the oracle filter, whose masks are precomputed: its time means nothing
@@ -34,6 +35,7 @@ _OTHER_RULES = 'seed_method'  # runs with the rules of ORB-SLAM3
 _NUMBER = re.compile(r'\d+(?:\.\d+)?')
 _DEFAULT = 'default'
 _MM = 1e3
+_WORDS = Path(__file__).with_name('scene_words.yaml')
 _LEGEND_LETTERS = 70  # total length of names in one row of a legend
 _WIDTH_INCH, _ROW_INCH, _REST_INCH = 7.2, 0.24, 1.1
 
@@ -86,12 +88,13 @@ def digest(marks: Sequence[Mark]) -> str:
 
 def _errors(compared: Sequence[Kept]) -> list[Mark]:
     """Return the ATE by sequence and filter, with the first of several detectors."""
+    words = read_yaml(_WORDS)
     found: dict[tuple[str, str], Mark] = {}
     for sequence, strategy, detector, cell in _cells(compared, 'RMSE [m]'):
         if detector != _NOT_DRAWN:
             middle, *ends = (_MM * value for value in _numbers(cell))
             low, high = ends or (middle, middle)
-            mark = Mark(sequence, strategy, low, middle, high)
+            mark = Mark(words.get(sequence, sequence), strategy, low, middle, high)
             found.setdefault((sequence, strategy), mark)
     return list(found.values())
 
@@ -118,7 +121,7 @@ def _times(compared: Sequence[Kept]) -> list[Mark]:
 
 def _ablation_ratios(experiments: Iterable[Kept]) -> list[Mark]:
     """Return the ratio of the ATE without a part to the ATE with it, by part and sequence."""
-    marks = []
+    marks, words = [], read_yaml(_WORDS)
     for one in experiments:
         if 'ATE RMSE [m]' not in one.columns:
             continue
@@ -133,7 +136,8 @@ def _ablation_ratios(experiments: Iterable[Kept]) -> list[Mark]:
             if before and r['variant'] != _DEFAULT:
                 middle, low, high = (v / before for v in _numbers(r['ATE RMSE [m]']))
                 part = r['variant'].removesuffix('=False')
-                marks.append(Mark(part, f'{r["filter"]}, {r["sequence"]}', low, middle, high))
+                where = words.get(r['sequence'], r['sequence'])
+                marks.append(Mark(part, f'{r["filter"]}, {where}', low, middle, high))
     return marks
 
 

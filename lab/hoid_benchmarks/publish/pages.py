@@ -17,6 +17,7 @@ from typing import Any
 from hoid_benchmarks.faults.cases import merged
 from hoid_benchmarks.plan.kinds import kinds_text
 from hoid_benchmarks.publish.figures import Mark, figures, save_figures
+from hoid_benchmarks.publish.layouts import LAYOUTS, layouts_svg
 from hoid_benchmarks.publish.literature_page import literature_page
 from hoid_benchmarks.publish.results_file import Kept, Row, read_kept
 from hoid_common.errors import InputError
@@ -72,11 +73,12 @@ def marked_pages(root: Path) -> list[Path]:
 
 
 def written_pages(root: Path) -> dict[Path, str]:
-    """Return the texts of generated pages by path: list of decisions, published values."""
+    """Return the texts of generated files by path: decisions, published values, layouts."""
     kept = read_kept(results_path(root, 'readme'))
     return {
         root / DECISIONS / 'index.md': _decisions(root),
         root / RESULTS / 'literature.md': literature_page(kept),
+        root / LAYOUTS: layouts_svg(root),
     }
 
 
