@@ -19,8 +19,9 @@ from hoid_common.io.stamps import in_order
 from hoid_common.io.tum_text import NumberTable, read_numbers, read_rows
 from hoid_common.io.untrusted import read_text
 
-# Chosen: lengths of the mean acceleration [m/s^2] that tell an accelerometer from a gyro. No
-# camera turns at 7 rad/s for a whole recording.
+# Chosen: unless names show which sensor it is, a sensor whose mean vector has a length between
+# these is an accelerometer [m/s^2], and any other is a gyro. No camera turns at 7 rad/s for a
+# whole recording.
 _GRAVITY_MPS2 = 7.0, 12.0
 _ACCELEROMETER_WORDS = ('accel', 'ax ay az')
 _GYRO_WORDS = ('gyro', 'wx wy wz')

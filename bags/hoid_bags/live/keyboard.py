@@ -35,7 +35,8 @@ class KeyPresses:
         """Return the keys pressed since the last call, without waiting."""
         keys = ''
         while self._saved is not None and select.select([sys.stdin], [], [], 0)[0]:
-            # Not by sys.stdin, because select does not see what is in its buffer.
+            # The keys are read from the descriptor, because select does not see characters that
+            # sys.stdin has read into its buffer.
             pressed = os.read(sys.stdin.fileno(), _MAX_BYTES)
             if not pressed:  # end of file
                 break

@@ -34,7 +34,8 @@ from hoid_common.values import NS_PER_S
 
 _LOG = logging.getLogger(__name__)
 _TICK_S = 0.01  # chosen: period in which the keyboard and, in lockstep, odometry are checked
-# In real time. Chosen: each /clock message wakes every node on simulated time (decision 018).
+# Time between two /clock messages, in real time. Chosen: each of these messages wakes every node
+# on simulated time (decision 018).
 _CLOCK_PERIOD_S = 0.02
 _SETTLE_S = 0.3  # chosen: a subscriber needs up to this long from matching to receiving
 _SETTLE_LOCKSTEP_S = 1.0  # chosen: longer, because a lost frame would never be answered

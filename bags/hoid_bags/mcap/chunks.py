@@ -67,8 +67,8 @@ class DamagedChunk(NamedTuple):
 def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
     """Return the records of a chunk.
 
-    rosbags and mcap verify the size only after they have unpacked everything. Here no more than
-    `size` bytes are unpacked, so that a small file cannot fill the memory.
+    rosbags and mcap verify the size only after they have unpacked everything. Here at most one
+    byte more than `size` is unpacked, so that a small file cannot fill the memory.
 
     Args:
         data: The chunk's content, as it is in the file.
@@ -77,7 +77,8 @@ def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
         checksum: CRC-32 of the records; 0 means that there is none.
 
     Raises:
-        ReaderError: The content contradicts the header, or is larger than MAX_CHUNK_BYTES.
+        ReaderError: The compression is unknown, the content contradicts `size` or `checksum`, or
+            `size` is larger than MAX_CHUNK_BYTES.
         ZstdError, RuntimeError: The content is damaged (zstd and lz4, respectively; see DAMAGE).
     """
     if size > MAX_CHUNK_BYTES:

@@ -14,8 +14,8 @@ from hoid_common.errors import InputError
 from hoid_common.io.untrusted import open_regular
 
 SUFFIX: Final = '.zstd'
-# Largest ratio of unpacked to packed size. Chosen: raw images of a static scene reach a ratio of
-# 10.
+# Chosen: a file is refused if it unpacks to more than _SMALL_BYTES plus this multiple of its size.
+# Raw images of a static scene reach a ratio of 10.
 _MAX_RATIO = 100
 _SMALL_BYTES = 1 << 26  # chosen: small enough to be unpacked at any ratio
 _BLOCK_BYTES = 1 << 20  # chosen: memory for one block

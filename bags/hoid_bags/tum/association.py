@@ -15,8 +15,8 @@ MAX_PAIR_GAP_NS = 20_000_000
 """Limit for the difference of the stamps of a pair: the default of the TUM benchmark's tool
 `associate.py`. Images of one stream are 33 ms apart.
 """
-# Largest mean number of images of the other stream with which an image could be paired. Chosen: a
-# 60 Hz camera has two or three.
+# Largest mean number of images of the other stream with which an image could be paired; with more,
+# the stamps are refused. Chosen: a 60 Hz camera has two or three.
 _MAX_CANDIDATES = 20
 
 
