@@ -93,8 +93,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = argument_parser(chosen).parse_args(argv)
         if COMMANDS[chosen].is_live:
-            # Only `nodes` draws no progress bars, so that a terminal can be relayed as well. It
-            # must not wait even if the terminal is stopped.
+            # The output of `nodes` is relayed even to a terminal, because `nodes` must not wait if
+            # the terminal is stopped. The other commands here draw progress bars, which need the
+            # terminal itself.
             relay_output(terminals=chosen == _NODES)
         logging.basicConfig(
             level=logging.DEBUG if args.verbose else logging.WARNING,

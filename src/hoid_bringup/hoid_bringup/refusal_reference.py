@@ -43,7 +43,8 @@ _KINDS = {  # of a text, by the name of the function that takes it
     'report_problem': 'problem',
     'warning': 'warning',
 }
-# Kinds of the texts that functions return, where their callers do not show how a text is used.
+# Kind of the text that each function returns, for functions whose callers do not show how the text
+# is used.
 _SPEAKERS = {
     '_change_text': 'problem',
     '_clock_message': 'problem',
@@ -64,7 +65,7 @@ _FORMAT = re.compile(r'%[-+.\d]*[sdgf]')  # a value in the text of a logging cal
 
 
 def refusal_reference(root: Path) -> str:
-    """Return the page in Markdown, with a table for each package.
+    """Return the reference page of refusals and warnings in Markdown, with a table per package.
 
     Args:
         root: Root folder of the source tree.

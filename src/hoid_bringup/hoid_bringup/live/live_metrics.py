@@ -15,11 +15,12 @@ _FRAME_STAGES = frozenset({'extract', 'filter', 'track'})
 class LiveMetrics:
     """Times and counts of images, by the stamp of the image in ns."""
 
-    # Wall-clock times in ns at which the image was published and its odometry arrived.
+    # By the stamp of an image: the wall-clock times [ns] at which the image was published and at
+    # which its odometry arrived.
     published_ns: dict[int, int] = field(default_factory=dict)
     odometry_ns: dict[int, int] = field(default_factory=dict)
     processed: set[int] = field(default_factory=set)  # stamps of the images that SLAM processed
-    # Numbers of features that were detected, and of those that were removed.
+    # By the stamp of an image: the number of detected features, and the number of removed ones.
     num_features: dict[int, tuple[int, int]] = field(default_factory=dict)
     num_dynamic: dict[int, int] = field(default_factory=dict)  # number of dynamic objects
     _stage_ms: dict[int, dict[str, float]] = field(default_factory=dict)

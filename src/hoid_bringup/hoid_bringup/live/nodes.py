@@ -117,7 +117,8 @@ def _supervise(supervisor: Supervisor) -> None:
     """Run the nodes until an interrupt, or until one ends and is not restarted.
 
     Raises:
-        InputError: A node refused its first start, or a node ended without `--restart`.
+        InputError: A node refused its first start, a node ended without `--restart`, or the log
+            folder cannot be written.
     """
     with supervisor:
         while True:

@@ -43,7 +43,8 @@ class ReplayConfig(Config):
         'true so that a slow computer loses no image.',
     )
     run: RunConfig = field(default_factory=RunConfig)
-    # Topics of an IMU in the bag: of both sensors, or of the gyro and of the accelerometer.
+    # Topics of an IMU in the bag: one topic with both sensors, or one of the gyro and one of the
+    # accelerometer.
     imu: tuple[str, ...] = ()
 
     @property

@@ -31,7 +31,7 @@ from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
-# A node ends itself after this time at the latest, and `ros2 launch` waits as long before it sends
+# After a signal, a node ends itself within this time. `ros2 launch` waits as long before it sends
 # SIGKILL.
 _GRACE_S = 10.0
 _MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
@@ -197,7 +197,10 @@ class Supervisor:
         return replace(ended, restart_s=pause_s)
 
     def _next_pause_s(self, name: str) -> float:
-        """Return the time [s] until the next try to start a child, and double it up to 30 s."""
+        """Return the time [s] until the next try to start a child.
+
+        The time for the try after that is doubled, up to 30 s.
+        """
         pause_s = self._pauses_s.get(name, self._restart_period_s)
         self._pauses_s[name] = min(2 * pause_s, _MAX_REFUSAL_PERIOD_S)
         return pause_s
