@@ -138,7 +138,8 @@ class Config:
         for name, value in values.items():
             if name not in known:
                 raise ConfigError(f'no parameter is called "{name}"{did_you_mean(name, known)}')
-            # Checked here as well as in the constructor, so that the error has the dotted name.
+            # The value is checked here as well as in the constructor, so that the error names the
+            # parameter with its section.
             _checked(name, value, known[name].value, known[name].spec)
         return _replaced(self, values)
 

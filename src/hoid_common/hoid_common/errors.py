@@ -1,6 +1,7 @@
 """Exceptions of the suite. Their text is one line: what is wrong, where, and what to do."""
 
-# Characters kept of the beginning and the end of a longer text. Chosen: ten lines of a terminal.
+# Numbers of characters that are kept of the beginning and the end of a text that is longer than
+# both together. Chosen: 11 to 12 lines of a terminal with 80 columns.
 _HEAD_CHARS, _TAIL_CHARS = 600, 300
 
 

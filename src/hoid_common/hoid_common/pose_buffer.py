@@ -12,7 +12,8 @@ from hoid_common import se3
 from hoid_common.values import NS_PER_S, FloatArray
 
 _KEPT_NS = 10 * NS_PER_S  # the duration that tf2's buffer keeps by default
-# Chosen, not tuned: an image may arrive before the odometry message that follows its stamp.
+# Chosen, not tuned: a pose is given for stamps that are later than the newest pose by up to this
+# time, because an image may arrive before the odometry message that follows its stamp.
 _MAX_EXTRAPOLATION_NS = NS_PER_S // 5
 
 

@@ -11,8 +11,8 @@ from hoid_common.errors import MessageError
 from hoid_common.values import FloatArray
 
 _MAX_DEPTH = 64  # chosen: no robot has longer chains, so that a longer one is a cycle
-# Chosen far above what a robot has. Without a limit, a publisher that changes the frame name in
-# every message would fill the memory.
+# Chosen far above what a robot has: further frames are refused. Without a limit, a publisher that
+# changes the frame name in every message would fill the memory.
 _MAX_FRAMES = 1000
 
 

@@ -22,7 +22,8 @@ RESTART_NS = 1_000_000_000
 # Chosen: a color image that equals an earlier one counts as repeated by the driver if the earlier
 # one is not older than this. Otherwise the camera is at rest: simulators render equal images then.
 MAX_COPY_AGE_NS = 250_000_000
-# Chosen: a longer offset is no delay within a driver, but another clock.
+# Chosen: a longer offset between two streams is not a delay within a driver, but shows that they
+# have different clocks.
 _LONGEST_OFFSET_NS = 500_000_000
 _NUM_GAPS = 15  # chosen: half a second of images without any match shows an offset
 _NUM_STAMPS = 90  # chosen: a constant offset is estimated from the images of 3 s at 30 Hz

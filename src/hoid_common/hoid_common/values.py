@@ -49,12 +49,13 @@ MAX_PIXELS = 7680 * 4320
 MAX_NAME_LENGTH = 100
 """Longest class name that is accepted, in characters. Chosen: COCO's longest has 14."""
 
-# Of OpenCV's rational model: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y.
+# Number of coefficients of OpenCV's rational model: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3,
+# s4, tau_x, tau_y.
 _NUM_COEFFICIENTS = 14
 _NUM_FISHEYE = 4  # of OpenCV's fisheye model: k1, k2, k3, k4
 _MAX_COEFFICIENT = 1e4  # chosen far above the coefficients of real lenses; not tuned
-# Least and greatest focal length, as a ratio to the longer image side: fields of view of 169 and
-# 0.6 degrees. Chosen beyond the limits of any pinhole camera.
+# Smallest and largest focal length that are accepted, as a ratio to the longer image side: fields
+# of view of 169 and 0.6 degrees. Chosen beyond the limits of any pinhole camera.
 _FOCAL_PER_SIDE = (0.05, 100.0)
 
 
@@ -351,7 +352,7 @@ class FilterResult:
     removed_uv_px: Float32Array  # (M, 2) pixels of the removed features, for the debug image
     num_features_in: int  # features that were detected
     num_removed: int  # features that were removed as dynamic
-    # Processor time of the stages 'extract' and 'filter'.
+    # Processor time [ms] of the stages 'extract' and 'filter'.
     stage_ms: dict[str, float] = field(default_factory=dict)
 
 

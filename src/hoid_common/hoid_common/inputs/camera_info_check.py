@@ -32,7 +32,8 @@ class CameraInfoCheck:
     def __init__(self, remedy: str) -> None:
         self._remedy = remedy
         self.camera: CameraModel | None = None  # the calibration in use
-        # One line about another calibration, until the calibration in use is received again.
+        # One line about a calibration that differs from the one in use, until the one in use is
+        # received again; '' = none.
         self.change = ''
         self._size_problem = ''  # one line about a size that is not that of the images
         self._image_size_px: tuple[int, int] | None = None

@@ -50,7 +50,8 @@ class InputConfig(Config):
     depth_offset_s: float = param(
         0.0,
         'Time by which the stamps of depth images are later than those of the color images that '
-        'were taken at the same instant (s). Set it when a constant offset is reported.',
+        'were taken at the same instant (s). Set it to the value that the node suggests when it '
+        'reports a constant offset between the stamps.',
         minimum=-1.0,
         maximum=1.0,
         expert=True,

@@ -11,7 +11,8 @@ from hoid_common.errors import ConfigError, MessageError
 from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
 _RECTIFIED = re.compile('(^|[/_])rect', re.IGNORECASE)
-# Chosen: a smaller relative difference changes poses by less than depth noise does.
+# Chosen: focal lengths whose relative difference is smaller count as equal; poses change by less
+# than by depth noise.
 _SAME_FOCAL = 0.005
 
 

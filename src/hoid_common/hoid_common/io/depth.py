@@ -18,10 +18,12 @@ MAX_DEPTH_M = 100.0
 """Farthest depth of a reading. Chosen: several times the range of any depth camera."""
 
 _MIN_BITS, _MAX_BITS = np.array([MIN_DEPTH_M, MAX_DEPTH_M], np.float32).view(np.uint32)
-# Chosen: every 16th row and column; a median needs 50 readings among these pixels.
+# Chosen: the median depth of an image is taken from every 16th row and column, if at least 50 of
+# these pixels have a reading.
 _UNIT_STRIDE_PX, _MIN_READINGS = 16, 50
-# The median depth of images of rooms: 0.6 to 2.9 m in 800 images of fr1_xyz, 400 of an office and
-# fr3_walking_halfsphere. Chosen: limits beyond which a warning is given.
+# Median depths of images of rooms are 0.6 to 2.9 m (800 images of fr1_xyz, 400 of an office and
+# fr3_walking_halfsphere). Chosen: limits beyond which a warning is given, because the unit of
+# depth may be wrong.
 _USUAL_MEDIAN_M = (0.3, 8.0)
 _NUM_IMAGES = 10  # chosen: a third of a second of images decides whether to warn
 

@@ -15,14 +15,15 @@ from hoid_common.values import MAX_PIXELS
 _PNG_START: Final = b'\x89PNG\r\n\x1a\n'
 _PNG_CHUNK = struct.Struct('>I4s')  # length, name; a checksum of 4 bytes follows the content
 _PNG_COMPRESSED_TEXT: Final = (b'zTXt', b'iTXt', b'iCCP')
-# Chosen: libpng writes an image as chunks of 8 kB, so that 8K images have about 12,000. Each
-# compressed text may expand to 8 MB (libpng's limit); cameras write none.
+# Chosen: a PNG with more chunks, or with more compressed texts, is refused. libpng writes an image
+# as chunks of 8 kB, so that 8K images have about 12,000. Each compressed text may expand to 8 MB
+# (libpng's limit); cameras write none.
 _MAX_CHUNKS, _MAX_COMPRESSED_TEXTS = 100_000, 8
 _PNG_SIZE = struct.Struct('>4x4sII')  # first chunk: length, name, width, height
 _JPEG_START: Final = b'\xff\xd8'
 _JPEG_SCAN: Final = b'\xff\xda'
-# Chosen: progressive JPEGs have about ten scans. Decoding each takes time in proportion to the
-# image size, however short the scan is.
+# Chosen: a JPEG with more scans is refused. Progressive JPEGs have about ten. Decoding each scan
+# takes time in proportion to the image size, however short the scan is.
 _MAX_SCANS = 100
 _JPEG_SEGMENT = struct.Struct('>BBH')  # 0xff, marker, length including its own two bytes
 _JPEG_SIZE = struct.Struct('>xHH')  # frame header: precision, height, width

@@ -17,8 +17,8 @@ from hoid_common.io.tum_text import read_numbers
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, Trajectory
 
-# Chosen: published files round quaternions to four decimals. A norm below this or above its
-# inverse is not caused by rounding.
+# Chosen: a quaternion with a norm below this or above its inverse is refused. Published files
+# round quaternions to four decimals, which changes the norm much less.
 _MIN_QUATERNION_NORM = 0.5
 
 

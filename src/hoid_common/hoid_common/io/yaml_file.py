@@ -16,7 +16,8 @@ import yaml
 from hoid_common.errors import InputError
 from hoid_common.io.untrusted import read_text
 
-# Limits that no parameter, camera or plan file comes near; chosen, not tuned.
+# Chosen, not tuned: a file beyond these limits is refused. No file of parameters, of a camera or
+# of a plan comes near them.
 MAX_BYTES = 500_000
 MAX_DEPTH = 20  # levels of nesting
 MAX_NODES = 30_000  # values and keys

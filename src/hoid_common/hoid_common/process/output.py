@@ -165,8 +165,8 @@ class _Channel:
         self.reader, self.is_open = reader, True
         os.set_blocking(reader, False)
         try:
-            # Opened again, because the mode of a descriptor is shared by all processes that have
-            # inherited it, and theirs must stay as it is.
+            # The stream is opened again, because the mode of a descriptor is shared by all
+            # processes that have inherited it, and must not change for them.
             flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_APPEND
             self.stream = os.open(f'/proc/self/fd/{stream}', flags)
         except OSError:  # a socket

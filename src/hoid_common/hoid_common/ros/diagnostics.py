@@ -55,7 +55,8 @@ class Diagnostics:
         self._input_log = InputLog(node.get_logger(), self._is_cause, time.monotonic())
         self._profile = _transport_profile()
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.OUTPUT)
-        # Not ROS time: with use_sim_time and no /clock, the timer would never report that.
+        # The timer uses steady time. With use_sim_time and no /clock, a timer of ROS time would
+        # never run, so that the missing /clock would not be reported.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_PERIOD_S, self._publish, clock=steady)
 

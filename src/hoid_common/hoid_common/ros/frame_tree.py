@@ -64,7 +64,7 @@ def listen_to_transforms(
 
     def on_transforms(msg: TFMessage) -> None:
         for edge in msg.transforms:
-            # As tf2 does: names that begin with a slash are those of tf1.
+            # A leading slash, as in the names of tf1, is removed, as tf2 does.
             edge.header.frame_id = edge.header.frame_id.lstrip('/')
             edge.child_frame_id = edge.child_frame_id.lstrip('/')
             try:

@@ -31,7 +31,8 @@ Callback = Callable[[Any], None]
 
 _IMAGES = (Image, CompressedImage)
 _LOOK_S = 0.5  # chosen: period of the search for a publisher that keeps its last message
-# Largest message that is no image. Deserializing one of this size takes a second.
+# A larger message is refused unless it is an image. Deserializing a message of this size takes a
+# second.
 _MAX_BYTES = 2_000_000
 
 
@@ -202,7 +203,8 @@ class _Input:
         else:
             self._subscribe(watch.reliability)
         if watch.is_latched:
-            # Not at once: drivers log each subscription that requests more than they offer.
+            # The search for latched publishers starts after a period, not at once, because drivers
+            # log each subscription that requests more than they offer.
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._timer = node.create_timer(_LOOK_S, self._find_latched, clock=steady)
             if isinstance(node, ManagedNode):

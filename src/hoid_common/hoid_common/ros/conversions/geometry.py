@@ -145,7 +145,8 @@ def _transform(rotation: Quaternion, translation: Any, what: str) -> FloatArray:
     """
     quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     position_m = np.array([translation.x, translation.y, translation.z])
-    # Chosen: rounding leaves the norm near 1. The comparison is False for NaN.
+    # Chosen limits: rounding leaves the norm of a quaternion near 1. Comparisons with NaN are
+    # False, so that NaN is refused.
     if not (np.isfinite(position_m).all() and 0.5 < np.linalg.norm(quat) < 2.0):
         raise MessageError(
             f'{what} is no rigid transform: quaternion {quat.tolist()} at {position_m.tolist()}'

@@ -28,7 +28,8 @@ from rclpy.waitable import NumberOfEntities
 
 _Take = Callable[[Any], Any]
 _RARE = (Service, EventHandler)  # entities that are not waited for while messages arrive
-# Chosen: how long a request or an event may wait; people and managers do not notice it.
+# Chosen: longest time that a service request or an event of the middleware waits until it is
+# handled; people and lifecycle managers do not notice it.
 _RARE_PERIOD_NS = 50_000_000
 
 
