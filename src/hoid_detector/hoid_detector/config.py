@@ -124,13 +124,13 @@ class DetectorConfig(Config):
     layout: str = param(
         AUTO,
         'Layout of the network output. Set it when the layout of a model is not recognized: '
-        'yolov5, yolov8, yolox, yolox_raw (boxes in units of grid cells), yolo_nas, rtdetr '
-        '(export by Ultralytics) and detr (export by Transformers) are named after the models. '
-        'The value end_to_end is for models that remove overlapping boxes themselves and output '
-        'boxes, scores and classes in an order that can be recognized. If it cannot, choose the '
-        'value that names the columns in their order: xyxy or yxyx (left, top, right, bottom, or '
-        'y before x), score, class, and batch in front if the first column is the number of the '
-        'image in the batch.',
+        'yolov5 (also YOLOv6 and YOLOv7), yolov8 (also YOLOv9 and YOLO11), yolox, yolox_raw '
+        '(boxes in units of grid cells), yolo_nas, rtdetr (export by Ultralytics) and detr '
+        '(export by Transformers) are named after the models. The value end_to_end is for models '
+        'that remove overlapping boxes themselves and output boxes, scores and classes in an '
+        'order that can be recognized. If it cannot, choose the value that names the columns in '
+        'their order: xyxy or yxyx (left, top, right, bottom, or y before x), score, class, and '
+        'batch in front if the first column is the number of the image in the batch.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )
@@ -177,7 +177,8 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
         'frames.base of rgbd_slam. With an empty string, or if camera_roll_deg is not 0, '
         '/tf_static is not used.',
     )
-    # Decision 016, measured with 10 while the scene mapper ran in the scheduling class SCHED_IDLE.
+    # The default is that of decision 016, for which the scene mapper ran in the scheduling class
+    # SCHED_IDLE.
     niceness: int = param(
         10,
         'Number that is added to the niceness of the process, as the command nice does. A larger '

@@ -120,7 +120,8 @@ class DetectorNode(ManagedNode):
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
         size_px, names = image_bgr.shape[1::-1], self._detector.class_names
         detect_ms, is_watched = self._detector.detect_ms, self._debug_images.is_watched
-        # Published by this thread: the filter waits for the detections of its image.
+        # The thread that detects also publishes, because the filter waits for the detections of
+        # its image.
         self._detections.publish(
             conversions.detections_to_msg(detections, msg.header, size_px, names, detect_ms)
         )

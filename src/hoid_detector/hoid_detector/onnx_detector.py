@@ -27,7 +27,8 @@ from hoid_detector.model.probe import AUTO, Probe
 from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turned
 
 _LOG = logging.getLogger(__name__)
-# Chosen: boxes outside the image that show a wrong layout, if they are more than those inside.
+# Chosen: the layout is wrong once so many boxes lie outside the image, if these are also more than
+# those inside.
 _MIN_OUTSIDE = 3
 _MANY_EMPTY = (
     300  # chosen: images without a box at the start that deserve a warning; 10 s at 30 Hz

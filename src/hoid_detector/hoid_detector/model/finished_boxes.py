@@ -52,7 +52,8 @@ _WORDS = (  # of the names of outputs, such as batchno_classid_score_x1y1x2y2
 _WORD = re.compile('|'.join(f'(?P<{word}>{pattern})' for word, pattern in _WORDS))
 _YOLO_NAS = 'flat_predictions'  # of super-gradients: batch, box, score, class
 
-# Chosen: fractions of the input stay near [0, 1], and no object has a box of 2 pixels.
+# Chosen: boxes without any coordinate above this count as fractions of the network input, which
+# stay near [0, 1]. In pixels, boxes are larger than 2.
 LARGEST_NORMALIZED = 2.0
 MAX_SCORE = 1.1
 """Highest score that is accepted. Chosen: quantized networks exceed 1 slightly."""
