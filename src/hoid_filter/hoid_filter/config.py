@@ -58,8 +58,8 @@ class ExtractionConfig(Config):
         expert=True,
     )
 
-    # Least distance of a corner from the border of its level: the reach of a rotated descriptor
-    # patch, in pixels of that level.
+    # Smallest distance of a corner from the border of its pyramid level: the radius of a rotated
+    # descriptor patch, in pixels of that level.
     border_px: ClassVar[int] = 19
     # Smallest contrast of a FAST corner [gray levels] (ORB-SLAM3, TUM1.yaml: its lower
     # threshold, for cells without strong corners).
@@ -109,8 +109,8 @@ class PlusConfig(Config):
     remember: bool = param(
         default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
         description='Whether hoid+ keeps an object dynamic until nobody has handled it for a '
-        'second, and regards a handled object as still handled while a person covers more than '
-        'half of min_interaction_area of its box. Set it to false to decide by the current image '
+        'second, and regards a handled object as still handled while a person covers more of its '
+        'box than half of min_interaction_area. Set it to false to decide by the current image '
         'alone.',
         read_only=False,
     )
@@ -130,8 +130,8 @@ class PlusConfig(Config):
     doubt_score: ClassVar[float] = 0.5
     doubt_turn_radps: ClassVar[float] = 1.57
     doubt_detections: ClassVar[int] = 4
-    # Chosen: a handled object stays handled while a person covers more than this share of
-    # `min_interaction_area` of its box.
+    # Chosen: a handled object stays handled while a person covers more of its box than
+    # `min_interaction_area` times this share.
     release_share: ClassVar[float] = 0.5
     # Chosen: greatest depth difference between a person's torso and another pixel of the person,
     # and between the middle of an object and another pixel of the object.
@@ -158,15 +158,15 @@ class MotionConfig(Config):
     in_front: bool = param(
         default=True,  # ablation, slow-6: ATE 0.0034 m with it, 0.0075 m without
         description='Whether a surface that appears in front of the depth of earlier images is '
-        'evidence of a moving object, for the strategies hoid+ and motion. Set it to false when '
-        'poor depth makes static surface look as if it moved.',
+        'evidence of a moving object, for the strategies hoid+ (with motion.enabled) and motion. '
+        'Set it to false when poor depth makes static surface look as if it moved.',
         read_only=False,
     )
     off_course: bool = param(
         default=True,  # ablation, carry-screen: ATE 0.0026 m with it, 0.6272 m without
         description='Whether points whose image motion contradicts the camera motion are evidence '
-        'of a moving object, for the strategies hoid+ and motion. Set it to false when repetitive '
-        'texture makes static surface look as if it moved.',
+        'of a moving object, for the strategies hoid+ (with motion.enabled) and motion. Set it to '
+        'false when repetitive texture makes static surface look as if it moved.',
         read_only=False,
     )
 

@@ -24,8 +24,9 @@ from hoid_filter.node_config import STOP, DetectionInputConfig
 # (decision 031).
 _MAX_IMAGES_WITHOUT_MOTION = 3
 _MAX_QUEUED = 30  # chosen: one second of images or detections
-# Chosen, far above what occurs: the longest time by which detections may be newer than the newest
-# image. They arrive before their image when its depth image is late.
+# Chosen, far above what occurs: detections are refused if their stamp is later than that of the
+# newest image by more than this time plus the time since that image arrived. Detections arrive
+# before their image when its depth image is late.
 _MAX_LEAD_S = 1.0
 _DETECTOR_LOST = 'detector lost'
 

@@ -17,9 +17,10 @@ class DetectionInputConfig(Config):
 
     wait_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
-        'Longest time that the final classification of an image waits for the detections of the '
-        'same image (s). Raise it, with prediction_limit_s, for a detector that takes longer. '
-        'Features are published without waiting, except before the first message of the detector.',
+        'Longest time that the final classification of an image, which is published on '
+        'feature_verdicts, waits for the detections of the same image (s). Raise it, with '
+        'prediction_limit_s, for a detector that takes longer. Features are published without '
+        'waiting, except before the first message of the detector.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -34,8 +35,10 @@ class DetectionInputConfig(Config):
     )
     timeout_s: float = param(
         2.0,  # chosen: four times the longest delay of a detector in decision 031
-        'Time for which images but no detections arrive after which the detector counts as lost '
-        '(s). Raise it above the time that the detector needs for an image.',
+        'The detector counts as lost when images have arrived for longer than this time without a '
+        'message from the detector (s); a message without boxes counts as one. detections.on_loss '
+        'sets what happens then. Set it to more than the time that the detector needs for an '
+        'image.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

@@ -14,8 +14,8 @@ from hoid_common.values import (
 )
 from hoid_native import Pinhole, depths_at
 
-# Chosen: a quarter of the width of VGA is enough for depth segments; points, which are tracked to
-# a tenth of a pixel, need half of it.
+# Chosen: a quarter of the width of VGA is enough for depth segments. Points, which are tracked to
+# a tenth of a pixel, need half the width of VGA.
 DEPTH_WIDTH_PX = 160
 GRAY_WIDTH_PX = 320
 # Corners and midpoints of a box: lens distortion bends its edges.

@@ -41,10 +41,12 @@ _POINT_LOG_ODDS, _MAX_POINTS_LOG_ODDS = 0.6, 1.0
 # Chosen: a point that agrees with the camera motion counts in proportion to its age up to this
 # age, because a slow object moves less than the noise in a shorter time.
 _FULL_WEIGHT_S = 0.2
-# A tracked point whose depth changes by more than 5 % plus 3 m/s has slipped to another surface.
-# Chosen for the depth noise at an edge, and for a speed above that of people indoors.
+# A tracked point has slipped to another surface if its depth changes by more than 5 % plus 3 m/s
+# times the elapsed time. Chosen for the depth noise at an edge, and for a speed above that of
+# people indoors.
 _MAX_DEPTH_CHANGE, _MAX_SPEED_MPS = 0.05, 3.0
-# Chosen: the depth that weights points which are nearer than this or have no depth reading.
+# Chosen: points that are nearer than this, or have no depth reading, are weighted as if they were
+# at this depth.
 _MIN_WEIGHT_DEPTH_M = 0.3
 _UNSEGMENTED_AREA_PX = 2.0  # chosen: area that a point on a depth edge, in no segment, represents
 

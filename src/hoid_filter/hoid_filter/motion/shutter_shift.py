@@ -7,8 +7,8 @@ import numpy as np
 from hoid_common.values import FloatArray
 
 # Chosen: the readout time of a Kinect, 30.6 ms (Ringaby and Forssen, ICCV 2011), because the
-# filter does not know that of the camera. While a camera turns slowly, the shift is below the
-# other tolerances.
+# filter does not know the readout time of its camera. While a camera turns slowly, the shift of
+# the image rows is below the other tolerances.
 _READOUT_S = 0.03
 
 

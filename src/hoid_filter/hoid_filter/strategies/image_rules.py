@@ -32,8 +32,8 @@ class Rule(NamedTuple):
 
     min_overlap: float  # the person's box covers more than this share of the object's box
     max_depth_gap_m: float  # and their depths differ by less than this, or a depth is unknown
-    # If given, this replaces the overlap: some corner in the object's box must be within this
-    # distance of the person's box, along rows and columns. NaN: not given.
+    # If it is not NaN, it replaces `min_overlap`: at least one corner (FAST) of the image must lie
+    # in the object's box, and at most this far outside the person's box along rows and columns.
     reach_px: float = math.nan
 
 
