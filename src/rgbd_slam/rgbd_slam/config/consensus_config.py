@@ -31,8 +31,9 @@ class ConsensusConfig(Config):
         'little time where nothing moves. It has no effect without tracking.consensus.enabled.',
     )
 
-    # Number of keyframes that have observed a well-observed point. Decision 026: with fewer,
-    # the error on fr1_xyz_people is 0.013 m instead of 0.009 m.
+    # Smallest number of keyframes that must have observed a point for it to count as well
+    # observed. Decision 026: with fewer, the error on fr1_xyz_people is 0.013 m instead of 0.009
+    # m.
     min_observations: ClassVar[int] = 3
     # Not tuned; below this number of matches of well-observed points, all matches count alike.
     min_well_observed: ClassVar[int] = 40

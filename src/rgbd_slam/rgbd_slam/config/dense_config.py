@@ -34,7 +34,9 @@ class GridConfig(Config):
     max_height_m: float = param(
         1.80,
         'Height above the floor above which points are not obstacles (m). Set it to a little more '
-        'than the height of the robot.',
+        'than the height of the robot: a lower value misses obstacles that the robot would hit, a '
+        'higher one closes passages that it fits through. It must be more than '
+        'dense.grid.min_height_m.',
         minimum=0.05,
         read_only=False,
     )
@@ -82,8 +84,9 @@ class DenseConfig(Config):
     )
     max_depth_m: float = param(
         3.5,  # chosen: the noise of depth grows with its square (decision 002)
-        'Depth beyond which readings add no surface to the dense map (m). Raise it to map more '
-        'of a large room, with more noise.',
+        'Depth beyond which readings add no surface to the dense map (m). Raise it to map more of '
+        'a large room, with more noise. Values above 12 have no further effect, because readings '
+        'beyond 12 m are not used.',
         minimum=0.5,
         expert=True,
     )
@@ -108,7 +111,8 @@ class DenseConfig(Config):
     publish_period_s: float = param(
         2.0,  # chosen, for a display; a cloud of a room has several MB
         'Shortest time between two messages on cloud_map and grid_map (s); they are sent only '
-        'when the dense map has changed. Set a longer period to save time and bandwidth.',
+        'when the dense map has changed. A change of the subscriptions sends outdated messages at '
+        'once. Set a longer period to save time and bandwidth.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

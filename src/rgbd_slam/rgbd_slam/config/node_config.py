@@ -99,10 +99,10 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     checkpoint_period_s: float = param(
         10.0,  # decision 030
         'Usual time between two checkpoints, which are copies of the map from which a node '
-        'resumes after a crash (s). The time is shorter for a young map, and longer if writing '
-        'is slow. Set a longer period to write less; a crash then loses more of the map. With 0, '
-        'or if the node starts with the mode localization, no checkpoints are written and no map '
-        'is resumed.',
+        'resumes after a crash (s). The time is shorter just after the start of the node, and '
+        'longer if writing is slow. Set a longer period to write less; a crash then loses more of '
+        'the map. With 0, or if the node starts with the mode localization, no checkpoints are '
+        'written and no map is resumed.',
         minimum=0.0,
         maximum=3600.0,
         expert=True,

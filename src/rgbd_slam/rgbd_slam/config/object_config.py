@@ -20,7 +20,8 @@ class ObjectTrackerConfig(Config):
         default=True,
         description='Whether to track people and objects in 3-D and to publish them on '
         'tracked_objects, people and tracked_objects/markers. Set it to false to save time if no '
-        'node subscribes to these topics.',
+        'node subscribes to these topics. The object map (object_map.enabled) then no longer '
+        'shows which objects people handle.',
     )
     rate_hz: float = param(
         10.0,

@@ -15,8 +15,9 @@ class ObjectMapConfig(Config):
     enabled: bool = param(
         default=False,  # decision 052: it takes a tenth of a core
         description='Whether to keep a map of the objects at rest and to publish it on '
-        'object_map. It needs a detector. Set it to true if a node uses the map; it takes about a '
-        'tenth of a processor core.',
+        'object_map. It needs a detector; without objects.enabled it does not show which objects '
+        'people handle. Set it to true if a node uses the map; it takes about a tenth of a '
+        'processor core.',
         expert=True,
     )
     rate_hz: float = param(

@@ -53,8 +53,8 @@ class VerificationConfig(Config):
     max_candidates: ClassVar[int] = 3  # places that are verified for one image
     min_votes: ClassVar[int] = 10  # matching features that make a keyframe a candidate
     max_hamming: ClassVar[int] = 60  # largest distance of two matching descriptors [bits]
-    # Largest share of the points in view that may be contradicted: all depth readings around such
-    # a point lie behind it.
+    # A place is rejected if more than this share of the points in view is contradicted: all depth
+    # readings around such a point lie behind it.
     max_contradicted_share: ClassVar[float] = 0.1
     # A recognized place is ambiguous if more than this share of its number of found points is
     # found at a second place.
@@ -68,8 +68,8 @@ class VerificationConfig(Config):
     # Number of map points that must be found at a recognized place. A larger number rejects more
     # false places and more true ones.
     min_inliers: ClassVar[int] = 40
-    # Smallest ratio of the number of points found to the number expected in view. It distinguishes
-    # a place from one with identical furniture.
+    # A place is rejected if the ratio of the number of points found to the number expected in view
+    # is smaller. The ratio distinguishes a place from one with identical furniture.
     min_found_share: ClassVar[float] = 0.5
 
 

@@ -19,11 +19,10 @@ class CameraConfig(Config):
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
         'Constant part of the standard deviation of depth readings, converted to disparities of a '
         'stereo camera with a baseline of 7.5 cm (pixels). The standard deviation is the root of '
-        'the sum of the squares of this part and of 3 % of the disparity. '
-        'Tracking and bundle adjustment replace both parts by the noise that is measured in the '
-        'images; place recognition, and the creation and fusion of map points, always use these '
-        'values. Raise it for a camera with noisier depth; more outliers in depth are then '
-        'accepted.',
+        'the sum of the squares of this part and of 3 % of the disparity. Tracking and bundle '
+        'adjustment multiply both parts by a factor that is measured in the images; place '
+        'recognition, and the creation and fusion of map points, always use these values. Raise '
+        'it for a camera with noisier depth; more outliers in depth are then accepted.',
         minimum=0.01,
         maximum=10.0,
     )
@@ -146,7 +145,7 @@ class TrackingConfig(Config):
     max_turn_dps: ClassVar[float] = 400.0
     # Not tuned: matches with the reference keyframe are used only if the last frame was tracked at
     # most this long ago. The constants `jump_m` and `jump_deg` are added to the distance and the
-    # rotation that these speeds allow since then.
+    # rotation that `max_speed_mps` and `max_turn_dps` allow since then.
     reference_within_s: ClassVar[float] = 0.4
     jump_m: ClassVar[float] = 0.1
     jump_deg: ClassVar[float] = 10.0

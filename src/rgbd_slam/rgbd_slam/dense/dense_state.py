@@ -22,7 +22,7 @@ class DenseState(Record):
 
     keyframe: Annotated[NDArray[np.int32], column('i4', 'views')]  # row in the saved map
     T_keyframe_camera: Annotated[FloatArray, column('f8', 'views', 4, 4)]
-    # The depth as in `DepthView`.
+    # Depth [mm] with the flag of dynamic pixels in bit 15, as in `DepthView`.
     flagged_mm: Annotated[NDArray[np.uint16], column('u2', 'views', 'rows', 'columns')]
     image_bgr: Annotated[ByteArray, column('u1', 'views', 'half_rows', 'half_columns', 3)]
 

@@ -27,7 +27,9 @@ _EDGE_SLOPE = 0.06
 # Standard deviation of depth at 1 m [m]; it grows with the square of the depth. Khoshelham and
 # Elberink (Sensors 2012) measured 1.4 mm with the Kinect; this is twice that. Not tuned.
 _NOISE_PER_M2 = 0.003
-# Chosen: a reading this far away, of any accuracy, still shows that the space nearby is free.
+# Chosen: readings beyond this depth are not used. Readings between the range of the map
+# (`max_depth_m`) and this depth add no surface; they only show that the space in front of them is
+# free, for which any accuracy is enough.
 _CARVE_RANGE_M = 12.0
 _DYNAMIC = np.uint16(0x8000)  # flag of a reading; readings up to the carve range need 14 bits
 _KEY_BITS = 21  # per axis, so that the key of a voxel fits into 63 bits: +-26 km at 2.5 cm
@@ -148,7 +150,10 @@ class DepthCamera:
 
 
 def in_boxes(shape: tuple[int, ...], boxes_xyxy_px: Float32Array, margin_px: int) -> BoolArray:
-    """Return the (H, W) mask of the pixels inside boxes (N, 4) enlarged by a margin."""
+    """Return the mask, of the given shape (H, W), of the pixels inside boxes (N, 4).
+
+    The boxes are enlarged by `margin_px` on each side.
+    """
     out = np.zeros(shape, np.bool_)
     for x1, y1, x2, y2 in boxes_xyxy_px:  # a handful of dynamic objects
         top, left = max(0, int(y1) - margin_px), max(0, int(x1) - margin_px)

@@ -72,8 +72,10 @@ class Submap:
         self._place(T_map_submap)
         self.T_anchor_submap = se3.inverse(T_map_anchor) @ T_map_submap
         self.keys = np.empty(0, np.int32)
-        # Sums of w*x, w*y, w*z, w*b, w*g, w*r and w; images that measured the voxel, less those
-        # that carved it; images that observed it.
+        # Columns: the sums of w*x, w*y, w*z, w*b, w*g, w*r and w; the number of images that
+        # confirmed the voxel, less _CARVE_WEIGHT for each image that saw through it; and the
+        # number of images that measured static surface near it. Both numbers are limited to
+        # _MAX_HITS.
         self.values = np.empty((0, _NUM_COLUMNS), np.float32)
         # For each column of 2 x 2 voxels, bit k: it is free in the k-th step of height above the
         # floor (`free_space.py`).
@@ -88,7 +90,8 @@ class Submap:
         self.is_bent = False
         self.revision = 0  # increases with each change of voxels or pose
         self._num_moves = 0
-        # What remains without the images: the saved voxels, or nothing.
+        # Keys, values and `free_above` before any stored image was fused: those of a loaded map,
+        # or empty. A rebuild starts with them.
         self._base = self.keys, self.values, self.free_above.copy()
 
     def __len__(self) -> int:

@@ -33,7 +33,9 @@ class SubmapState(Record):
     offset: Annotated[NDArray[np.uint8], column('u1', 'voxels', 3)]
     color_bgr: Annotated[ByteArray, column('u1', 'voxels', 3)]
     weight: Annotated[Float32Array, column('f4', 'voxels')]
-    # Images that measured it less those that carved it, and images that observed it.
+    # Two numbers for each voxel, each at most 30: the images that confirmed it (measured the
+    # surface within half a voxel of it), less 3 for each image that saw through it; and the images
+    # that measured static surface near it.
     counts: Annotated[NDArray[np.uint8], column('u1', 'voxels', 2)]
 
     def __len__(self) -> int:

@@ -10,9 +10,9 @@ from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.inertial.gyro_integral import rotation_vector
 
-# Chosen: time over which the tracked rotations are averaged. A bias that is found to 0.005 rad/s
-# turns the attitude by 0.15 degrees in it. A prior that hangs on the last image alone does harm:
-# it holds a wrong rotation.
+# Chosen: time over which the tracked rotations are averaged. In this time, an error of 0.005 rad/s
+# in the bias of the gyro turns the attitude by 0.15 degrees. A prior that rests on the last image
+# alone does harm: if the rotation of that image is wrong, the prior holds on to it.
 _AVERAGING_S = 0.5
 _LEAST_S = 0.1  # chosen: with fewer images, the attitude is that of the last one
 _SPREAD_S = 1.0  # chosen: time over which the spread of the tracked rotations is measured

@@ -30,9 +30,10 @@ _KEPT_NS = 30 * NS_PER_S  # chosen: the tracked rotation drifts by about 1 degre
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: the rotation is interpolated over shorter steps only
 _MIN_EPOCHS = 10  # chosen: triples before a direction is given, 1.5 s after the first image
 _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 degrees; not tuned
-# Chosen: standard deviations of one triple, of the length of gravity (the scale of cheap sensors
-# is off by 2 %), and of the bias of an accelerometer that its driver has calibrated. With 0.3
-# it takes up errors of the tracked rotation: 3.9 instead of 1.5 degrees after 6 s of fr1_xyz.
+# Chosen: standard deviations of the acceleration of one triple of images, of the length of gravity
+# (the scale of cheap sensors is off by 2 %), and of the bias of an accelerometer that its driver
+# has calibrated. If the last one is 0.3, the estimated bias takes up errors of the tracked
+# rotation: the error after 6 s of fr1_xyz is then 3.9 instead of 1.5 degrees.
 _TRIPLE_MPS2, _LENGTH_MPS2, _BIAS_MPS2 = 0.15, 0.2, 0.1
 _KNOWN_ROTATION_RAD = np.deg2rad(1.0)  # chosen: of a mounting that is given
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees between axes

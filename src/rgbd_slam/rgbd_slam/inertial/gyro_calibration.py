@@ -18,14 +18,16 @@ _WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations that are compared with t
 _RECENT_NS = 2 * NS_PER_S  # chosen: as long as the time between two comparisons
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: a longer step between tracked images is not compared
 _MIN_STEPS = 20  # chosen: fewer tracked rotations say nothing
-# Chosen: rounds of the search, each with weights from the residuals of the one before.
+# Chosen: number of rounds of the search for the time offset, among all offsets and near a known
+# one. Each round weights the rotations by the residuals of the round before.
 _ROUNDS, _NEAR_ROUNDS = 3, 2
 _CAUCHY = 1.5  # chosen: residuals of this multiple of the median have the weight 0.5
 _LEAST_RAD = 1e-4  # chosen: far below the errors of tracked rotations, so that no weight is 0 / 0
 _LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median say nothing about the bias
 _BLOCK_STEPS = 15  # chosen: half a second, over which errors of tracking are correlated
-# Chosen: least standard deviations of what is found, and what it starts with. 0.02 rad/s is the
-# zero-rate error of common MEMS gyros at room temperature (Bosch BMI055: 1 deg/s).
+# Chosen: smallest standard deviation that is given to an estimated bias, and the standard
+# deviation of the bias before it is estimated. 0.02 rad/s is the zero-rate error of common MEMS
+# gyros at room temperature (Bosch BMI055: 1 deg/s).
 _MIN_BIAS_RADPS, UNKNOWN_BIAS_RADPS = 5e-4, 0.02
 # Chosen: the axis that turns least must turn by this share of the one that turns most before its
 # sign is believed.

@@ -26,18 +26,19 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 # is known; a comparison takes 5 to 15 ms.
 _FIRST_PERIOD_NS, _PERIOD_NS = NS_PER_S // 2, 2 * NS_PER_S
 _KNOWN_OFFSET_S = 0.005  # chosen: standard deviation; a hand turns by 0.5 degrees in 5 ms
-# Chosen: a rotation that is known no better (standard deviation) predicts nothing; the rotations
-# between parallel axes differ by 90 degrees.
+# Chosen: an estimated rotation between IMU and camera with a larger standard deviation is not used
+# to predict; the rotations between parallel axes differ by 90 degrees.
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(25.0)
 _PARALLEL_SIGMA_RAD = np.deg2rad(1.0)  # chosen: tolerance of a mounting that is given or parallel
 _CONTRADICTED_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0  # chosen: see `snapped`
-# Chosen: correlation of the rates with the tracked ones from which they are believed, if the axes
-# are the given or the optical ones, and if the images alone say how they lie. Where a moving scene
+# Chosen: the mounting of the gyro counts as known once its rates correlate with the tracked ones
+# by more than this. The first number holds if the axes of the IMU are the given ones or parallel
+# to the optical ones, the second if they were found from the images alone. Where a moving scene
 # captures the tracking of `d435_office`, a mirrored gyro reaches 0.73 with some rotation.
 _EXPECTED_CORRELATION, _FOUND_CORRELATION = 0.6, 0.85
 _CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of tracking last for seconds
-# Chosen: standard deviation of the integral of a gyro's white noise after 1 s, times ten: in
-# addition, real gyros have errors of their scale.
+# Chosen: ten times the standard deviation of the integral of a gyro's white noise after 1 s,
+# because real gyros also have errors of their scale.
 _NOISE_RAD = 0.002
 _SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
 _LEFT_OUT = 'imu: the gyro is left out: {}'

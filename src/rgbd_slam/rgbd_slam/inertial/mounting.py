@@ -14,9 +14,9 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import FloatArray
 from rgbd_slam.inertial.gyro_integral import rotation_vector
 
-# Chosen: a rotation that was found is taken for the nearest one between parallel axes if it
-# differs by less than this, plus three standard deviations. IMUs are soldered parallel to the
-# camera; the 24 rotations differ by 90 degrees.
+# Chosen: an estimated rotation is replaced by the nearest rotation between parallel axes if it
+# differs from that by less than this angle plus three standard deviations. IMUs are soldered
+# parallel to the camera; the 24 rotations between parallel axes differ by 90 degrees.
 _AXES_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0
 _MAX_ROTATION_ERROR = 1e-3  # not tuned: largest deviation from a rotation in a file of 8 digits
 _CAMERA = 'cam0'

@@ -11,8 +11,9 @@ from rgbd_slam.config.place_config import LoopConfig
 _MIN_PATH_M = 20.0
 _MIN_LOOPS = 3  # chosen: fewer loops do not show how much the drift varies
 # Chosen: a drift per length of the path is unusual above this multiple of the largest one so far.
+# An unusual loop that moves a keyframe far is closed only if the surroundings agree beyond a room.
 _FACTOR = 5.0
-# Chosen: a drift of 0.5 % of the path is usual for every camera.
+# Chosen: a drift of up to 0.5 % of the path is usual for every camera.
 _USUAL_SHARE = 0.005
 _USUAL_RAD_PER_M = np.deg2rad(0.05)  # chosen: the same for the rotation
 # Chosen: places that look alike, such as rooms along a corridor or above each other, are farther

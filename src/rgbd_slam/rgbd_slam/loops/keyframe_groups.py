@@ -16,7 +16,8 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 
-# Chosen: up to this number, the pose graph takes less time than moving the points.
+# Chosen: largest number of nodes of the pose graph; the keyframes of a larger map are grouped. Up
+# to this number, optimizing the graph takes less time than moving the points.
 _MAX_NODES = 500
 _NEAR_M = 1e-6  # chosen: keeps the weight finite at the head itself, where the distance is 0
 _TURN_M = 1.0  # chosen: a rotation of 1 rad from a head counts as this distance

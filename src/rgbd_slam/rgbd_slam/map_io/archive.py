@@ -30,8 +30,9 @@ R = TypeVar('R', bound=Record)
 MANIFEST = 'manifest.json'
 PARTIAL = '.partial-'  # first part of the name of a file that is being written
 _HEADER_BYTES = 128
-# Protection from zip bombs: largest ratio of unpacked bytes to the size of the file. Maps are not
-# compressed; those of earlier versions unpack to about twice the size of their files.
+# Protection from zip bombs: a file is refused if it unpacks to more than _SMALL_BYTES plus this
+# multiple of its size. Maps are not compressed; those of earlier versions unpack to about twice
+# the size of their files.
 _MAX_EXPANSION = 50
 _SMALL_BYTES = 1_000_000  # chosen: so many unpacked bytes are harmless in any case
 # Chosen: a manifest has less than 1 kB.

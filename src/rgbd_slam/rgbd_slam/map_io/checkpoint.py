@@ -40,7 +40,8 @@ from rgbd_slam.map_io.segments import Segment
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
-# Chosen: after more than ten minutes without SLAM the robot may be anywhere.
+# Chosen: ten minutes after the last image that was tracked in the map of a checkpoint, the camera
+# is no longer expected in this map, because the robot may be anywhere.
 _MAX_AWAY_NS = 600 * NS_PER_S
 _INDEX = 'index'
 _SPARE_BYTES = 16_000_000  # chosen: dead bytes that are not worth writing a segment again
@@ -230,7 +231,8 @@ class CheckpointWriter:
                 content = CheckpointIndex(header, rows, kept, kept_objects)
                 content.write(file, self._segments)
                 written, self.num_bytes = self.num_bytes + file.tell(), 0
-                # Before the index replaces the old one: a kill after that must find it stamped.
+                # The index gets its stamp before it replaces the old index, so that a process that
+                # is killed at any time leaves an index with its stamp.
                 file.flush()  # a later write would stamp the file with the time of day
                 _set_stamp(file.fileno(), stamp_ns)
         self._has_dense = len(kept.arrays()['anchor_uid']) > 0

@@ -21,7 +21,8 @@ from rgbd_slam.map_io.map_file import SUFFIX
 
 T = TypeVar('T')
 
-# Length of a name: a file system allows 255 bytes, and the names of scratch files are longer.
+# Longest name of a file that is accepted. A file system allows 255 bytes, and the names of scratch
+# files, which contain this name, are longer.
 _MAX_BYTES = 200
 _MIN_AGE_S = 60.0  # chosen: many times the time from making a file until it is locked
 _MAX_PRINTED = 40  # chosen: characters of a refused name in an error message

@@ -15,7 +15,9 @@ from rgbd_slam.model.frame import Frame
 
 _MAX_HAMMING = 256  # bits of a descriptor
 _NUM_NEAREST = 2  # the best and the second best candidate of a query, for the ratio test
-# ORB-SLAM3, ORBmatcher.cc: HISTO_LENGTH and ComputeThreeMaxima.
+# ORB-SLAM3, ORBmatcher.cc, HISTO_LENGTH and ComputeThreeMaxima: number of bins of the histogram of
+# feature rotations. A match is kept if its bin is one of the three fullest and has at least this
+# share of the matches of the fullest bin.
 _ROTATION_BINS = 30
 _ROTATION_PEAKS = 3
 _MIN_PEAK_SHARE = 0.1

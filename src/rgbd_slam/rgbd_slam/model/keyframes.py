@@ -17,7 +17,8 @@ NO_POINT = -1
 
 _INITIAL_CAPACITY = 32
 _INITIAL_FEATURES = 1024
-# Chosen: rows from which features are in a file. Those of 1,000 keyframes take 60 MB.
+# Chosen: if the table has more rows than this, the columns of features are in a file instead of in
+# memory. Those of 1,000 keyframes take 60 MB.
 _MEMORY_ROWS = 1024
 _ROWS_AT_ONCE = 64  # chosen: keyframes that are stored at once; their columns fit the cache
 # Chosen: number of new keyframes after which the operating system may take back the memory of the

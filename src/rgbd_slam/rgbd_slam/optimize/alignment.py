@@ -16,7 +16,8 @@ from hoid_common.values import BoolArray, Float32Array, FloatArray
 from rgbd_slam.model.frame import StereoCamera
 
 _SAMPLE = 3  # the fewest points that determine a pose (Horn 1987)
-# Chosen: three matches all fit with 99 % probability if 28 % of all matches do.
+# Chosen: number of RANSAC samples of three matches. If 28 % of all matches are right, at least one
+# sample contains only right ones with a probability of 99 %.
 _NUM_HYPOTHESES = 200
 # Not tuned; the 95 % limit of the chi-square table is 2.4 px at a noise of 1 px.
 _MAX_ERROR_PX = 4.0  # reprojection error of an inlier in octave 0
@@ -27,10 +28,10 @@ _NUM_REFINEMENTS = 4  # iterations of a refinement
 
 
 class Alignment(NamedTuple):
-    """The pose of an image in the frame of the points that it was matched with."""
+    """The transform from the frame of matched points to the camera frame of an image."""
 
     T_camera_points: FloatArray  # (4, 4)
-    inliers: BoolArray  # (N,) mask of the matches
+    inliers: BoolArray  # (N,) mask of the matches that agree with the transform
 
 
 def align_points(

@@ -21,9 +21,9 @@ from rgbd_slam.places.place_index import PlaceVotes
 
 _REMOVED = -1
 _HASH_SEED = 12345  # chosen: the bits of the keys are the same in all runs
-# Not tuned: a segment is merged with the one before it once it is larger than this share of that
-# one. With a smaller share, adding takes longer; with a larger one, there are more segments, and
-# queries take longer.
+# Not tuned: a segment is merged with the next larger one once its size exceeds this share of the
+# size of that one. With a smaller share, adding takes longer; with a larger one, there are more
+# segments, and queries take longer.
 _MERGE_SHARE = 1 / 16
 _ROW_BITS = np.uint64(32)
 _ROW_MASK = np.uint64(0xFFFFFFFF)

@@ -47,7 +47,8 @@ from rgbd_slam.processes.mapper_worker import (
 _START_S = 30.0  # for the start of the process, which loads its libraries in about 1 s
 _WORK_S = 60.0  # for one request, and for the start of a replacement process before it
 _LOAD_S = 600.0  # for loading the largest map
-# For the global adjustment at the end, of 4.7 s for 309 keyframes (places_and_loops.md).
+# Time limit of the global adjustment at the end, which takes 4.7 s for 309 keyframes
+# (places_and_loops.md). After it, the map is used without the adjustment, and a warning is logged.
 _SETTLE_S = 20.0
 
 # Chosen: number of requests that are sent to the process at once, so that it need not wait for the

@@ -35,9 +35,9 @@ from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.timers import set_period
 from rgbd_slam.session import SlamSession
 
-# Chosen: largest share of one core for making and publishing these messages, so that they are sent
-# less often for large maps. Those for 10,000 keyframes with 1.7 million points take 0.1 s, and are
-# therefore sent at most every 2 s.
+# Chosen: largest share of one core for making and publishing map_points, path and keyframes, so
+# that they are sent less often for large maps. Those for 10,000 keyframes with 1.7 million points
+# take 0.1 s, and are therefore sent at most every 2 s.
 _MAX_SHARE = 0.05
 # Chosen: number of rows of points that are copied at once; an image is delayed by less than 2 ms.
 _ROWS = 2**19

@@ -19,7 +19,7 @@ from rgbd_slam.dense.submap import Submap, transform
 from rgbd_slam.scene.floor import Floor
 
 _STEP_M = 0.05  # of height; chosen: the thickness of a seat
-# Heights above the floor of the centers of the steps, one per bit.
+# Heights above the floor [m] of the centers of the 16 steps of height; each step has one bit.
 _HEIGHTS_M = (_STEP_M * (np.arange(16) + 0.5)).astype(np.float32)
 _ALL_FREE = np.uint16(0xFFFF)
 _FLOOR_BAND_M = 0.1  # chosen: voxels this near to the floor count as floor

@@ -16,19 +16,22 @@ _STRIDE = 4  # step between the pixels used [px]: boxes are many pixels wide
 _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 8.0  # chosen: where common depth cameras give readings
 _MIN_READINGS = 6  # fewer readings do not show where an object is
 # A layer is a range of depth as thick as 4 bins. The object is the nearest layer that has at least
-# 0.6 times the readings of the fullest one: the background behind it may fill more of the box.
+# 0.6 times the readings of the layer with most readings: the background behind the object may fill
+# more of the box.
 _BIN_M, _LAYER_BINS, _NEARER_SHARE = 0.05, 4, 0.6
 _CENTRAL_CUT = 0.25  # share of a box cut off on each side, because the border shows the background
 _EXTENT_CUT = 0.08  # the same where the size of an object is measured
 _EXTENT_PERCENTILES = (4, 96)  # of an object's points, which measure its extent without outliers
-# An object is still at its known depth if more than this share of the readings in its box is
-# within this distance [m] of this depth.
+# An object is still at its known depth if more than this share of the readings in its box differs
+# from the known depth by less than this distance [m].
 _KNOWN_SHARE, _KNOWN_M = 0.15, 0.15
-# Readings this near to the layer's depth are the object's: share of its width, and limits [m].
+# The object's readings are those whose depth differs from the layer's by less than a share of the
+# object's width: this share, and the smallest and largest difference [m].
 _THICKNESS_SHARE, _THICKNESS_M = 0.6, (0.12, 0.45)
 _TORSO_M = 0.45  # a person's readings are within this distance of the nearest layer
 _UPPER_SHARE = 0.6  # upper part of a person's box, without the legs, which move back and forth
-# Assumed extent along the view of an object whose back is hidden; its width if that is smaller.
+# Assumed extent along the view of an object whose back is hidden; the width of the object is used
+# instead if it is smaller.
 _HIDDEN_M = 0.15
 _BODY_RADIUS_M = 0.12  # from the surface of the chest to the center of the body
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero

@@ -31,12 +31,12 @@ class SceneRequest(NamedTuple):
 
     @property
     def is_for_dense_map(self) -> bool:
-        """Return whether the image is for the dense map."""
+        """Return whether the image is for the dense map and has the keyframes that it needs."""
         return self.fuse and self.keyframes is not None
 
     @property
     def is_for_object_map(self) -> bool:
-        """Return whether the image is for the object map."""
+        """Return whether the image is for the object map and has the keyframes that it needs."""
         return self.map_objects and self.keyframes is not None
 
 

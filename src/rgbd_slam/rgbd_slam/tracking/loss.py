@@ -160,12 +160,16 @@ class NewMapPolicy:
     ) -> bool:
         """Return whether a new map should start with this frame.
 
+        Call this once for each frame in which the camera was not found, because it counts them.
+
         Args:
             frame: A frame in which the camera was not found.
             last: The last tracked frame; None: there is none, and only `limit_s` decides.
             lost_s: Time (s) for which the camera has been lost.
             limit_s: Time (s) after which a map is started whatever the view.
-            is_bridged: Whether a gyro still continues the pose, so that the maps stay connected.
+            is_bridged: Whether a gyro still continues the pose. The wait before a new map then
+                lasts 1 s at most, because a map that starts while the pose is continued stays
+                connected with the map before.
         """
         if last is None or lost_s > limit_s:
             return lost_s > limit_s

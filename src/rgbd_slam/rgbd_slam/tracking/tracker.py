@@ -34,8 +34,9 @@ from rgbd_slam.optimize.frame_pose import FramePose, FramePoseEstimator
 from rgbd_slam.optimize.pose_consensus import Consensus
 from rgbd_slam.optimize.pose_optimizer import PosePrior
 
-# Inliers of the initial pose. ORB-SLAM3, Tracking.cc, TrackWithMotionModel: the local map has to
-# add the rest.
+# Number of inliers below which the initial pose is rejected. ORB-SLAM3, Tracking.cc,
+# TrackWithMotionModel: the local map has to add the rest of the inliers that a tracked frame
+# needs.
 _MIN_INITIAL_INLIERS = 10
 _OUTSIDE_PX = -1e4  # chosen: farther outside any image than any search window reaches
 

@@ -14,8 +14,8 @@ from hoid_common.ros.frame_tree import listen_to_transforms
 from hoid_common.static_frames import StaticFrames, check_frame_limit
 from hoid_common.values import FloatArray
 
-# Chosen, to bound the memory: a robot has one child of its odometry frame; each buffer holds ten
-# seconds of poses.
+# Chosen, to bound the memory: further children of the odometry frame are refused. A robot has one;
+# each buffer holds ten seconds of poses.
 _MAX_CHILDREN = 16
 
 
