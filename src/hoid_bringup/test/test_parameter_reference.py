@@ -19,7 +19,7 @@ from hoid_common.config import Param
 PAGE = Path(__file__).parents[3] / 'docs' / 'reference' / 'parameters.md'
 MOST_OF_A_USER = 12
 UNIT = re.compile(
-    r'\((s|m|m/s|Hz|pixels|degrees|degrees/s|bits|gray levels)\)|'
+    r'\((s|m|m/s|Hz|pixels|degrees|degrees/s|bits|gray levels|%)\)|'
     r'\bshare\b|\bnumber\b|from 0 to 1|\(without unit\)',
     re.IGNORECASE,
 )

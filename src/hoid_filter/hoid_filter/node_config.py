@@ -36,9 +36,9 @@ class DetectionInputConfig(Config):
     timeout_s: float = param(
         2.0,  # chosen: four times the longest delay of a detector in decision 031
         'The detector counts as lost when images have arrived for longer than this time without a '
-        'message from the detector (s); a message without boxes counts as one. detections.on_loss '
-        'sets what happens then. Set it to more than the time that the detector needs for an '
-        'image.',
+        'message from the detector (s); a message without boxes counts as one. What happens then '
+        'is set by detections.on_loss. Set it to more than the time that the detector needs for '
+        'an image.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

@@ -52,7 +52,7 @@ class NavigationConfig(Config):
     )
     busy_speed_percent: float = param(
         50.0,  # chosen: halves the distance in which a robot stops, or more
-        'Speed limit where people often walk, in percent of the largest speed of the robot.',
+        'Speed limit where people often walk, relative to the largest speed of the robot (%).',
         minimum=1.0,
         maximum=100.0,
         expert=True,
