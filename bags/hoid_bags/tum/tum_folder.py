@@ -44,7 +44,10 @@ class ListedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class TumFolder:
-    """A recording in the TUM layout, as a `Sequence` of its paired images."""
+    """A recording in the TUM layout; iterating it yields its paired images.
+
+    It has all members of the protocol `hoid_bags.sequence.Sequence`.
+    """
 
     path: Path
     camera: CameraModel

@@ -25,8 +25,9 @@ class DetectorConfig(Config):
         '',
         'ONNX model of the detector: the path of a file or a known name such as yolox_nano. Set '
         'it to use another model than the default. With an empty string, the model in the '
-        'environment variable HOID_MODEL is used. Without that, it is YOLOX-nano if its file is '
-        'on this computer, or else YOLOv8n if that is; if neither is, YOLOX-nano is downloaded.',
+        'environment variable HOID_MODEL is used. Without that, it is yolox_nano if its file is '
+        'in a folder of models (such as ~/.cache/hoid), or else yolov8n_int8 if that is; if '
+        'neither is, yolox_nano is downloaded.',
     )
     # As in YOLOv5's detect.py.
     score_threshold: float = param(

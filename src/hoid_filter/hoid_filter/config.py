@@ -82,10 +82,11 @@ class PlusConfig(Config):
     )
     coast_s: float = param(
         0.4,  # chosen: 12 images at 30 Hz
-        'Longest time for which hoid+ predicts a box that the detector misses (s); it is 0.3 '
-        'times as long for a person or object that was detected only once or twice. Raise it when '
-        'people are missed for longer, lower it when features are removed where nobody is. It has '
-        'no effect without plus.bridge_misses.',
+        'Longest time for which hoid+ predicts the box of a person or a handled object that the '
+        'detector misses (s). It is 0.3 times as long for a person who was detected only once or '
+        'twice, and an object that was detected so rarely is not predicted. Raise it when people '
+        'are missed for longer, lower it when features are removed where nobody is. It has no '
+        'effect without plus.bridge_misses.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,

@@ -204,9 +204,10 @@ class Diagnostics:
     def _is_cause(self, topic: str) -> bool:
         """Return whether this node logs that the messages of a topic are missing.
 
-        Otherwise one missing camera would be logged by all nodes. Of the nodes that subscribe to
-        the camera, only the filter logs it; and a node that waits for a silent node of the suite
-        logs nothing, since that one logs what it waits for.
+        If every node did, one missing camera would be logged by all of them. If only nodes of the
+        suite publish the topic, this node does not log it, because the silent node logs what it
+        waits for itself. Any other topic is logged by the filter alone if the filter subscribes to
+        it, and else by every node that waits for it.
         """
         publishers = self._node.get_publishers_info_by_topic(topic)
         if publishers and all(info.node_name in _SUITE for info in publishers):

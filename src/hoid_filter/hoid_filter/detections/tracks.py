@@ -26,7 +26,7 @@ _OTHER_CLASS_PENALTY = 0.15
 _VELOCITY_GAIN = 0.3  # chosen: beta of an alpha-beta filter with alpha = 1; box edges are noisy
 _MIN_VISIBLE_SHARE = 0.15  # chosen: with less of its box inside the image, an object has left it
 # Chosen: a track with fewer than `_ESTABLISHED_HITS` detections may be false. When it is missed,
-# it is predicted for only `_NEW_TRACK_COAST_SHARE` of `coast_s`.
+# it is kept for only `_NEW_TRACK_COAST_SHARE` of `coast_s`, and predicted only for a person.
 _ESTABLISHED_HITS = 3
 _NEW_TRACK_COAST_SHARE = 0.3
 

@@ -135,7 +135,10 @@ class DownscaledCamera:
 
 
 def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
-    """Return the (N,) flat indices of the pixels nearest to (N, 2) positions in an image."""
+    """Return the (N,) flat indices of the pixels nearest to (N, 2) positions u, v in an image.
+
+    A position outside the image gets a pixel on its border.
+    """
     height, width = shape_hw
     column, row = np.rint(uv_px).astype(np.int64).T
     flat: IntArray = _clip(row, height) * width + _clip(column, width)

@@ -43,11 +43,12 @@ class TrackSnapshot:
 def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
     """Return how each track interacts with people, and update the tracks.
 
-    An object becomes handled when a person's box covers more than `min_interaction_area` of its
-    box. With `remember`, it stays handled while a person covers more than `release_share` of this
-    area (hysteresis). Its depth must be at most `reach_m` less or `depth_limit_m` more than that
-    of the person's torso; an unknown depth is accepted. Whether an object is handled is stored on
-    its track for the next images; if it is, the time since it was handled last is reset to 0.
+    An object is handled if its class may be handled, a person's box covers more than
+    `min_interaction_area` of its box, and it is at most `reach_m` nearer and at most
+    `depth_limit_m` farther than the person's torso; an unknown depth fits. With `remember`,
+    `release_share` of this area is enough for an object that was handled in the image before
+    (hysteresis). Whether an object is handled is stored on its track for the next images; if it
+    is, the time since it was handled last is reset to 0.
     """
     plus = config.plus
     tracks = snapshot.tracks

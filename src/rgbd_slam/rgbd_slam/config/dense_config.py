@@ -122,8 +122,9 @@ class DenseConfig(Config):
 
     # Not tuned: pixels this near to the box of a dynamic object are not fused.
     mask_margin_px: ClassVar[int] = 16
-    # Chosen: two voxels. Space counts as free up to this distance before the measured surface, so
-    # that the noise of depth does not remove voxels of the surface itself.
+    # Chosen: two voxels of the default size. Space counts as free up to this distance plus the
+    # standard deviation of depth before the measured surface, so that noise does not remove voxels
+    # of the surface itself.
     carve_margin_m: ClassVar[float] = 0.05
     # Not tuned: a voxel is published only if its hits are at least this share of the images that
     # measured static surface near it. A hit is an image that measured the surface within half a

@@ -29,8 +29,9 @@ _BLOCK_STEPS = 15  # chosen: half a second, over which errors of tracking are co
 # deviation of the bias before it is estimated. 0.02 rad/s is the zero-rate error of common MEMS
 # gyros at room temperature (Bosch BMI055: 1 deg/s).
 _MIN_BIAS_RADPS, UNKNOWN_BIAS_RADPS = 5e-4, 0.02
-# Chosen: the axis that turns least must turn by this share of the one that turns most before its
-# sign is believed.
+# Chosen: the axes count as mirrored only if the sum of squared rotations about the axis that turns
+# least is more than this share of that about the axis that turns most. With less rotation, noise
+# would decide the sign of that axis.
 _MIRROR_SHARE = 0.1
 _MIN_ROTATION_RAD, _MIN_OFFSET_S = np.deg2rad(0.1), 5e-4
 

@@ -176,10 +176,10 @@ def _still_in_map(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _descendants(atlas: Atlas, rows: IntArray, first_uid: int) -> list[tuple[int, int]]:
-    """Return pairs (child, parent) of the descendants of `rows` in the spanning tree.
+    """Return the descendants of `rows` in the spanning tree as pairs of rows (child, parent).
 
-    Only keyframes with a uid of `first_uid` or above are included, and the descendants of others
-    are not searched; parents precede their children.
+    Parents precede their children, and `rows` themselves are no children. Only keyframes with a
+    uid of `first_uid` or above are included, and the descendants of others are not searched.
     """
     found: list[tuple[int, int]] = []
     known = set(rows.tolist())

@@ -27,7 +27,7 @@ _MAX_ROWS = 2**31
 
 
 class Manifest(NamedTuple):
-    """The contents of a manifest."""
+    """What a map file says of its camera, the image pyramid of its features, and its arrays."""
 
     camera: CameraModel
     scale_factor: float

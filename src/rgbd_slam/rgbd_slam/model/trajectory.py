@@ -33,7 +33,8 @@ _REMOVED = np.dtype(
     [('uid', np.int64), ('parent_uid', np.int64), ('T_parent_camera', np.float64, (4, 4))]
 )
 _NO_MAP = -1  # map id of the sentinel
-_UNKNOWN = 0  # row of the sentinel, for poses whose reference keyframe was removed
+# Row of the sentinel, for poses whose reference keyframe was removed and has no known ancestor.
+_UNKNOWN = 0
 
 
 class _MapLink(NamedTuple):
@@ -183,7 +184,11 @@ class TrajectoryRecorder:
 
 
 class _PoseSnapshot:
-    """Snapshot of all keyframe poses. Row 0 is a sentinel for removed keyframes."""
+    """Snapshot of all keyframe poses.
+
+    Row 0 is a sentinel for keyframes of which neither they nor an ancestor are found; it is in no
+    map.
+    """
 
     def __init__(self, keyframes: KeyframeTable) -> None:
         rows = keyframes.indices()

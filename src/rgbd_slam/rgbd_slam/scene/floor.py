@@ -110,7 +110,10 @@ def _sample_planes(
 
 
 def _fit_plane(points_m: FloatArray, up: FloatArray) -> tuple[FloatArray, float]:
-    """Return the least-squares plane of points (N, 3): upward unit normal (3,), offset [m]."""
+    """Return the least-squares plane of points (N, 3): its upward unit normal (3,) and offset [m].
+
+    The offset is the distance of the plane from the map's origin along the normal.
+    """
     center = points_m.mean(0)
     _, _, vt = np.linalg.svd(points_m - center, full_matrices=False)
     normal = vt[2] * np.sign(vt[2] @ up)
