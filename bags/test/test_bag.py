@@ -234,6 +234,7 @@ def test_camera_info_that_says_too_little(
     path = write_frames(tmp_path / 'bag', names, camera, extra=changed)
     with pytest.raises(InputError, match=f'bag: /rgb/camera_info: camera_info .*{expected}'):
         open_sequence(path)
+    assert open_sequence(path, camera).camera == camera
 
 
 def test_image_that_contradicts_itself(tmp_path: Path, camera: CameraModel) -> None:

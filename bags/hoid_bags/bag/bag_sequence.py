@@ -74,12 +74,11 @@ class BagSequence:
         self.name = path.resolve().name
         with BagReader(path) as reader:
             self.topics = find_topics(reader, choice)
-            index = _Index(reader, self.topics)
+            index = _Index(reader, self.topics, camera)
             self.fault = reader.fault
-        camera = camera or index.camera
-        if camera is None:
+        if index.camera is None:
             raise InputError(f'{path}: has no camera_info of the color images; give --camera')
-        self.camera = camera
+        self.camera = index.camera
         self.ground_truth = index.ground_truth
         self.true_detections: Mapping[int, Detections] | None = index.true_detections
         color, depth = index.color, index.depth
@@ -182,7 +181,10 @@ class _Stream(NamedTuple):
 class _Index:
     """Stamps of the images, camera and ground truth, collected in one pass over a bag."""
 
-    def __init__(self, reader: BagReader, found: RecordedTopics) -> None:
+    def __init__(
+        self, reader: BagReader, found: RecordedTopics, given_camera: CameraModel | None
+    ) -> None:
+        self._given_camera = given_camera
         self._cameras = CameraInfoCheck('give the camera with --camera, or split the recording')
         self._reported: set[str] = set()  # kinds of problems of the camera that were logged
         self._found = found
@@ -226,8 +228,8 @@ class _Index:
 
     @property
     def camera(self) -> CameraModel | None:
-        """Return the camera of the recording; None: no camera_info is usable."""
-        return self._cameras.camera
+        """Return the given camera or that of the recording; None: no camera_info is usable."""
+        return self._given_camera or self._cameras.camera
 
     def _check_size(self, color: bytes) -> None:
         """Pass the size of a color image to `CameraInfoCheck`, if its header states the size."""

@@ -206,6 +206,8 @@ class LiveFilter:
         self._held.clear()
         self._unused_detections = _bounded(self._unused_until(stamp_ns))
         self._has_detector_answered = bool(self._unused_detections)
+        self._newest_image_s, self._newest_image_ns = self._clock(), stamp_ns
+        self._unanswered_since_s = None
         self._filter.reset()
         text = 'the stamps went back, as where a bag starts again: all objects are forgotten'
         self._diagnostics.note(text, 'times that stamps went back')

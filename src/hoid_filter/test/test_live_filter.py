@@ -238,6 +238,21 @@ def test_images_are_held_again_after_the_stamps_restart() -> None:
     assert bench.filter.num_resets == 1
 
 
+def test_stamps_restart_once_although_the_detector_is_silent_since() -> None:
+    bench = started()
+    bench.add_image(10 * S, 0.0)
+    bench.detect(10 * S, 0.01)
+    for n in range(20):  # within the wait for the first detections
+        bench.add_image(2 + n * 33 * MS, 0.02 + n * 0.01)
+        bench.poll(0.02 + n * 0.01)
+    assert bench.counts['times that stamps went back'] == 1
+    assert bench.filter.num_resets == 1
+    before = len(bench.published)
+    for n in range(20, 120):
+        bench.add_image(2 + n * 33 * MS, n * 0.033)
+    assert len(bench.published) - before >= 90
+
+
 def test_a_strategy_without_detections_starts_anew_when_the_stamps_restart() -> None:
     bench = Bench(FakeFilter(needs_detections=False, senses_motion=True))
     bench.add_image(10 * S, 0.1)
