@@ -32,7 +32,7 @@ class CameraTopics(NamedTuple):
         return topics.camera_remappings(*self.topics(namespace))
 
     def topics(self, namespace: str = '') -> tuple[str, ...]:
-        """Return the topics of color, depth and camera info.
+        """Return the names of the topics of color images, depth images and camera info.
 
         Args:
             namespace: Namespace of the driver; empty: its default namespace.

@@ -167,8 +167,7 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
     """Return a value after checking its type, range and choices.
 
-    An int is converted to float where the parameter is a float, and a list of one empty string to
-    an empty list.
+    An int becomes a float where the parameter is a float, and the tuple `('',)` becomes `()`.
 
     Args:
         name: Name of the parameter, with which an error begins.
@@ -212,7 +211,8 @@ def _range(spec: ParamSpec) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of an error about an unknown name: '; did you mean ...?', or ''.
 
-    It suggests up to three of the known names that are similar to `name`, if there are any.
+    It suggests up to three known names that have `name` as their last part or as their section. If
+    there are none, it suggests up to three names with a similar spelling.
     """
     names = list(known)
     parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]

@@ -42,7 +42,7 @@ class ModelError(HoidError):
 
 
 class NoModelError(ModelError):
-    """No detector model was named, and no default model is installed."""
+    """The detector model is not installed and cannot be downloaded."""
 
 
 class MapFileError(HoidError):

@@ -18,15 +18,16 @@ _MAX_EXTRAPOLATION_NS = NS_PER_S // 5
 
 
 class PoseBuffer:
-    """The poses of one frame in another, in order of time, in the ten seconds up to the newest."""
+    """Timestamped poses of one frame in another, of the ten seconds up to the newest pose."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
 
     def add(self, stamp_ns: int, T: FloatArray) -> None:
-        """Append a pose T (4, 4). If its stamp is older than the newest, all others are dropped.
+        """Append a pose T (4, 4).
 
-        A pose with the stamp of the newest one is ignored.
+        If it is older than the newest stored pose, all stored poses are dropped first. A pose
+        with the stamp of the newest stored pose is ignored.
         """
         if self._poses and stamp_ns <= self._poses[-1][0]:
             if stamp_ns == self._poses[-1][0]:  # a repeated message
@@ -41,7 +42,7 @@ class PoseBuffer:
 
         Between two poses the motion is interpolated with constant twist. Up to 0.2 s after the
         newest pose the last motion is extrapolated. The result is None at later times, before the
-        oldest pose, if there is no pose, and, while there is only one, at all times but its stamp.
+        oldest pose, and if there is no pose. A single pose is returned for its own stamp only.
         """
         after = bisect_left(self._poses, stamp_ns, key=lambda pose: pose[0])
         if after < len(self._poses) and self._poses[after][0] == stamp_ns:

@@ -39,7 +39,9 @@ class StaticFrames:
         self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Add the transform T_parent_child (4, 4). A child that exists gets this new parent.
+        """Add the transform T_parent_child (4, 4).
+
+        It replaces the parent and the transform of a child that is stored already.
 
         Raises:
             MessageError: There are too many frames.
@@ -61,7 +63,11 @@ class StaticFrames:
         return tree
 
     def find(self, a: str, b: str) -> FloatArray | None:
-        """Return T_a_b (4, 4), or None when the tree does not connect the two frames."""
+        """Return T_a_b (4, 4), or None when the tree does not connect the two frames.
+
+        T_a_b maps points of frame b to frame a. It is the identity if both names are equal, even
+        if the tree does not contain the frame.
+        """
         to_root_of_a = dict(self._ancestors(a))
         for frame, T_frame_b in self._ancestors(b):
             if frame in to_root_of_a:
@@ -69,7 +75,10 @@ class StaticFrames:
         return None
 
     def _ancestors(self, frame: str) -> Iterator[tuple[str, FloatArray]]:
-        """Yield the frame and its ancestors up to the root, each with T_ancestor_frame."""
+        """Yield the frame and its ancestors up to the root, each with T_ancestor_frame.
+
+        At most 64 frames are yielded, since a longer chain is a cycle.
+        """
         T = np.eye(4)
         for _ in range(_MAX_DEPTH):
             yield frame, T

@@ -54,8 +54,8 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
     """Return one line about the gap between two streams that do not match, and what to do.
 
     Args:
-        gap_ns: Stamp of the second stream's item nearest to an item of the first stream, minus
-            the stamp of that item; for several items, the median.
+        gap_ns: Stamp of an item of the second stream, minus the stamp of the item of the first
+            stream that it is nearest to. For several items it is the median of these differences.
         slop_ns: Largest difference of stamps within a match.
         first: Name of the first stream.
         second: Name of the second stream.
@@ -132,10 +132,12 @@ class StreamCounts:
 class StampMatcher:
     """Matches each item of the reference stream with the nearest in time of every other stream.
 
-    A match is complete as soon as no nearer partner can be expected: each stream has an item that
-    is not older than the reference item, or its next item, after its shortest period so far, would
-    not be nearer, or the reference stream has advanced by more than `slop_ns`. The result
-    depends only on the stamps and on the order of arrival.
+    A match is complete as soon as no stream is expected to have a nearer partner. That is the case
+    if the stream has an item that is not older than the reference item, if the stream's next item,
+    after its shortest period so far, would not be nearer, or if the reference stream has advanced
+    by more than `slop_ns`. A reference item is dropped if a stream that is not optional has no
+    item within `slop_ns` but a later one. The result depends only on the stamps and on the order
+    of arrival.
 
     Args:
         names: Names of the streams. The first one is the reference: each of its items takes part
@@ -143,9 +145,9 @@ class StampMatcher:
         slop_ns: Largest difference of stamps within a match.
         capacity: Number of items that wait per stream. When it is exceeded, the oldest one is
             dropped and counted.
-        optional: Streams that may be missing from a match. The value of such a stream without an
-            item within the slop is None, once a later item of it has arrived, or the reference
-            has advanced by more than `patience_ns`.
+        optional: Streams that may be missing from a match. The match waits for an item within
+            `slop_ns` until a later item of the stream has arrived, or the reference has advanced
+            by more than `patience_ns`. The stream's value in the match is then None.
         patience_ns: Longest wait for an optional stream, by stamps of the reference.
     """
 
@@ -183,14 +185,18 @@ class StampMatcher:
     def gap(self) -> str:
         """Return the text of `offset_text` for the first two streams; empty while items match.
 
-        There is a text if each of the last 15 items of the reference stream had no match.
+        There is a text if each of the last 15 items of the reference stream had no match. Items
+        that were dropped before the second stream had any item do not count.
         """
         if len(self._gaps_ns) < _NUM_GAPS:
             return ''
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
 
     def reset(self) -> None:
-        """Drop waiting items, measured periods and a found constant offset; the counts stay."""
+        """Drop waiting items, measured periods and a found constant offset.
+
+        The counts and `gap` stay.
+        """
         self._queues = {name: deque() for name in self._names}
         self._newest_ns = {}
         self._period_ns = {}
@@ -200,8 +206,9 @@ class StampMatcher:
     def add(self, name: str, stamp_ns: int, value: Any) -> list[Match]:
         """Add an item to a stream and return the matches that it completes, oldest first.
 
-        An item that is not newer than the previous item of its stream is dropped. If it is older
-        by 1 s or more, all streams are reset and begin with it.
+        If the item is older than the newest item of its stream by 1 s or more, all streams are
+        reset, and the item becomes the first one. If it is older by less, or has the same stamp,
+        it is dropped and counted as late.
 
         Args:
             name: Name of the stream.
@@ -230,7 +237,10 @@ class StampMatcher:
         return self._take_matches()
 
     def _take_matches(self) -> list[Match]:
-        """Remove all complete matches from the queues and return them, oldest first."""
+        """Remove all complete matches from the queues and return them, oldest first.
+
+        Reference items that can no longer be matched are removed too, and counted.
+        """
         reference = self._queues[self._names[0]]
         matches = []
         while reference:
@@ -264,7 +274,13 @@ class StampMatcher:
                 stamps.clear()
 
     def _note_gap(self, stamp_ns: int) -> None:
-        """Store the gap between an unmatched reference item and the second stream's nearest."""
+        """Store the stamp of the second stream's nearest item minus that of a reference item.
+
+        Nothing is stored if the second stream has had no item.
+
+        Args:
+            stamp_ns: Stamp of a reference item that has no match.
+        """
         other = self._names[1]
         if other in self._newest_ns:
             stamps_ns = [item.stamp_ns for item in self._queues[other]] + [self._newest_ns[other]]
@@ -285,7 +301,10 @@ class StampMatcher:
         return _WAIT
 
     def _is_nearest(self, name: str, near: _Item, stamp_ns: int) -> bool:
-        """Return whether no later item of the stream can be nearer to the stamp than `near`."""
+        """Return whether no later item of the stream can be nearer to the stamp than `near`.
+
+        The result is also True if the stream is silent, so that a nearer item is not waited for.
+        """
         if self._newest_ns[name] >= stamp_ns:
             return True
         if self._newest_ns[self._names[0]] - stamp_ns > self._slop_ns:
@@ -294,10 +313,12 @@ class StampMatcher:
         return next_ns - stamp_ns >= stamp_ns - near.stamp_ns
 
     def _take(self, name: str, partner: _Item) -> Any:
-        """Remove the partner and all older items from its queue, and return its value.
+        """Remove a partner and older items from the stream's queue; return the partner's value.
 
-        Older items can no longer be matched, because the stamps of the reference increase. For
-        _ABSENT the result is None.
+        The partner is counted as matched, each older item as unmatched.
+
+        Older items can no longer be matched, because the stamps of the reference increase. For the
+        partner _ABSENT the result is None.
         """
         if partner is _ABSENT:
             return None

@@ -141,6 +141,7 @@ class CameraModel:
         """Return the undistorted pixels (N, 2) of pixels (N, 2) in the raw image.
 
         A camera with the same K and without lens distortion would see the same points there.
+        If this camera has no lens distortion, the argument itself is returned.
         """
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px

@@ -18,7 +18,7 @@ class NewestWins(Generic[T, R]):
     Args:
         work: Function that processes an item. It runs in the worker thread.
         wake: Function that is called in the worker thread after each item. It must make the owner
-            call `finish` in its own thread.
+            call `finish` in the owner's thread.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -30,7 +30,11 @@ class NewestWins(Generic[T, R]):
         self.num_dropped = 0  # items that a newer one replaced
 
     def offer(self, item: T) -> None:
-        """Process an item now if the worker is free; otherwise let it replace the waiting item."""
+        """Start to process an item, or let it wait while another one is processed.
+
+        An item counts as processed once `finish` has returned its result or raised its error. If
+        another item waits already, the new one replaces it, which `num_dropped` counts.
+        """
         if self._running is None:
             self._start(item)
         else:
@@ -52,7 +56,7 @@ class NewestWins(Generic[T, R]):
         return done.result()
 
     def clear(self) -> None:
-        """Discard the waiting item, wait for the running item to end, and discard its result."""
+        """Discard the waiting item, wait for the running item, and discard its result or error."""
         self._waiting = None
         if self._running is not None:
             self._running.exception()

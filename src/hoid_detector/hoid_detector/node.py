@@ -80,7 +80,7 @@ class DetectorNode(ManagedNode):
         self._worker.clear()
 
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:
-        """Give an image message to the worker thread, unless detection is stopped."""
+        """Update the roll, and give an image to the worker thread, unless detection is stopped."""
         if self._enabled:
             self._find_roll(msg.header.frame_id)
             self._worker.offer(msg)

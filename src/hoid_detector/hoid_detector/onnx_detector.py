@@ -83,7 +83,7 @@ class OnnxDetector:
         )
 
     def reconfigure(self, config: DetectorConfig) -> None:
-        """Apply new parameters; those that cannot change while the node runs have no effect.
+        """Apply new parameters. Those for loading the model, such as `layout`, have no effect.
 
         Raises:
             ConfigError: The model lacks one of the classes.
@@ -154,11 +154,15 @@ class OnnxDetector:
         return found
 
     def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
-        """Raise ModelError if most boxes so far, and at least three, were outside their images.
+        """Count boxes whose center is inside and outside the image.
 
         Args:
             boxes_xyxy_px: (N, 4) in pixels of the image, which may exceed it.
             place: Placement of the image.
+
+        Raises:
+            ModelError: Of all boxes so far, more are outside their images than inside, and at
+                least three.
         """
         center = (boxes_xyxy_px[:, :2] + boxes_xyxy_px[:, 2:]) / 2
         size_px = (place.image_width_px, place.image_height_px)
@@ -173,7 +177,7 @@ class OnnxDetector:
             )
 
     def _report_silence(self, *, has_boxes: bool) -> None:
-        """Log a warning once if none of the first 300 images had a box.
+        """Count an image, and log a warning once if none of the first 300 images had a box.
 
         A wrong input format (color order, value range or placement) has this effect.
         """
@@ -189,9 +193,10 @@ class OnnxDetector:
             )  # fmt: skip
 
     def _count_non_finite(self, outputs: Sequence[NDArray[Any]], *, has_candidates: bool) -> None:
-        """Count images without a finite box for which an output contains NaN and Inf only.
+        """Count an image without a finite box if one of the outputs contains NaN and Inf only.
 
-        A warning is logged at the first one.
+        `has_finite_outputs` is set to False for such an image, and to True for any other. A
+        warning is logged at the first such image.
 
         Args:
             outputs: Outputs of the network for an image.

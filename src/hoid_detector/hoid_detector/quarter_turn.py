@@ -31,12 +31,19 @@ def mounted_roll_deg(T_base_camera: FloatArray) -> float:
 
 
 def nearest_quarter(camera_roll_deg: float) -> int:
-    """Return the number of clockwise quarter turns, 0 to 3, that make the images upright."""
+    """Return the number of clockwise quarter turns, 0 to 3, that make the images upright.
+
+    Args:
+        camera_roll_deg: Angle by which the camera is rolled, clockwise as seen from behind.
+    """
     return round(camera_roll_deg / _QUARTER_DEG) % len(_CODES)
 
 
 def turned(image_bgr: ByteArray, quarters: int) -> ByteArray:
-    """Return an image (H, W, 3) turned clockwise by a number of quarters."""
+    """Return an image (H, W, 3) turned clockwise by 0 to 3 quarter turns.
+
+    Without a turn, it is the argument itself.
+    """
     code = _CODES[quarters]
     return image_bgr if code is None else cv2.rotate(image_bgr, code).astype(np.uint8, copy=False)
 
@@ -44,10 +51,10 @@ def turned(image_bgr: ByteArray, quarters: int) -> ByteArray:
 def boxes_before_turn(
     boxes_xyxy_px: Float32Array, quarters: int, size_wh: tuple[int, int]
 ) -> Float32Array:
-    """Return boxes (N, 4) in an image from the boxes in the turned image.
+    """Return the boxes (N, 4) in the image before the turn: left, top, right, bottom in px.
 
     Args:
-        boxes_xyxy_px: Boxes in the turned image.
+        boxes_xyxy_px: The boxes (N, 4) in the turned image.
         quarters: Number of clockwise quarter turns.
         size_wh: Width and height of the image before the turn.
     """

@@ -21,9 +21,10 @@ class CameraInfoCheck:
 
     The first calibration with the size of the images (any size before the first image) is used at
     once, on trial for 30 images. During the trial, another calibration with the size of the images
-    replaces it: at once if the size of the present one is wrong, otherwise when it comes twice in
-    a row. After the trial the calibration is kept (decision 045): another calibration, and images
-    of another size, are reported.
+    replaces the calibration in use. If the calibration in use has the wrong size, this happens at
+    once, else when the other calibration is received twice in a row. After the trial the
+    calibration in use is kept (decision 045): another calibration, and images of another size, are
+    reported.
 
     Args:
         remedy: What to do when the calibration changes after the trial.
@@ -77,7 +78,7 @@ class CameraInfoCheck:
     def check_image(self, size_px: tuple[int, int]) -> None:
         """Count an image; raise MessageError if its size is not that of the calibration in use.
 
-        Before the first calibration, the size is only stored.
+        Before the first calibration, the image is not counted, and its size is only stored.
 
         Args:
             size_px: Width and height of the image.

@@ -34,7 +34,9 @@ def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
     """Return the camera model of the images that a topic carries.
 
     Drivers publish the same message beside raw images, which K and D describe, and beside
-    rectified ones, which P describes. Binning and region of interest are applied to both.
+    rectified ones, which P describes. P is used if the topic has the name of rectified images and
+    the message contains a P; K and D are used in all other cases. Binning and region of interest
+    are applied to both.
 
     Args:
         info: The message.

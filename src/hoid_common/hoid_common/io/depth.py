@@ -78,7 +78,9 @@ class DepthUnitWarning:
         self._medians_m: list[float] = []
 
     def warning_for(self, depth_m: Float32Array) -> str:
-        """Return the warning if the tenth image shows that it is due, else ''.
+        """Store the median of the next image; return the warning if it is due, else ''.
+
+        It can be due only at the tenth image that counts.
 
         Args:
             depth_m: (H, W) depth of the next image in m. Images with few readings do not count.

@@ -77,7 +77,10 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _is_abandoned(folder: Path) -> bool:
-    """Return whether a scratch folder exists that no running process has locked."""
+    """Return whether a scratch folder exists that no running process has locked.
+
+    The result is False on a file system without locks.
+    """
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:  # it was removed in the meantime, or is no folder
@@ -94,7 +97,8 @@ def _is_abandoned(folder: Path) -> bool:
 def check_writable(folder: Path) -> None:
     """Raise InputError when nothing can be written to a folder.
 
-    Commands call it first, so that they fail before the work and not after it.
+    Commands call it first, so that they fail before the work and not after it. Missing parents of
+    the folder are made, and stay.
     """
     with scratch_folder(folder, 'check'):
         pass

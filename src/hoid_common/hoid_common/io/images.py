@@ -289,7 +289,7 @@ def _meters(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
 
 
 def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
-    """Return the pixels of a JPEG or PNG that is safe to decode.
+    """Return the pixels of a JPEG or PNG.
 
     Args:
         data: The compressed image.
@@ -297,7 +297,8 @@ def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
         what: Name of the image, with which an error begins.
 
     Raises:
-        MessageError: The data is no JPEG or PNG, has more than MAX_PIXELS, or cannot be decoded.
+        MessageError: The data is no JPEG or PNG, has more than MAX_PIXELS, is not safe to decode
+            (see `is_safe_to_decode`), or cannot be decoded.
     """
     raw = np.frombuffer(data, np.uint8)
     check_image_size(raw.data, what)

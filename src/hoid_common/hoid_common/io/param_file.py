@@ -14,7 +14,7 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
     """Return the parameters, by dotted name, that a parameter file sets for a node.
 
     Used are the section `/**` and all sections whose name is the node's name, with or without a
-    namespace before it. A later section overrides an earlier one.
+    namespace before it. A later section overrides an earlier one. Lists become tuples.
 
     Raises:
         ConfigError: The file cannot be read, is no parameter file, or one of these sections has no
@@ -38,7 +38,10 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name and the value of each parameter in nested mappings."""
+    """Yield the dotted name and the value of each parameter in nested mappings.
+
+    Lists become tuples.
+    """
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f'{prefix}{name}.')

@@ -50,7 +50,9 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def sorted_rows(path: Path) -> list[Row]:
-    """Return the rows of a file in order of time, each stamp once; warn if the file differs.
+    """Return the rows of a file in order of time, each stamp once.
+
+    A warning is logged if the file has repeated stamps or another order.
 
     Raises:
         InputError: As in `read_rows`.

@@ -14,7 +14,7 @@ def require_descriptors() -> None:
     """Raise this process's soft limit of open files to 256 if it is lower.
 
     Raises:
-        ConfigError: The hard limit is lower than that. Without this error, the process (or another
+        ConfigError: The hard limit is lower than 256. Without this error, the process (or another
             program that it executes in its place) would fail later, at any point and with any
             error.
     """

@@ -32,7 +32,7 @@ class TransformPublisher:
         self.sent: list[tuple[str, str, FloatArray]] = []  # the edges of the last message
 
     def send(self, stamp_ns: int, edges: list[tuple[str, str, FloatArray]]) -> None:
-        """Publish edges (parent, child, T_parent_child) of the frame tree at one stamp."""
+        """Publish edges (parent, child, T_parent_child) at one stamp, and store them in `sent`."""
         self.sent = edges
         self._publisher.publish(
             TFMessage(
@@ -108,6 +108,8 @@ class FrameListener:
 
     def find(self, a: str, b: str, stamp_ns: int) -> FloatArray | None:
         """Return T_a_b (4, 4) between two frames at a time; None if it is unknown for that time.
+
+        Transforms on /tf are interpolated, and extrapolated by up to 0.2 s (see `PoseBuffer.at`).
 
         Args:
             a: Name of the frame to which points are mapped.

@@ -105,10 +105,10 @@ class Inputs:
         self.messages(CameraInfo, topics.CAMERA_INFO, named, 'camera infos', is_latched=True)
 
     def with_frame(self, callback: Callback, what: str) -> Callback:
-        """Return a callback that makes the frame name of a message valid in TF, and calls another.
+        """Return a function that makes a message's frame name valid in TF and calls `callback`.
 
         Leading slashes are removed; an empty name is replaced by the parameter `camera_frame`. If
-        that is empty too, the callback sets a problem in the diagnostics and raises MessageError.
+        that is empty too, the function sets a problem in the diagnostics and raises MessageError.
 
         Args:
             callback: Function that is called with each message and its new frame name.
@@ -134,7 +134,11 @@ class Inputs:
         self.messages(CompressedImage if is_packed else Image, topic, callback, what)
 
     def _image_topic(self, raw: str, packed: str) -> str:
-        """Return the topic to subscribe to, before remapping."""
+        """Return the topic to subscribe to, before remapping.
+
+        It is `packed` if the parameter `compressed` is set, unless `raw` is remapped to the name
+        of a compressed topic; else it is `raw`.
+        """
         is_named = topics.is_compressed(self._node.resolve_topic_name(raw))
         return packed if self._config.compressed and not is_named else raw
 

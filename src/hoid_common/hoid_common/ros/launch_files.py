@@ -70,7 +70,7 @@ def common_arguments(package: str, params_file: str) -> list[Argument]:
 
 
 def value(context: LaunchContext, name: str) -> str:
-    """Return the value of a launch argument."""
+    """Return the value of a launch argument as text."""
     return str(LaunchConfiguration(name).perform(context))
 
 

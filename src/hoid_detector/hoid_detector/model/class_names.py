@@ -38,7 +38,8 @@ def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[st
 
     Args:
         names: Names of the classes of a model.
-        person_names: Synonyms of `person`, in any case; empty if no class of people is required.
+        person_names: Synonyms of `person`, in upper or lower case; empty if no class of people
+            is required.
 
     Raises:
         ModelError: No class has one of these names.
@@ -59,7 +60,7 @@ def is_background(name: str) -> bool:
 
 
 def names_in_file(path: Path) -> tuple[str, ...]:
-    """Return the names in a text file with one name in each line.
+    """Return the names in a text file with one name in each line; empty lines are skipped.
 
     Raises:
         ModelError: The file cannot be read or contains no name.
@@ -77,7 +78,8 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
     """Return the class names in a model's metadata; None if the metadata have no key for names.
 
-    The value may be a dict or list literal, or names separated by commas.
+    The value may be a dict or list literal, or names separated by commas, semicolons or line
+    breaks.
 
     Raises:
         ModelError: The value is not a list of names, or its class indices have gaps.
@@ -103,7 +105,10 @@ def _parse(key: str, text: str) -> tuple[str, ...]:
 
 
 def _literal(text: str) -> object:
-    """Return the value of a Python, JSON or YAML literal; else the parts between commas."""
+    """Return the value of a Python, JSON or YAML literal.
+
+    For a text that is none, it returns the parts between commas, semicolons and line breaks.
+    """
     try:
         return ast.literal_eval(text)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):

@@ -137,7 +137,8 @@ def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array
     """Return boxes (4, N) as cx, cy, w, h in pixels (Ge et al., YOLOX, 2021).
 
     Args:
-        boxes: (4, N) offset of the center from the cell, and logarithm of the size, in cells.
+        boxes: (4, N) offset of the center from the cell's top left corner (positive: right and
+            down), in cells; logarithm of width and height in cells.
         cell: (2, N) column and row of the cell.
         stride_px: (N,) side of the cell.
     """

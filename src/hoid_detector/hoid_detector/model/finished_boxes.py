@@ -91,7 +91,11 @@ def class_ids(name: str, num_classes: int) -> ClassIds:
 
 
 def order_in_name(name: str, num_columns: int) -> Order | None:
-    """Return the order of columns that the name of an output states, or None."""
+    """Return the order of columns that the name of an output states.
+
+    The result is None if the name does not state box, score and class, or if its order has another
+    number of columns.
+    """
     if name.endswith(_YOLO_NAS):
         return ('batch', 'xyxy', 'score', 'class')
     order = tuple(str(match.lastgroup) for match in _WORD.finditer(name.lower()))
@@ -124,8 +128,9 @@ class Columns(NamedTuple):
     def is_plausible(self, threshold: float) -> bool:
         """Return whether these can be boxes, scores and ids.
 
-        At least half of the boxes must have ordered corners, and half of those whose score is at
-        least the threshold; networks do not guarantee the order of the others.
+        The image numbers in the batch must be 0, scores at most 1.1 in magnitude, and ids whole
+        numbers. Ordered corners are needed in at least half of all boxes, and in at least half of
+        the boxes whose score is at least the threshold; networks do not guarantee more.
         """
         is_strong = self.scores >= threshold
         is_ordered = np.asarray((self.boxes[:, 2:] >= self.boxes[:, :2]).all(axis=1))
@@ -160,7 +165,10 @@ class Reading(NamedTuple):
         return f'columns {"_".join(self.order)}, class ids {self.ids.name}'
 
     def candidates(self, table: Float32Array, threshold: float) -> Candidates:
-        """Return the boxes in a (N, C) table whose score is at least the threshold."""
+        """Return the boxes in a (N, C) table whose score is at least the threshold.
+
+        Rows with a negative class id are left out, since they mark no object.
+        """
         found = columns(table, self.order)
         keep = (found.scores >= threshold) & (found.ids >= 0)
         index = self.ids.index_of_id[np.rint(found.ids[keep]).astype(np.int64)]
@@ -201,6 +209,8 @@ class FinishedDecoder:
 
     def learn(self, table: Float32Array, threshold: float) -> None:
         """Exclude the readings that do not fit the rows of one table, and note the unit of boxes.
+
+        A warning is logged if the first reading has changed since an image with boxes.
 
         Raises:
             ModelError: No reading is left.

@@ -34,7 +34,17 @@ _PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.p
 
 
 def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[Decoder, int | None]:
-    """Return the decoder of boxes, labels and scores that are separate outputs."""
+    """Return the decoder of boxes, labels and scores that are separate outputs.
+
+    The second value, the number of classes, is None, since the outputs do not show it.
+
+    Args:
+        probe: Outputs of the network for a test image.
+        y_first: True: boxes are y1, x1, y2, x2. False: this follows from the names of the outputs.
+
+    Raises:
+        ModelError: The outputs are not of this kind.
+    """
     boxes, labels = probe.find(is_boxes), probe.find(is_labels)
     scores = probe.find(is_scores, 'score')
     if boxes is None or labels is None or scores is None:
@@ -61,7 +71,8 @@ def _num_valid_rows(output: NDArray[Any]) -> int:
 def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
     """Return the decoder of finished boxes whose columns are in several outputs.
 
-    The names of the outputs state the order of the columns.
+    The names of the outputs state the order of the columns. The second value, the number of
+    classes, is None, since the outputs do not show it.
     """
     order = _order_in_names(probe)
     if order is None:
@@ -91,7 +102,8 @@ def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, in
 
     If no order of columns is given, the one that the name of the output or the metadata state is
     taken. Without either, all known orders with this number of columns are possible, and the
-    decoder excludes those that do not fit.
+    decoder excludes those that do not fit. The second value, the number of classes, is None, since
+    the outputs do not show it.
     """
     num_columns = probe.table.shape[-1]
     stated = order or order_in_name(probe.names[0], num_columns)

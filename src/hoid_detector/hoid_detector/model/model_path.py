@@ -63,7 +63,8 @@ def find_model(requested: str | None = None) -> Path:
     Raises:
         ModelError: The model that is requested, or named by HOID_MODEL, does not exist, or a
             downloaded file has another digest than the known model.
-        NoModelError: No model is found, and none can be downloaded.
+        NoModelError: The default model, or a requested known model, is not found and cannot be
+            downloaded.
     """
     if requested:
         return _named(requested, 'detector model')

@@ -106,7 +106,10 @@ class Probe:
         return min(found, key=lambda i: word not in self.names[i].lower(), default=None)
 
     def is_normalized(self, boxes: NDArray[Any]) -> bool:
-        """Return whether boxes are fractions of the input; where there is no box, they are not."""
+        """Return whether boxes are fractions of the input, by `box_units` or by their values.
+
+        With AUTO, the result is False if there is no box.
+        """
         if self.box_units != AUTO:
             return self.box_units == 'normalized'
         return 0 < float(np.abs(boxes).max(initial=0)) <= LARGEST_NORMALIZED

@@ -77,7 +77,8 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
 def point_table(cloud: Cloud) -> ByteArray:
     """Return the bytes of N points as uint8, (N, 12) for x, y and z as float32.
 
-    There are four more for a color: blue, green, red and 0; and four for a label as uint32.
+    If the cloud has colors, each point has four more bytes: blue, green, red and 0. If it has
+    labels, four bytes with the label as uint32 follow.
     """
     n = len(cloud.points_m)
     table = np.zeros((n, 4 * len(_fields(cloud))), np.uint8)
@@ -102,7 +103,7 @@ def _fields(cloud: Cloud) -> list[PointField]:
 
 
 def cloud_to_msg(cloud: Cloud, header: Header) -> PointCloud2:
-    """Return an unordered cloud with the fields x, y, z, and rgb and label where it has them."""
+    """Return an unordered cloud with the fields x, y, z, and rgb and label if `cloud` has them."""
     table = point_table(cloud)
     n, step = table.shape
     return PointCloud2(

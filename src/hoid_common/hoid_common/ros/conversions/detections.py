@@ -17,7 +17,7 @@ MAX_DETECTIONS = 1000
 
 
 def detections_from_msg(msg: DetectionArray) -> Detections:
-    """Return the detections of a message.
+    """Return the boxes, class names and scores of a DetectionArray message.
 
     Raises:
         MessageError: There are more than MAX_DETECTIONS, or a class name is too long.
@@ -41,7 +41,7 @@ def detections_to_msg(
     class_names: Sequence[str] = (),
     inference_ms: float = 0.0,
 ) -> DetectionArray:
-    """Return the DetectionArray of detections.
+    """Return the DetectionArray message of the objects detected in an image.
 
     Args:
         detections: Boxes, classes and scores.

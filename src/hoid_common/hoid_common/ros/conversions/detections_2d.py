@@ -23,7 +23,7 @@ Row = tuple[float, float, float, float]
 
 
 def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
-    """Return the detections of a message, each with its class of highest score.
+    """Return the boxes of a Detection2DArray message, each with its class of highest score.
 
     The `class_id` of a class becomes its name.
 

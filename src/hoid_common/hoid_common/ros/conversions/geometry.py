@@ -174,7 +174,7 @@ def _quaternion(T: FloatArray) -> Quaternion:
 
 
 def _block_rotation(T: FloatArray) -> FloatArray:
-    """Return the (6, 6) block-diagonal matrix that rotates both halves of a twist by T."""
+    """Return the (6, 6) block-diagonal matrix with the rotation of T (4, 4) in both blocks."""
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = T[:3, :3]
     return A

@@ -32,7 +32,7 @@ _COPIED = {field.name for field in fields(SlamStatus)} - {'state', 'mode', 'stag
 
 
 def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
-    """Return the status of a message.
+    """Return the state, mode, counters and stage times of a SlamStatus message.
 
     Raises:
         MessageError: The state or mode is unknown, or stage names and durations differ in number.

@@ -223,7 +223,11 @@ class SteadyExecutor(SingleThreadedExecutor):
         return bool(ready)
 
     def _run(self, act: Callable[[], Any] | None) -> None:
-        """Run a callback that one of the base's `_take_...` methods has returned."""
+        """Run a callback that one of the base's `_take_...` methods has returned.
+
+        Nothing is done for None. An error of the callback is raised. A coroutine that awaits a
+        future is queued in `_tasks`.
+        """
         if act is None:
             return
         task = Task(act, executor=self)
@@ -329,7 +333,7 @@ class GroupExecutor(SteadyExecutor):
 
     Args:
         node: Node of the group, which stays with its own executor.
-        group: Callback group, of which all services must exist already.
+        group: Callback group. All its services must be created before the executor spins.
     """
 
     _rare_period_ns = 0  # service requests are the only entities, so that it always waits for them

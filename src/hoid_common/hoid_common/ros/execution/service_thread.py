@@ -39,7 +39,7 @@ class ServiceThread:
         return self._group
 
     def start(self, on_failure: Callable[[Exception], None]) -> None:
-        """Start the thread. All its services must have been created before.
+        """Start the thread. All services of `group` must have been created before.
 
         Args:
             on_failure: Function that is called in the thread with each error of a service.
