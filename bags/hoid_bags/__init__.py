@@ -1,1 +1,1 @@
-"""TUM folders and rendered scenes to MCAP bags; info, play and record."""
+"""Recordings: reading of TUM folders and bags, conversion, summary, playback and recording."""

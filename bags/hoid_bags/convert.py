@@ -98,6 +98,7 @@ def convert(
     Raises:
         InputError: The recording or one of its files cannot be used, or the bag exists already or
             cannot be written. No part of the new bag remains.
+        ConfigError: A list of the recording contains a file name that no file can have.
     """
     config = config or ConvertConfig()
     source = open_tum_folder(folder, camera, config.depth_units_per_m)

@@ -62,7 +62,7 @@ def check_complete(data: bytes, name: object) -> None:
 
 
 def decode_color(data: bytes, name: object) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG.
+    """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG; an error begins with `name`.
 
     Raises:
         InputError: The data is truncated, no PNG or JPEG, or too large.
@@ -72,6 +72,8 @@ def decode_color(data: bytes, name: object) -> ByteArray:
 
 def decode_depth(data: bytes, name: object) -> DepthUnits:
     """Return the (H, W) uint16 depth, in the units of the file, of a 16-bit gray PNG.
+
+    An error begins with `name`.
 
     Raises:
         InputError: The data is truncated, no image, or an image of another kind.
@@ -99,7 +101,7 @@ def check_size(
 
 
 def check_registered(depth: DepthUnits | Float32Array, color: ByteArray) -> None:
-    """Raise InputError unless depth has the size of the color image."""
+    """Raise InputError unless depth has the size of the color image; nothing else is checked."""
     if depth.shape != color.shape[:2]:
         raise InputError(
             f'depth is {depth.shape[1]}x{depth.shape[0]}, color {color.shape[1]}x{color.shape[0]};'

@@ -35,7 +35,10 @@ class ImuRecording(NamedTuple):
     accelerations: NumberTable | None = None  # (N, 3) m/s^2; None: there is no accelerometer
 
     def joined(self, other: ImuRecording) -> ImuRecording:
-        """Return both recordings as one; of a sensor that both have, keep this one's samples."""
+        """Return a recording with the sensors of `self` and `other`.
+
+        If both have a sensor, the result has the samples of `self`.
+        """
         return ImuRecording(
             self.rates if self.rates is not None else other.rates,
             self.accelerations if self.accelerations is not None else other.accelerations,
@@ -63,7 +66,7 @@ def read_own_imu(recording: Path) -> ImuRecording:
     """Return the samples that a recording has under the usual names.
 
     These are the topics `imu` and `imu/accelerometer` of a bag, and the files `gyro.txt` and
-    `accelerometer.txt` of a folder.
+    `accelerometer.txt` of a folder. If both contain the same sensor, the first one is used.
 
     Raises:
         InputError: The recording has no samples of an IMU, or they cannot be used.
@@ -110,7 +113,9 @@ def read_imu_file(path: Path) -> ImuRecording:
 
 
 def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
-    """Return the samples of a topic of sensor_msgs/Imu, without those that are not finite.
+    """Return the samples of a topic of sensor_msgs/Imu in order of time, each stamp once.
+
+    Samples that are not finite are left out.
 
     Raises:
         InputError: The bag has no such topic, the topic has another type, a message is damaged, or

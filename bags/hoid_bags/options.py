@@ -84,7 +84,7 @@ def _add_topic_names(parser: argparse.ArgumentParser) -> None:
 
 
 def depth_offset_ns(args: argparse.Namespace) -> int:
-    """Return the offset of the stamps of depth images in ns, from `--depth-offset` in s."""
+    """Return `--depth-offset` in ns: the time by which the stamps of depth images are too late."""
     offset_s: float = args.depth_offset
     return round(offset_s * NS_PER_S)
 
@@ -110,7 +110,7 @@ def chosen_topics(args: argparse.Namespace) -> TopicChoice:
 def open_recording(
     args: argparse.Namespace, path: Path, max_gap_ns: int = MAX_PAIR_GAP_NS
 ) -> Sequence:
-    """Open a recording with the options of the command line, and print the topics of a bag.
+    """Open a recording with the options of the command line; print a bag's topics on stderr.
 
     Args:
         args: Parsed options.

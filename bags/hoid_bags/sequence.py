@@ -71,15 +71,16 @@ def open_sequence(
         camera: Camera of the recording; None takes it from the folder's name or the bag.
         depth_units_per_m: Depth units per meter; None: 5000 for a folder, as in TUM RGB-D, and
             those of the encoding for a bag (1000 for whole numbers, 1 for floats).
-        choice: Topics of a bag that the user names; the other topics are found by their names.
+        choice: Topics of a bag that the user names; the other topics are found (see
+            `find_topics`).
         max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
         depth_offset_ns: Time by which the stamps of depth images are too late; it is subtracted
             before pairing.
 
     Raises:
         InputError: The path does not exist, or is no usable recording.
-        ConfigError: The depth units of a folder are not positive, or it lists a file with an
-            impossible name.
+        ConfigError: The depth units of a folder are not positive, or the folder lists a file with
+            an impossible name.
     """
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')

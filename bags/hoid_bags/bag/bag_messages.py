@@ -24,7 +24,10 @@ _MIN_QUATERNION_NORM = 0.5  # chosen: rotations have norm 1; unset orientations 
 
 
 def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
-    """Return the sensor_msgs/Image of (H, W) or (H, W, 3) pixels of any type."""
+    """Return the sensor_msgs/Image of (H, W) or (H, W, 3) pixels, in the frame of the camera.
+
+    `encoding` is the field of the message, such as 'bgr8'. It is not checked against the pixels.
+    """
     rows = np.ascontiguousarray(pixels)
     return new_message(
         types.IMAGE,
@@ -39,7 +42,10 @@ def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
 
 
 def compressed_image(stamp_ns: int, data: bytes, format_: str) -> Message:
-    """Return the sensor_msgs/CompressedImage of a JPEG, a PNG or compressed depth."""
+    """Return the sensor_msgs/CompressedImage of a JPEG, a PNG or compressed depth.
+
+    The data is stored unchanged; `format_` is the field `format` of the message.
+    """
     return new_message(
         types.COMPRESSED_IMAGE,
         header=header(stamp_ns, CAMERA_FRAME),
@@ -108,7 +114,8 @@ def imu(
 ) -> Message:
     """Return the sensor_msgs/Imu of an accelerometer, of a gyro, or of both.
 
-    A covariance of -1 marks the other values as missing.
+    The orientation, and a sensor whose argument is None, are marked as missing: the first entry
+    of the covariance is -1.
 
     Args:
         stamp_ns: Stamp of the measurement.
@@ -134,7 +141,7 @@ def imu(
 def imu_values(message: Message) -> tuple[list[float] | None, list[float] | None]:
     """Return the angular velocity [rad/s] and the acceleration [m/s^2] of a sensor_msgs/Imu.
 
-    Each is None if its covariance marks it as missing.
+    A value is None if it is marked as missing: the first entry of its covariance is negative.
     """
     rate, force = message.angular_velocity, message.linear_acceleration
     return (

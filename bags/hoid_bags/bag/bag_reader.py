@@ -42,7 +42,10 @@ class BagMessage(NamedTuple):
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is the folder of a bag, or one file of a bag."""
+    """Return whether a path is the folder of a bag, or one file of a bag.
+
+    The names of files decide; no file is read.
+    """
     if path.is_dir():
         return (path / METADATA).exists() or bool(_storage_files(path))
     return path.exists() and path.name.endswith(_STORAGE_SUFFIXES)
@@ -62,7 +65,7 @@ class BagReader:
             path: The folder of the bag, or one .mcap or .db3 file, which may be compressed.
 
         Raises:
-            InputError: There is nothing, or no bag.
+            InputError: The path does not exist, or is no bag.
         """
         if not path.exists():
             raise InputError(f'{path}: no such bag')
@@ -189,6 +192,8 @@ class BagReader:
     def _open_as_described(self, stack: ExitStack) -> list[McapFile | Sqlite3Reader]:
         """Open the files that metadata.yaml lists, or all files if there is no metadata.yaml.
 
+        If the path of the bag is that of one file, only this file is opened.
+
         Raises:
             InputError: A file cannot be opened, or metadata.yaml contradicts the files.
         """
@@ -238,7 +243,10 @@ class BagReader:
 
 
 def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
-    """Open one file of a bag until the stack is closed.
+    """Open one file of a bag, and have the stack close it.
+
+    A compressed file is first unpacked into a temporary folder. A .db3 file with a log is copied
+    to one, and merged with the log there.
 
     Raises:
         InputError: The file cannot be opened. (Damage inside an .mcap file raises no error.)
@@ -260,7 +268,7 @@ def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
 def _storage_files(folder: Path) -> list[Path]:
     """Return the files of a folder that contain messages.
 
-    Of a file that exists both compressed and not compressed, only the latter is returned.
+    If a file exists both compressed and uncompressed, only the uncompressed one is returned.
     """
     names = {path.name for path in folder.iterdir() if path.name.endswith(_STORAGE_SUFFIXES)}
     packed = {name for name in names if name.endswith(SUFFIX)}

@@ -37,11 +37,12 @@ _MAX_BAD_AT_START = 30  # chosen: reading ends if the first 30 images are all un
 
 
 class BagSequence:
-    """The paired color and depth images of a bag, as a `Sequence`.
+    """The paired color and depth images of a bag.
 
-    Topics, stamps, camera and ground truth are read when the bag is opened; images are read during
-    iteration. Images that cannot be decoded, or have another size than the camera, are left out.
-    After the iteration, `fault` states their number, unless it describes other damage.
+    It has all members of the protocol `hoid_bags.sequence.Sequence`. Topics, stamps, camera and
+    ground truth are read when the bag is opened; images are read during iteration. A pair is left
+    out if one of its images cannot be decoded or has another size than the camera. After the
+    iteration, `fault` states the number of these pairs, unless it describes other damage.
     """
 
     def __init__(
@@ -62,12 +63,14 @@ class BagSequence:
             max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
             depth_offset_ns: Time by which the stamps of depth images are too late; it is
                 subtracted before pairing.
-            depth_units_per_m: Depth units per meter; 0: those of the encoding.
+            depth_units_per_m: Depth units per meter; 0: those of the encoding (1000 for whole
+                numbers, 1 for floats).
 
         Raises:
             InputError: The path is no bag, its topics cannot be chosen (see `find_topics`), it has
-                no usable camera_info and no camera is given, or no color and depth image make a
-                pair.
+                no camera_info of the color images and no camera is given, no message of an image
+                topic or of the camera_info is usable, no color and depth image make a pair, or
+                stamps are too close to each other for any camera.
         """
         self.path = path
         self.depth_offset_ns, self.depth_units_per_m = depth_offset_ns, depth_units_per_m
@@ -171,7 +174,7 @@ class _Problems:
 
 
 class _Stream(NamedTuple):
-    """Stamps of one image topic in order of time, and the log times between which they are."""
+    """Stamps of one image topic in ascending order, and first and last log time, all in ns."""
 
     stamps_ns: IntArray
     first_log_ns: int
@@ -261,7 +264,10 @@ class _Index:
 
 
 def _stream(path: Path, topic: str, rows: IntArray) -> _Stream:
-    """Return the stamps of a topic in order of time; where time starts anew, of the longest part.
+    """Return the stamps of an image topic in ascending order, each stamp once.
+
+    If time starts anew within the bag, as after the restart of a simulator, only the part with
+    the most images is used. A warning states this, and any repeated or late stamps.
 
     Args:
         path: The bag, which warnings name.

@@ -35,7 +35,7 @@ _OWN = (CAMERA_TOPICS['bag'],)  # the suite's own names, which come before those
 
 
 class TopicChoice(NamedTuple):
-    """Topics that a user names; those that are empty are found (see `find_topics`)."""
+    """Topics that a user names; `find_topics` chooses the topics whose names are empty."""
 
     color: str = ''
     depth: str = ''
@@ -44,7 +44,7 @@ class TopicChoice(NamedTuple):
 
 
 class RecordedTopics(NamedTuple):
-    """The topics of an RGB-D recording in a bag; None: the bag has no such topic."""
+    """The topics of an RGB-D recording in a bag; None: there is no such topic, or no clear one."""
 
     color: BagTopic
     depth: BagTopic
@@ -75,11 +75,12 @@ def find_topics(
 
     Args:
         reader: The bag.
-        choice: Topics that the user names.
+        choice: Topics that the user names. The others are chosen by the type of their messages,
+            the names that drivers use, and the size of the images.
 
     Raises:
         InputError: There are no color or no depth images, a named topic is missing, or several
-            topics could be meant.
+            topics are equally likely.
     """
     filled = [topic for topic in reader.topics if topic.num_messages]
     images, problems = _images(reader, [t for t in filled if t.type_name in _IMAGES])
@@ -130,7 +131,10 @@ def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTop
 
 
 def _images(reader: BagReader, found: list[BagTopic]) -> tuple[list[_Image], list[str]]:
-    """Return the readable image topics, and a line about each unreadable topic."""
+    """Return the image topics whose first message is an image, and lines about the other topics.
+
+    A topic without any readable message is left out of both lists.
+    """
     images, problems = [], []
     for topic in found:
         first = next(reader.messages([topic.name]), None)
@@ -146,7 +150,13 @@ def _color(
     reader: BagReader, name: str, found: list[_Image], depths: list[_Image],
     presets: Sequence[CameraTopics], problem: str | None,
 ) -> _Image:  # fmt: skip
-    """Return the color topic: the named one, else the suite's or a driver's, else by its name."""
+    """Return the color topic `name`; with an empty name, the best of the found topics.
+
+    The suite's own topic is best, then that of a driver, then the one whose name fits best.
+
+    Raises:
+        InputError: There is no such topic, or several topics are equally good.
+    """
 
     def rank(image: _Image) -> tuple[Any, ...]:
         text = image.base.lower()
@@ -165,9 +175,13 @@ def _depth(
     reader: BagReader, name: str, found: list[_Image], color: _Image,
     presets: Sequence[CameraTopics], problem: str | None,
 ) -> _Image:  # fmt: skip
-    """Return the depth topic: the named one, else the likeliest to be registered to color.
+    """Return the depth topic `name`; with an empty name, the likeliest to be registered to color.
 
-    The suite's and a driver's names come first, then the size and the name of the topic decide.
+    The suite's own topic comes first, then that of a driver, then the size of the images and the
+    name of the topic decide.
+
+    Raises:
+        InputError: There is no such topic, or several topics are equally likely.
     """
 
     def rank(image: _Image) -> tuple[Any, ...]:
@@ -190,7 +204,13 @@ def _choose(
     reader: BagReader, kind: str, option: str, name: str, found: list[_Image],
     rank: Callable[[_Image], tuple[Any, ...]], problem: str | None,
 ) -> _Image:  # fmt: skip
-    """Return the named topic, else the one with the least rank, in its best encoding."""
+    """Return the topic `name`; with an empty name, the found topic with the least rank.
+
+    Of several encodings of the images, raw is preferred, then compressedDepth.
+
+    Raises:
+        InputError: There is no such topic, or topics with different images have the least rank.
+    """
     if name:
         wanted = f'/{name.strip("/")}'
         found = [i for i in found if wanted in (i.topic.name, i.base)]
@@ -216,7 +236,14 @@ def _choose(
 def _is_of_driver(
     image: _Image, presets: Sequence[CameraTopics], field: str, partners: Sequence[_Image]
 ) -> bool:
-    """Return whether a driver has this topic and one of the partners in the same namespace."""
+    """Return whether an image and one of its partners have one driver's names in one namespace.
+
+    Args:
+        image: A color or a depth topic.
+        presets: Names of the drivers' topics.
+        field: Kind of the image: 'rgb_image' or 'depth_image'.
+        partners: Topics of the other kind.
+    """
     other = 'depth_image' if field == 'rgb_image' else 'rgb_image'
     bases = {partner.base for partner in partners}
     for preset in presets:
@@ -229,7 +256,11 @@ def _is_of_driver(
 def _camera_info(
     color: _Image, found: list[BagTopic], presets: Sequence[CameraTopics]
 ) -> BagTopic | None:
-    """Return the camera_info beside the color images, or else the only one; None: neither."""
+    """Return the camera_info topic beside the color topic, or the only camera_info of the bag.
+
+    The result is None if no camera_info is beside the color topic, and the bag has none or more
+    than one.
+    """
     names = [color.base.rpartition('/')[0] + '/camera_info']
     names += [
         color.base.removesuffix(preset.rgb_image) + preset.camera_info
@@ -241,7 +272,7 @@ def _camera_info(
 
 
 def _num_shared_parts(first: str, second: str) -> int:
-    """Return how many parts of two topic names are equal, from the first on."""
+    """Return how many leading parts (between slashes) two topic names have in common."""
     parts = zip(first.split('/'), second.split('/'), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
 

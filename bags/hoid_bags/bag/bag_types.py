@@ -72,12 +72,12 @@ def new_message(type_name: str, /, **fields: Any) -> Message:
 
 
 def serialize(message: Message, type_name: str) -> memoryview:
-    """Return the CDR bytes of a message."""
+    """Return the CDR bytes of a message whose type is known (see `ensure_type`)."""
     return shared_typestore().serialize_cdr(message, type_name)
 
 
 def deserialize(data: bytes | memoryview, type_name: str) -> Message:
-    """Return the message that serialized bytes (CDR) contain; its arrays share their memory.
+    """Return the message in serialized bytes (CDR); arrays in it share the memory of the bytes.
 
     Raises:
         MessageError: The bytes are no message of this type.

@@ -31,7 +31,7 @@ _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 w
 def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
     """Return a reliable QoS profile in the form in which rosbag2 stores it with a topic.
 
-    `ros2 bag play` publishes the topic with it.
+    `ros2 bag play` publishes the topic with the stored profile.
 
     Args:
         depth: Length of the publisher's queue.

@@ -128,8 +128,10 @@ def mm_from_units(units: DepthUnits, units_per_m: float) -> NDArray[np.uint16]:
 def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Path | None:
     """Return the first depth file that is not exact in 16-bit millimeters; None: all are exact.
 
+    With 1000 units per meter, all files are exact, and none is read.
+
     Raises:
-        InputError: A file is truncated, or no 16-bit gray image.
+        InputError: A file cannot be read, is truncated, or is no 16-bit gray image.
     """
     if units_per_m == images.MM_PER_M:
         return None

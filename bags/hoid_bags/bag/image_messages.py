@@ -21,7 +21,7 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
     Raises:
         MessageError: The data is no image message, has an unsupported encoding, or cannot be
             decoded.
-        InputError: The message contains a truncated JPEG or PNG.
+        InputError: The compressed data is empty, or a truncated JPEG or PNG.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
@@ -31,12 +31,13 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
 
 
 def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Float32Array:
-    """Return the (H, W) float32 depth in m of a depth message.
+    """Return the (H, W) float32 depth in m of a depth message, with 0 for "no reading".
 
     Args:
         data: The serialized message.
-        topic: Its topic.
-        units_per_m: Depth units per meter; 0: those of the encoding.
+        topic: Topic of the message.
+        units_per_m: Depth units per meter; 0: those of the encoding (1000 for whole numbers, 1 for
+            floats).
 
     Raises:
         MessageError: The data is no depth message, has an unsupported encoding or a wrong unit, or
@@ -56,7 +57,10 @@ class ImageHead(NamedTuple):
 
 
 def image_head(data: bytes, topic: BagTopic) -> ImageHead:
-    """Return kind and size of an image; raise MessageError if the message is not an image."""
+    """Return kind and size of an image; raise MessageError if the message is not an image.
+
+    A raw mono16 image is depth only if the topic's name contains depth, stereo or disparity.
+    """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
         is_gray = message.encoding == 'mono16' and not _DEPTH_NAME.search(topic.name)

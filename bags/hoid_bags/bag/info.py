@@ -29,7 +29,7 @@ class TopicSummary(NamedTuple):
 
     @property
     def bytes_per_s(self) -> float | None:
-        """Return the mean bandwidth; None if sizes were not counted or there are no messages."""
+        """Return mean size times rate; None if sizes were not counted or there are no messages."""
         if self.size_bytes is None or not self.num_messages:
             return None
         return self.size_bytes / self.num_messages * self.rate_hz

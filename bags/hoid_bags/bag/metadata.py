@@ -34,6 +34,8 @@ class BagMetadata(NamedTuple):
     def check(self, connections: Iterable[Connection], first_ns: int, last_ns: int) -> None:
         """Check that the metadata agree with the content of the files.
 
+        The numbers of messages must be equal; times may differ by one second.
+
         Args:
             connections: Topics of all files with their numbers of messages.
             first_ns: Log time of the first message in the files.
@@ -54,7 +56,7 @@ class BagMetadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> BagMetadata | None:
-    """Return the metadata in a bag's folder; None if it contains no metadata.yaml.
+    """Return the metadata in a bag's folder; None if the folder contains no metadata.yaml.
 
     Raises:
         InputError: The file cannot be read, is no plain YAML, or is not the metadata of a bag.

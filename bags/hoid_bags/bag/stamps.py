@@ -14,7 +14,7 @@ _LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')  # seconds, nanosecon
 
 
 def header(stamp_ns: int, frame_id: str) -> Message:
-    """Return a std_msgs/Header."""
+    """Return a std_msgs/Header with a stamp (ns) and the name of a frame."""
     sec, nanosec = divmod(stamp_ns, NS_PER_S)
     stamp = new_message('builtin_interfaces/msg/Time', sec=sec, nanosec=nanosec)
     return new_message('std_msgs/msg/Header', stamp=stamp, frame_id=frame_id)
@@ -27,7 +27,10 @@ def stamp_ns(message: Message) -> int:
 
 
 def begins_with_header(type_name: str) -> bool:
-    """Return whether messages of a type begin with a header; False for unknown types."""
+    """Return whether messages of a type begin with a field `header`; False for unknown types.
+
+    The type is added to `shared_typestore` if it is not there yet.
+    """
     try:
         ensure_type(type_name)
     except InputError:
@@ -49,7 +52,7 @@ def header_stamp_ns(data: bytes) -> int:
 
 
 def shift_header_stamp(data: bytes, offset_ns: int) -> bytes:
-    """Return a copy of a serialized message that begins with a header, with a later stamp.
+    """Return a copy of a serialized message that begins with a header, with a shifted stamp.
 
     Args:
         data: The message (CDR).

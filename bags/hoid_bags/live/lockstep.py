@@ -10,8 +10,8 @@ from hoid_bags.live.playback import ScheduledMessage
 class LockstepGate:
     """Holds a color image back until odometry for the previous pair of images has arrived.
 
-    A color image that has no depth image is not held back, and the next image does not wait for
-    its odometry.
+    A color image that has no depth image is not held back, and no image waits for the odometry of
+    such an image.
 
     Args:
         sequence: The recording, which determines the pairs.
@@ -58,9 +58,10 @@ class LockstepGate:
         self.num_unanswered += 1
 
     def _partner_ns(self, message: ScheduledMessage) -> int | None:
-        """Return the stamp (ns) of the depth image of a color image, with the offset of its round.
+        """Return the stamp (ns) of the depth image that is paired with a color image.
 
-        The result is None for other messages, and for a color image without a depth image.
+        The message's `offset_ns` is included, as in published stamps. The result is None for other
+        messages, and for a color image without a depth image.
         """
         if message.topic != self._color:
             return None

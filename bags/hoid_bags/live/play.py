@@ -63,7 +63,7 @@ def play(
         choice: Topics of the images, which lockstep pairs; those that are not named are found.
         depth_offset_ns: Time by which the stamps of depth images are too late. Only lockstep uses
             it, to pair images; published stamps stay as they are.
-        namespace: Prefix of every topic that is not global.
+        namespace: Prefix of every topic except /clock and /diagnostics.
         min_subscribers: Number of subscribers to wait for, by topic of the bag.
         show_progress: Whether to draw a progress bar on stderr, if that is a terminal.
 
@@ -136,14 +136,16 @@ class Player:
     def wait_for_subscribers(self, minimum: Mapping[str, int]) -> None:
         """Wait until there are enough subscribers and, in lockstep, a publisher of odometry.
 
-        The wait ends a short time after their number has changed last. If they are missing at the
-        time limit `wait_s`, a warning is logged when no minimum is given.
+        Once there are enough, the wait ends when their number has not changed for 0.3 s (1 s in
+        lockstep). If some are still missing after `wait_s` seconds and no minimum is given, a
+        warning is logged.
 
         Args:
             minimum: Least number of subscribers by topic; empty: one subscriber of any topic.
 
         Raises:
-            InputError: A minimum is given and was not reached in time.
+            InputError: A minimum is given, and after `wait_s` seconds, subscribers (or in lockstep
+                a publisher of odometry) are still missing.
         """
         now_s = time.monotonic()
         deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, 0
@@ -192,7 +194,13 @@ class Player:
             publisher.wait_for_all_acked(_ACK_LIMIT)
 
     def _wait_for(self, message: ScheduledMessage) -> None:
-        """Wait until a message is due; meanwhile publish the clock and read keys and odometry."""
+        """Wait until a message is due; meanwhile publish the clock and read keys and odometry.
+
+        In lockstep, the wait for odometry ends at a time limit.
+
+        Raises:
+            InputError: The time limit has passed, and there has been no odometry at all.
+        """
         limit_s = self._config.lockstep_timeout_s
         give_up_s = time.monotonic() + limit_s
         while True:

@@ -119,7 +119,7 @@ def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> P
 
     Raises:
         InputError: The path is no readable bag, the bag lacks a topic or has no messages to play,
-            or it ends before the chosen start.
+            or the last message to play is before the chosen start.
     """
     with BagReader(path) as reader:
         chosen = topics_to_play(reader, topics)
@@ -142,7 +142,7 @@ class Pacer:
     Args:
         start_ns: Time that the clock shows at first.
         rate: Speed as a multiple of real time.
-        now_s: A steady clock, in seconds.
+        now_s: Function that returns the time of a steady clock in seconds.
     """
 
     def __init__(

@@ -110,6 +110,9 @@ class Recorder:
             on_messages: Function that is called after each pass of the executor, at least about
                 ten times per second, with the number of messages recorded in this pass, which may
                 be 0.
+
+        Raises:
+            InputError: A message type is unknown, or the bag cannot be written.
         """
         look_s = end_s = flush_s = 0.0
         while not end_s or time.monotonic() < end_s:

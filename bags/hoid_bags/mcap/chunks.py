@@ -139,7 +139,7 @@ def messages(chunk: bytes) -> Iterator[ChunkMessage]:
 
 
 def one_line(error: Exception) -> str:
-    """Return the text of an exception on one line."""
+    """Return the text of an exception on one line, or the name of its type if it has no text."""
     return ' '.join(str(error).split()) or type(error).__name__
 
 

@@ -25,7 +25,8 @@ def unpack_file(path: Path, folder: Path) -> Path:
     """Unpack a zstd file into a folder; return the path of the result, without the suffix .zstd.
 
     Raises:
-        InputError: The file is damaged, exceeds the limit, or does not fit on the disk.
+        InputError: The file is damaged, unpacks to more than 64 MiB plus 100 times its size, or
+            does not fit on the disk.
     """
     target = folder / path.stem
     limit = _SMALL_BYTES + _MAX_RATIO * path.stat().st_size

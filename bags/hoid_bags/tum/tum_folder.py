@@ -74,9 +74,10 @@ class TumFolder:
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Return the poses of `groundtruth.txt`, none of them if the file has no rows.
+        """Return the poses of `groundtruth.txt`; the trajectory is empty if the file has no rows.
 
-        The result is None if the file is missing, or if it has rows and none of them is a pose.
+        The result is None if the file is missing. It is also None, with a warning in the log, if
+        the file cannot be read, or has rows and none of them is a pose.
         """
         path = self.path / GROUND_TRUTH
         try:
@@ -107,7 +108,10 @@ class TumFolder:
 
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
-        """Return the pairs (color, depth) of images with nearly equal stamps.
+        """Return the pairs (color, depth) of images, in order of time.
+
+        Their stamps differ by less than `max_gap_ns` after `depth_offset_ns` is subtracted from
+        that of the depth image.
 
         Raises:
             InputError: No images make a pair, or the stamps are too close to each other.
