@@ -102,7 +102,7 @@ def run_command(args: argparse.Namespace) -> None:
 
 
 def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
-    """Return the samples of the files and topics that the command line names; None for none."""
+    """Return the samples of the named files and topics; None if there are no names."""
     if not names:
         return None
     return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))
@@ -115,7 +115,8 @@ def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfi
 
     Args:
         config: The configuration. It is returned unchanged if it sets this parameter already.
-        mount_deg: Roll, pitch and yaw of the camera in degrees; None: it is returned unchanged.
+        mount_deg: Roll (clockwise as seen from behind), pitch (down) and yaw (to the left) of the
+            camera in degrees; None: the configuration is returned unchanged.
     """
     if mount_deg is None or _CAMERA_ROLL in config.changed():
         return config

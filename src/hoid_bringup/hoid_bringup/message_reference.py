@@ -32,7 +32,10 @@ def message_reference(package: Path) -> str:
 
 
 def _read(text: str) -> Iterator[str]:
-    """Yield the description of an interface, and the table rows of each of its parts."""
+    """Yield the description of an interface, then the table rows of each part as one text.
+
+    A message has one part; a service has two: request and response.
+    """
     description, _, rest = text.partition('\n\n')
     yield textwrap.fill(' '.join(line.lstrip('# ') for line in description.splitlines()), _WIDTH)
     for part in rest.split('\n---\n'):
@@ -55,7 +58,7 @@ def _rows(lines: list[str]) -> Iterator[str]:
 
 
 def _cells(line: str) -> list[str]:
-    """Return name, type and comment of a field."""
+    """Return name, type and comment of a field in Markdown; raise ValueError if it is no field."""
     found = _FIELD.match(line)
     if found is None:
         raise ValueError(f'is no field of a message: {line}')

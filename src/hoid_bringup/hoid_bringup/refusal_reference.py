@@ -103,7 +103,7 @@ def refusals(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def _said(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield text and kind of the calls in a module that take a refusal or warning."""
+    """Yield text and kind of each refusal or warning that a module passes to a function."""
     for call, function in _calls(path):
         name = _name_of(call.func)
         place = 1 if name.endswith('_problem') else 0
@@ -114,7 +114,7 @@ def _said(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def _returned(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield text and kind of the functions in a module that return one (`_SPEAKERS`)."""
+    """Yield text and kind of each refusal or warning that a module's `_SPEAKERS` return."""
     for name in _definitions(path).keys() & _SPEAKERS.keys():
         for text in _Texts(path, _tree(path)).of_name(name):
             yield text, _SPEAKERS[name]
@@ -161,7 +161,10 @@ def _definitions(path: Path) -> dict[str, ast.AST]:
 
 
 def _find(path: Path, name: str) -> tuple[Path, ast.AST] | None:
-    """Return the definition of a name that a module defines or imports, and its module."""
+    """Return the file and the definition of a name that a module has; None: it is not found.
+
+    The module at `path` may define the name, or import it from another module of the suite.
+    """
     if name in _definitions(path):
         return path, _definitions(path)[name]
     for node in ast.walk(_tree(path)):
@@ -182,7 +185,7 @@ class _Texts(NamedTuple):
     followed: frozenset[str] = frozenset()  # their names, to end recursion
 
     def of(self, node: ast.AST | None) -> list[str]:  # noqa: PLR0911 - one for each kind
-        """Return the texts of an expression, with placeholders for values."""
+        """Return the texts of an expression, with placeholders for values; [] if it has none."""
         match node:
             case ast.Constant(value=str() as text):
                 return [text]
@@ -249,7 +252,7 @@ class _Texts(NamedTuple):
         return list(map(''.join, product(*parts)))[:_MAX_VARIANTS]
 
     def _number(self, name: str) -> float | None:
-        """Return the value of a constant in capitals; None if it is no number."""
+        """Return the value of a constant; None: `name` is not in capitals, or is no number."""
         found = _find(self.path, name) if name.isupper() else None
         value = found[1].value if found and isinstance(found[1], ast.Constant) else None
         return value if isinstance(value, int | float) else None

@@ -123,7 +123,10 @@ def evaluate(
 
 
 def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of the motion over one second: (M,) in m, and (M,) in degrees.
+    """Return the errors of the motion over one second.
+
+    The first array is the error of the translation (M,) in m, the second that of the rotation (M,)
+    in degrees.
 
     Each pose is paired with the pose whose stamp is nearest to one second later, if that stamp
     differs by at most 0.02 s from one second later. (evo has intervals of frames only, but a
@@ -154,7 +157,7 @@ def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
 
 
 def _relative(T_world_camera: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
-    """Return the (M, 4, 4) camera motions T_first_second between pairs of poses."""
+    """Return the (M, 4, 4) poses T_first_second of the second camera in the first, for M pairs."""
     return se3.inverse(T_world_camera[first]) @ T_world_camera[second]
 
 

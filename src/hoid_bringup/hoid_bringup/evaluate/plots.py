@@ -52,7 +52,7 @@ def plot_run(
 def _draw_errors(
     figure: Figure, above: Axes, side: Axes, bottom: Axes, aligned: AlignedTrajectory
 ) -> None:
-    """Draw the estimate, colored by its error, over the ground truth in gray."""
+    """Draw the estimate, colored by error, over the gray ground truth, and the error over time."""
     error_cm = 100 * aligned.error_m
     norm = Normalize(0.0, max(float(np.percentile(error_cm, 99)), 1e-3))
     joined = _joined(aligned.stamps_ns)

@@ -83,7 +83,7 @@ def parameter_arguments(parameters: Mapping[str, Any]) -> list[str]:
     """Return the command-line arguments that set parameters of every node of a process.
 
     Args:
-        parameters: Values by dotted name. An empty list becomes [''], because ROS has no empty
+        parameters: Values by dotted name. An empty tuple becomes [''], because ROS has no empty
             lists of strings.
     """
     arguments = []

@@ -188,12 +188,13 @@ def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 def without_detector(options: NodeOptions) -> NodeOptions:
     """Return options that work without a detector model if none is found.
 
-    If detector and filter are both to run, neither the model nor the strategy is given, and no
-    model is found, then a note is printed to stderr, the detector is left out, and the strategy is
-    `motion`. Otherwise the options are returned unchanged.
+    The options are returned unchanged if detector or filter is not to run, if the user gives a
+    model or a strategy, or if a model is found or downloaded (see `has_model`). In all other cases
+    the detector is left out, the strategy is `motion`, and a note is printed to stderr.
 
     Raises:
-        ModelError: The environment variable HOID_MODEL names a model that does not exist.
+        ModelError: The environment variable HOID_MODEL names a model that does not exist, or a
+            downloaded model has another digest than expected.
     """
     given = {
         (node, name)

@@ -49,7 +49,7 @@ def replay(
         options: Options to write into the summary, beside rate and lockstep; None: strategy, seed
             and all changed parameters.
         recording: Path of the recording to write into the summary, if the bag was converted from
-            another one; None: that of the bag.
+            another one; None: the path of the bag.
         show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
@@ -108,7 +108,7 @@ class _LiveRun:
         """Wait until all nodes can receive images.
 
         Raises:
-            InputError: A node ended, or they are not ready after 90 s.
+            InputError: A node ended, or the nodes are not ready after 90 s.
         """
         end_s = time.monotonic() + _READY_TIMEOUT_S
         topic = f'/{BagNames.of(self._bag).camera_info}'
@@ -211,7 +211,10 @@ class _LiveRun:
 
 
 def _last_line(log: Path) -> str:
-    """Return the last line of a log file, which is the error message of the process."""
+    """Return the last line of a log file, which is the error message of the process.
+
+    If the file is empty or cannot be read, a text says that it is empty.
+    """
     try:
         lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
     except OSError:

@@ -151,7 +151,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     """Return the command line of the process that plays the bag.
 
-    It begins to play when all nodes that need color images have subscribed to them. Only topics
+    The process begins to play when all nodes that need color images have subscribed. Only topics
     that the nodes need are played: an unused IMU with a thousand messages per second would take
     processor time from all nodes (decision 018).
     """

@@ -83,7 +83,8 @@ class Supervisor:
         specs: The child processes.
         restart: Whether to restart a child that ended, unless it refused its first start. A child
             that refuses a later start has worked before with the same options, so that probably a
-            file is damaged or missing at present: it is tried again, after pauses that double.
+            file is damaged or missing at present: the child is started again, after pauses that
+            double up to 30 s.
         restart_period_s: Minimum time between two starts of a child.
         log_dir: Folder for one log file per child; None lets the children write to the terminal.
     """
@@ -162,7 +163,7 @@ class Supervisor:
 
         Args:
             grace_s: Longest time between SIGINT and SIGTERM; SIGKILL follows after a quarter of
-                it.
+                this time.
             after_failure: Whether to send the failure signal of each child in place of SIGINT.
         """
         self._due_s.clear()

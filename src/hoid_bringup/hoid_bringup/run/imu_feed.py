@@ -35,7 +35,7 @@ class ImuFeed:
         self._num_rates = self._num_accelerations = 0  # samples that have been added
 
     def advance(self, stamp_ns: int) -> None:
-        """Add the samples up to 0.1 s after an image with this stamp."""
+        """Add the samples with stamps before `stamp_ns` + 0.1 s that have not been added yet."""
         end_ns = stamp_ns + _AHEAD_NS
         if self._rates is not None:
             samples, self._num_rates = _next(self._rates, self._num_rates, end_ns)

@@ -99,8 +99,9 @@ class OfflinePipeline:
             localize: Whether the run only localizes in the map, without changing it.
 
         Raises:
-            MapFileError: The file is not a valid map, the map has other octaves, its camera
-                differs too much to extend it, or its dense map has other voxels.
+            MapFileError: The file is not a valid map, the map has other octaves or its dense map
+                other voxels than the configuration, or the map is to be extended and its camera
+                differs too much.
         """
         content = map_file.load(path)
         loaded = self._session.robot_map.load(content, extend=not localize)
@@ -112,6 +113,8 @@ class OfflinePipeline:
 
     def save_map(self, path: Path) -> None:
         """Save the map in a file, with the dense map and the object map if there are any.
+
+        The folder of the file is created if it is missing.
 
         Raises:
             HoidError: The file cannot be written.
@@ -182,6 +185,8 @@ class OfflinePipeline:
     ) -> RunResult:
         """Finish mapping, end the session, and return all results in the z-up map frame.
 
+        The ground truth stays in its own frame.
+
         Args:
             sequence: The recording.
             options: Options to write into the summary.
@@ -219,7 +224,7 @@ class OfflinePipeline:
 
 
 def _scheduler(config: RunConfig, *, dense: bool) -> SceneScheduler:
-    """Return the scheduler for the maps that a run makes; the object map needs the tracks."""
+    """Return the scheduler for the maps of a run; objects are tracked only for the object map."""
     slam = config.slam
     rates = (slam.objects.rate_hz, slam.object_map.rate_hz)
     of_objects = rates if slam.object_map.enabled else (None, None)

@@ -128,7 +128,9 @@ def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunCo
 
 
 def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters that the command line sets, by the names that it uses.
+    """Return the parameters that the command line sets, by name.
+
+    Names from `--set` are as the user wrote them: they may lack the short name of the node.
 
     Raises:
         ConfigError: A value of `--set` is not NAME=VALUE with valid YAML.
@@ -143,6 +145,8 @@ def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
     """Return parameters by name from texts NAME=VALUE, where the value is YAML.
+
+    A list becomes a tuple. If a name is repeated, its last value counts.
 
     Args:
         texts: Values of the option `--set`.

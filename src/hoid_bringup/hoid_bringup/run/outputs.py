@@ -98,7 +98,7 @@ def write_ply(path: Path, points_m: FloatArray) -> None:
 
 
 def _aligned_or_none(estimate: Trajectory, truth: Trajectory | None) -> AlignedTrajectory | None:
-    """Return the poses aligned to the ground truth; None if it is missing, or if that fails."""
+    """Return the poses aligned to the ground truth; None: no ground truth, or no alignment."""
     if truth is None:
         return None
     try:

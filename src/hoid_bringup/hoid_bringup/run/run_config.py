@@ -27,7 +27,8 @@ SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 class RunConfig(Config):
     """Parameters of an offline run or a replay, with the same names as in the nodes.
 
-    Number and scale of SLAM's octaves are adapted to the filter's, unless SLAM's were changed.
+    The number and the scale of the octaves in `slam.camera` are adapted to `filter.extraction`;
+    one that is not at its default is kept.
 
     Raises:
         ConfigError: A value is out of range, or the octaves of filter and SLAM do not agree.

@@ -128,7 +128,7 @@ class Summary:
     versions: Mapping[str, str]
 
     def to_json(self) -> str:
-        """Return the text of the file."""
+        """Return the text of `summary.json`, in which NaN and infinity are null."""
         return json.dumps(_without_nan(asdict(self)), indent=2) + '\n'
 
 
@@ -167,7 +167,10 @@ def summarize(result: RunResult) -> Summary:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, this suite and the libraries that results depend on."""
+    """Return the versions of Python, this suite and the libraries that results depend on, by name.
+
+    `machine` is the processor architecture. Libraries that are not installed are left out.
+    """
     found = {'python': platform.python_version(), 'machine': platform.machine()}
     for name in ('hoid_bringup', *_LIBRARIES):
         try:
@@ -180,7 +183,7 @@ def versions() -> dict[str, str]:
 def _errors(
     estimate: Trajectory, truth: Trajectory | None, *, warn: bool = False
 ) -> dict[str, float | None]:
-    """Return the errors by name; None without ground truth, or if they cannot be computed.
+    """Return the errors by name; each is None without ground truth, or if it cannot be computed.
 
     Args:
         estimate: Estimated trajectory.

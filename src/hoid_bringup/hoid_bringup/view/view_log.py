@@ -127,7 +127,7 @@ class ViewLog:
         self._stream.log(KEYFRAMES, lines, static=True)
 
     def camera(self, camera: CameraModel) -> None:
-        """Log the camera model."""
+        """Log the camera model of the color images, and that of the depth images of half size."""
         for entity, stride in ((IMAGE, 1), (DEPTH, _DEPTH_STRIDE)):
             pinhole = rr.Pinhole(
                 focal_length=(camera.fx_px / stride, camera.fy_px / stride),
@@ -195,7 +195,7 @@ def _layout() -> rrb.Blueprint:
 
 
 def _frustum_m(camera: CameraModel | None) -> FloatArray:
-    """Return the outline of a keyframe's pyramid as one line of (11, 3) points in its frame."""
+    """Return a keyframe's pyramid as one line of (11, 3) points in the camera frame, in m."""
     half = np.array([0.6, 0.45])
     if camera is not None:
         half = np.array([camera.width_px / camera.fx_px, camera.height_px / camera.fy_px]) / 2
@@ -216,7 +216,7 @@ def _label(item: DynamicObject) -> str:
 
 
 def _depth_png(depth_m: Float32Array) -> bytes:
-    """Return a depth image (H, W) as a 16-bit PNG in mm at half size."""
+    """Return a depth image (H, W) as a 16-bit PNG in mm at half size; limited to 65.535 m."""
     small = depth_m[::_DEPTH_STRIDE, ::_DEPTH_STRIDE] * images.MM_PER_M + 0.5
     small_mm = np.minimum(small, np.iinfo(np.uint16).max).astype(np.uint16)
     _, png = cv2.imencode('.png', small_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])

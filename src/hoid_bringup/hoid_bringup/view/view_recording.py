@@ -64,7 +64,7 @@ def with_ground_truth_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
 
 
 def _pose_at(poses: Trajectory, stamp_ns: int) -> FloatArray | None:
-    """Return the pose (4, 4) nearest to a stamp; None if it is more than 0.02 s away."""
+    """Return the pose (4, 4) nearest to a stamp; None if none is within 0.02 s."""
     gap_ns = np.abs(poses.stamps_ns - stamp_ns)
     if len(gap_ns) == 0 or gap_ns.min() > MAX_PAIR_GAP_NS:
         return None

@@ -31,7 +31,7 @@ class FinishedRun:
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a path is the output folder of a run."""
+    """Return whether a path is the output folder of a run: it contains `summary.json`."""
     return (path / outputs.SUMMARY).is_file()
 
 
@@ -60,6 +60,8 @@ def open_run(folder: Path) -> FinishedRun:
 
 def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     """Log the map, the trajectories and the keyframes of a run.
+
+    The true trajectory is aligned to the estimate; it is left out if that is not possible.
 
     Args:
         log: The log to write to.
