@@ -245,7 +245,8 @@ class FilterConfig(Config):
     def may_be_handled(self, class_name: str) -> bool:
         """Return whether objects of a class are dynamic when a person handles them.
 
-        These are the classes of `dynamic_classes`; if it is empty, all classes but people.
+        These are the classes of `dynamic_classes` except people. If that list names no other
+        class, they are all classes except people.
         """
         return class_name in self._handled or (not self._handled and class_name != PERSON)
 

@@ -100,7 +100,8 @@ def _draw_label(picture: ByteArray, item: DynamicObject) -> None:
 def label(item: DynamicObject) -> str:
     """Return the text of an object's label: its class and score.
 
-    Where a person's box overlaps, the share of the overlap and the depth difference follow.
+    If a person's box overlaps the object's box, the share of the object's box that is covered
+    follows, and then the depth difference to the person if it is known.
     """
     text = f'{item.class_name} {item.score:.2f}'
     if item.overlap_ratio > 0:

@@ -126,9 +126,9 @@ class FeatureFilter:
     def detect_motion(self, detected: DetectedCorners) -> None:
         """Segment motion in the next image and store its moving regions.
 
-        If there is no camera model of this image size, the image is only counted, whether or not
-        the strategy uses motion. Otherwise, nothing is done if the strategy does not use motion. A
-        color image that is a copy of an earlier one is only counted.
+        Nothing is segmented in three cases: no camera model has the size of the image (such images
+        are counted, whether or not the strategy uses motion), the strategy does not use motion, or
+        the color image is a copy of an earlier one (copies are counted).
         """
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
@@ -151,7 +151,9 @@ class FeatureFilter:
         """Return whether the color image is a copy of an earlier one, while the depth is new.
 
         Some drivers repeat color images. The depth image then shows a later moment than the color
-        image, so that static surface would seem to move. Copies are counted.
+        image, so that static surface would seem to move. An image is compared with the last image
+        that was no copy, if that is at most 250 ms older. Copies are counted; an image that is no
+        copy is stored for later comparisons.
         """
         original = self._original
         if (
@@ -183,8 +185,9 @@ class FeatureFilter:
     ) -> FilterResult:
         """Return the features on static surface and all objects, as `process` does.
 
-        Of the moving regions, those of the newest image in which motion was segmented are used:
-        of this image if `detect_motion` was called before, else of an earlier one.
+        The strategy updates its tracked objects with the detections. Of the moving regions, those
+        of the newest image in which motion was segmented are used: of this image if
+        `detect_motion` was called before, else of an earlier one.
 
         Args:
             detected: The image and its corners, from `detect_corners`.
@@ -253,7 +256,7 @@ class FeatureFilter:
         depth_m: Float32Array,
         corner_pixels: IntArray,
     ) -> Verdict:
-        """Check the detections, count unusable boxes, and return the strategy's verdict."""
+        """Drop or clip invalid boxes, count them, and return the strategy's verdict."""
         height, width = depth_m.shape
         if detections is not None:
             valid = sanitize(detections, width, height, self._config.max_detections)
@@ -265,9 +268,10 @@ class FeatureFilter:
         return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return the (N, 2) positions of features that would be chosen without the filter.
+        """Return the (N, 2) positions of features that only the filter removes.
 
-        These are those on dynamic objects. The array is empty unless they are wanted.
+        Without the filter, these features on dynamic objects would be chosen. The array is empty
+        if `wanted` is False.
         """
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)

@@ -124,7 +124,9 @@ class LiveFilter:
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
         """Publish an image now, or hold it until the detector has sent its first message.
 
-        All earlier images and objects are forgotten when the stamps go back by a second or more.
+        An image is held for at most `wait_s`, and only if the strategy uses detections. Each call
+        publishes at most one held image, the oldest. All earlier images and objects are forgotten
+        when the stamps go back by a second or more.
         """
         newest_ns = self._newest_image_ns
         if newest_ns is not None and newest_ns - frame.stamp_ns >= RESTART_NS:
@@ -140,7 +142,8 @@ class LiveFilter:
         """Publish the final verdict on all awaiting images up to the stamp of these detections.
 
         Motion is segmented in the newest image first. Detections that no awaiting image used, or
-        that are newer than the newest image, are stored for later images.
+        that are newer than the newest image, are stored for later images. At last, the oldest held
+        image is published.
 
         Raises:
             MessageError: The stamp is later than that of any image that can exist by now.
@@ -177,8 +180,8 @@ class LiveFilter:
     def on_idle(self) -> None:
         """Segment motion in the newest image, since no message waits.
 
-        Right after an image was published, the next one may have arrived meanwhile. Its features
-        have priority, so that the first call only asks for a second one.
+        The first call after an image was published only requests a second call: the next image may
+        have arrived meanwhile, and publishing its features has priority.
         """
         if self._has_published:
             self._has_published = False
@@ -233,7 +236,10 @@ class LiveFilter:
         return is_first and self._clock() - held.since_s < self.config.wait_s
 
     def _note_image(self, stamp_ns: int) -> None:
-        """Store the stamp of the newest image, and the present time as that of its arrival."""
+        """Store the stamp of the newest image, and the present time as the time of its arrival.
+
+        If it is the first image since the last detections, the silence of the detector begins now.
+        """
         self._newest_image_s, self._newest_image_ns = self._clock(), stamp_ns
         if self._unanswered_since_s is None:
             self._unanswered_since_s = self._newest_image_s
@@ -272,7 +278,7 @@ class LiveFilter:
         *,
         has_final_detections: bool,
     ) -> None:
-        """Filter and publish an image, after the previous image has left its state."""
+        """Filter and publish an image, after `_overtake` has moved the previous image on."""
         self._has_published = True
         self._request_idle()
         self._overtake(frame.stamp_ns)
@@ -287,9 +293,11 @@ class LiveFilter:
         )
 
     def _overtake(self, stamp_ns: int) -> None:
-        """Move the newest image on, before the image of `stamp_ns` takes its place.
+        """Move the newest published image to its next state, before another image replaces it.
 
-        Motion is segmented in it only if it was not segmented in the three images before.
+        Motion is segmented in it only if it was not segmented in the three images before. If its
+        stamp is later than `stamp_ns`, the stamp of the other image, it is dropped without a final
+        verdict.
         """
         if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
             self._newest = None  # the stamps went back
@@ -330,7 +338,10 @@ class LiveFilter:
         self._diagnostics.set_count('images without detections', self._num_without_detections)
 
     def _is_overdue(self, image: _Awaiting) -> bool:
-        """Return whether an image must no longer wait for its detections."""
+        """Return whether an image must no longer wait for its detections.
+
+        This is the case after `wait_s`, if the detector is lost, or if more than 30 images wait.
+        """
         return (
             self._clock() - image.since_s >= self.config.wait_s
             or self._is_detector_lost

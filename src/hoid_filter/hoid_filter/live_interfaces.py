@@ -44,10 +44,10 @@ class LiveDiagnostics(Protocol):
     """Counters and problems that the node shows on /diagnostics."""
 
     def count(self, name: str, number: int = 1) -> None:
-        """Increase a counter."""
+        """Add `number` to the counter `name`."""
 
     def set_count(self, name: str, number: int) -> None:
-        """Set a counter."""
+        """Set the counter `name` to `number`."""
 
     def report(self, error: HoidError, what: str) -> None:
         """Log an error, and count it under the name `what`."""

@@ -14,6 +14,8 @@ _POINT_STRIDE_PX = 8  # 1.5 cm at 1 m in a VGA image, finer than the 5 cm cells 
 def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
     """Return the (H, W) mask of the dynamic pixels of an image.
 
+    If the strategy has returned no mask of pixels, the boxes of the dynamic objects are masked.
+
     Args:
         verdict: Verdict of a strategy on the image.
         size_px: Width and height of the image.

@@ -105,8 +105,9 @@ class Verdict(NamedTuple):
 class FilterStrategy(Protocol):
     """Classifies the objects of an image as static or dynamic.
 
-    The constructor takes the `FilterConfig`. A strategy may keep state from image to image. If it
-    uses detections, the live filter makes a new one when the stamps go back by a second or more.
+    The constructor takes the `FilterConfig`. A strategy may keep state from image to image. The
+    live filter makes a new strategy when parameters change, and when the stamps go back by a
+    second or more.
     """
 
     needs_detections: bool  # False: no detector is started and no image waits for detections

@@ -30,10 +30,10 @@ class BoxPredictor:
             self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
-        """Return the boxes predicted for a stamp.
+        """Return the boxes predicted for a stamp, which may reach outside the image.
 
-        The result is empty if no detections are stored, or if the newest are more than `limit_s`
-        away from the stamp.
+        Classes and scores are those of the newest detections. The result is empty if no detections
+        are stored, or if the newest are more than `limit_s` away from the stamp.
         """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)
@@ -67,7 +67,7 @@ def match_boxes(
 
 
 def match_greedily(score: np.ndarray, minimum: float) -> tuple[IntArray, IntArray]:
-    """Match rows and columns of an (N, M) table of scores greedily, the highest score first.
+    """Match rows and columns of an (N, M) table of scores one to one, the highest score first.
 
     Pairs with a score below `minimum` are not matched.
 

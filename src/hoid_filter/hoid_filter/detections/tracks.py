@@ -73,7 +73,10 @@ class BoxTrack:
     def observe(
         self, box: list[float], expected: list[float], class_name: str, score: float, stamp_ns: int
     ) -> None:
-        """Update the track with a detection.
+        """Update box, velocity, class, score and number of detections with a new detection.
+
+        If it is newer than the last detection, the time between both is added to `untouched_s`;
+        otherwise the velocity stays.
 
         Args:
             box: x1, y1, x2, y2 of the detection in px.
@@ -121,7 +124,8 @@ class BoxTracker:
         Args:
             detections: Detections in one image.
             is_unsure: (N,) flags of doubtful detections, which may be false. A track of doubtful
-                detections only is not confirmed until it has `hits_to_confirm` of them.
+                detections only is not confirmed until it has `hits_to_confirm` of them, and it is
+                deleted by the first image in which it is not detected.
         """
         stamp_ns = detections.stamp_ns
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
@@ -154,8 +158,9 @@ class BoxTracker:
     ) -> FloatArray:
         """Return the (T, N) similarities of T tracks and N detections.
 
-        It is the intersection over union of the boxes, less a penalty for another class. It is 0
-        between a person and an object, and between little overlapping boxes of other classes.
+        A similarity is the intersection over union of the two boxes, less 0.15 if the classes
+        differ. It is 0 between a person and an object, and if the classes differ and the
+        intersection over union is below 0.5.
 
         Args:
             expected: (T, 4) boxes that are predicted for the tracks.
@@ -183,6 +188,8 @@ class BoxTracker:
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
         """Predict the tracks, and delete those undetected for too long or outside the image.
 
+        A track counts as outside if at most 15 % of its predicted box is inside the image.
+
         Args:
             stamp_ns: Stamp for which boxes are predicted.
             width_px: Width of the image.
@@ -209,14 +216,17 @@ class BoxTracker:
         return tracks, inside[active]
 
     def _limit_s(self, track: BoxTrack) -> float:
-        """Return the longest time since its last detection for which a track is kept."""
+        """Return the longest time [s] for which a track is kept after its last detection."""
         if not track.is_missed:
             return self._limits.silent_s
         share = 1.0 if track.is_established else _NEW_TRACK_COAST_SHARE
         return share * self._limits.coast_s
 
     def _is_active(self, track: BoxTrack) -> bool:
-        """Return whether a track is detected, or is a missed person or recently handled object."""
+        """Return whether a track is not missed, or is a person or a recently handled object.
+
+        An object counts as recently handled only if it has at least three detections.
+        """
         was_handled = track.is_established and track.untouched_s < self._limits.rest_s
         return not track.is_missed or track.is_person or was_handled
 
@@ -227,7 +237,10 @@ def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
 
 
 def boxes_at(tracks: list[BoxTrack], stamp_ns: int) -> FloatArray:
-    """Return the (T, 4) boxes predicted for a stamp at constant image velocity."""
+    """Return the (T, 4) boxes predicted for a stamp at constant image velocity.
+
+    They are not clipped to the image, and are at least 1 px wide and high.
+    """
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
     velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)
     since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * S_PER_NS

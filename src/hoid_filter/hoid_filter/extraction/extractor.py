@@ -56,11 +56,11 @@ class OrbExtractor:
         )
 
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
-        """Select the corners to describe, distributed evenly, and return their ascending indices.
+        """Select the corners to describe, distributed evenly; return their ascending indices.
 
-        With `refill`, `num_features` are distributed over the static area (decision 014).
-        Otherwise they are distributed over the whole image, and those on dynamic objects are
-        removed.
+        With `refill`, up to `num_features` corners are selected from `kept`, distributed over the
+        static area (decision 014). Without it, up to `num_features` are selected from all corners,
+        and those that are not in `kept` are then removed.
 
         Args:
             corners: All corners of the image.

@@ -80,17 +80,19 @@ class DownscaledCamera:
         return observed_px
 
     def points_m(self, observed_px: FloatArray, depth_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) points in the camera frame of observed pixels.
+        """Return the (N, 3) points in the camera frame of observed pixels; zero without depth.
 
         Args:
             observed_px: (N, 3) stereo observations, as `measure` returns them.
-            depth_m: (N,) depths.
+            depth_m: (N,) depths; 0 = no reading.
         """
         rays = _rays(self.gray_pinhole, observed_px[:, 0], observed_px[:, 1])
         return rays * depth_m[:, None]
 
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
         """Convert boxes in the depth image to boxes (N, 4), as x1, y1, x2, y2, in the full image.
+
+        Each result encloses the box after lens distortion, and is clipped to the full image.
 
         Args:
             boxes_xywh_px: (N, 4) left, top, width and height in the low-resolution depth image.
@@ -104,9 +106,10 @@ class DownscaledCamera:
         return boxes_px
 
     def _sample_pixels(self) -> IntArray:
-        """Return the (h * w,) flat index of the full-resolution pixel that each pixel samples.
+        """Return the (h * w,) flat index into the full image for each pixel of the depth image.
 
-        -1 means that it would lie outside the full image.
+        The depth image samples these pixels. The index is -1 where the pixel would lie outside the
+        full image.
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
@@ -120,9 +123,10 @@ class DownscaledCamera:
     def _downscaled_of_pixel(self) -> IntArray:
         """Return the (H * W,) flat index into the depth image for each full-resolution pixel.
 
-        Only as many pixels as the depth image has are undistorted, and the others are
-        interpolated: undistorting all takes as long as the time between two images. With strong
-        lens distortion, 0.35 % of the indices differ from the exact ones.
+        A pixel that the depth image does not cover gets an index on its border. Only as many
+        pixels as the depth image has are undistorted, and the others are interpolated:
+        undistorting all takes as long as the time between two images. With strong lens distortion,
+        0.35 % of the indices differ from the exact ones.
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]

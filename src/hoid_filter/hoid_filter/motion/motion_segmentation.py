@@ -129,7 +129,10 @@ class MotionSegmentation:
 
     @property
     def turn_radps(self) -> float:
-        """Return how fast the camera turned before the last view; 0 after a restart."""
+        """Return the speed [rad/s] at which the camera turned between the last two views.
+
+        It is 0 after a restart.
+        """
         return float(np.linalg.norm(self._turn_radps))
 
     @property
@@ -313,7 +316,8 @@ class MotionSegmentation:
     def _free_corners(self, view: MotionView, small: DownscaledView) -> IntArray:
         """Return the pixel (flat index) of the strongest corner in each grid cell without a point.
 
-        Corners at a depth edge are left out, because their depth may be that of either side.
+        At most as many are returned as points are missing. Corners without depth are left out, and
+        so are corners at a depth edge, because their depth may be that of either side.
         """
         missing = self._config.num_points - len(self._tracks)
         height, width = view.depth_m.shape

@@ -94,10 +94,12 @@ def predict_px(
 ) -> Float32Array:
     """Return the (N, 2) pixels at which the points would appear next if they were static.
 
+    The predicted motion of a point is limited to 40 px in each coordinate.
+
     Args:
         tracks: N points.
         T_camera_world: (4, 4) camera pose of the image in which they were tracked last.
-        T_next_world: (4, 4) the same for the next image.
+        T_next_world: (4, 4) predicted pose T_camera_world of the next image.
         camera: Camera of the gray images.
     """
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
@@ -121,7 +123,8 @@ def track(
 ) -> tuple[PointTracks, BoolArray]:
     """Track N points from the previous gray image into the current one.
 
-    A point counts as found when tracking it back ends within 0.5 px of where it began.
+    A point counts as found if it is at least 3 px inside the current image, and tracking it back
+    ends within 0.5 px of where it began.
 
     Args:
         previous: The previous downscaled gray image.

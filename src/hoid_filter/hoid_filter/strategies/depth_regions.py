@@ -13,7 +13,10 @@ STRIDE_PX = 4  # chosen: 160x120 of VGA, at which a mask takes a sixteenth of th
 
 
 def subsample(depth_m: Float32Array) -> Float32Array:
-    """Return every fourth pixel of every fourth row of an (H, W) depth image, as (h, w)."""
+    """Return every fourth pixel of every fourth row of an (H, W) depth image, as (h, w).
+
+    The first of these pixels is in row 2 and column 2.
+    """
     half = STRIDE_PX // 2
     return np.ascontiguousarray(depth_m[half::STRIDE_PX, half::STRIDE_PX])
 

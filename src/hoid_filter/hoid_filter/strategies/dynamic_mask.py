@@ -83,7 +83,7 @@ def mask_objects(
 
     Of each box, only the pixels near the object's depth are masked, so that features on the
     background inside the box are kept. The whole box is masked if the object's depth is unknown,
-    or with `keep_background` off.
+    or with `keep_background` off. Predicted boxes are enlarged by 10 % to each side first.
 
     Args:
         snapshot: N tracked people and objects.

@@ -101,8 +101,8 @@ class HoidPlus:
     def _snapshot(self, image: FilterInput, low_depth_m: Float32Array) -> TrackSnapshot:
         """Predict the tracks to the stamp of the image, and return them with their depths.
 
-        The tracker deletes tracks that were missed for too long, and the torso depth of each
-        person is stored on the track.
+        The tracker deletes tracks that were missed for too long and, while the camera turns fast,
+        all missed tracks. The torso depth of each person is stored on the track.
         """
         height, width = image.depth_m.shape
         if self._turns_fast(image):

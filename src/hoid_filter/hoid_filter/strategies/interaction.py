@@ -43,12 +43,13 @@ class TrackSnapshot:
 def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
     """Return how each track interacts with people, and update the tracks.
 
-    An object is handled if its class may be handled, a person's box covers more than
-    `min_interaction_area` of its box, and it is at most `reach_m` nearer and at most
-    `depth_limit_m` farther than the person's torso; an unknown depth fits. With `remember`,
-    `release_share` of this area is enough for an object that was handled in the image before
-    (hysteresis). Whether an object is handled is stored on its track for the next images; if it
-    is, the time since it was handled last is reset to 0.
+    A confirmed person handles an object if three conditions hold. The class of the object may be
+    handled. The person's box covers more than `min_interaction_area` of the object's box. The
+    object is at most `reach_m` nearer to the camera than the person's torso and at most
+    `depth_limit_m` farther; an unknown depth fits. With `remember`, `release_share` of this area
+    is enough for an object that was handled in the image before (hysteresis). Whether an object is
+    handled is stored on its track for the next images; if it is, the time since it was handled
+    last is reset to 0.
     """
     plus = config.plus
     tracks = snapshot.tracks

@@ -40,12 +40,15 @@ class AttitudeFilter:
         self._time_s = 0.0
 
     def add(self, R_gyro: FloatArray | None, R_tracked: FloatArray, elapsed_s: float) -> None:
-        """Add the rotation R_last_camera (3, 3) to the next image by the gyro and as tracked.
+        """Add the rotation R_last_camera (3, 3) of the camera from the last image to the next one.
+
+        If the gyro's rotation is unknown, or the stamps do not increase, the filter restarts
+        instead.
 
         Args:
-            R_gyro: By the gyro; None if it is unknown, which restarts the filter.
-            R_tracked: As tracked.
-            elapsed_s: Time between both images.
+            R_gyro: R_last_camera as the gyro has measured it; None if it is unknown.
+            R_tracked: R_last_camera as it was tracked.
+            elapsed_s: Time between both images; 0 or less: the stamps do not increase.
         """
         if R_gyro is None or elapsed_s <= 0:
             self.restart()
@@ -59,7 +62,11 @@ class AttitudeFilter:
 
     @property
     def R_tracked_filtered(self) -> FloatArray | None:  # noqa: N802
-        """Return the correction (3, 3) of the last tracked rotation; None after a restart."""
+        """Return the filtered attitude (3, 3) relative to the tracked one, at the last image.
+
+        The filtered rotation of the last image is its tracked rotation times this correction. None
+        is returned until images of 0.1 s have been added since the start or a restart.
+        """
         return None if self._time_s < _LEAST_S else self._R_filtered_tracked.T
 
     def sigma_rad(self, bias_sigma_radps: float) -> float:

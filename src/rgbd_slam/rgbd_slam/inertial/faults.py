@@ -62,10 +62,10 @@ def fault_of_fit(fit: GyroFit) -> GyroFault | None:
 
 
 def fault_of_recent_rates(recent: RecentRates) -> GyroFault | None:
-    """Return a fault that a gyro has had for a moment only, or None.
+    """Return a fault that the rates of the last 2 s show, or None.
 
-    Only another unit is noticed so early. Where both contradict otherwise, the tracked rotation
-    may be wrong as well, as in a blur.
+    Only another unit is noticed so early. If the rates and the tracked rotation disagree in
+    another way, the tracked rotation may be wrong as well, as in a blur.
     """
     is_turning = recent.signal_radps > _MIN_SIGNAL_RADPS
     if is_turning and _is_in_degrees(recent.scale, recent.correlation):
@@ -79,7 +79,10 @@ def _is_in_degrees(scale: float, correlation: float) -> bool:
 
 
 def is_saturated(samples: Samples) -> bool:
-    """Return whether a rate stays at the end of the gyro's range in four samples or more."""
+    """Return whether a rate stays at the end of the gyro's range in four samples or more.
+
+    It does if four successive samples of one axis are exactly equal, at more than 0.9 rad/s.
+    """
     values = samples.values
     if len(values) < _SATURATED_SAMPLES:
         return False

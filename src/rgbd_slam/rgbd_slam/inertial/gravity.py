@@ -60,7 +60,10 @@ class _Triple(NamedTuple):
 
 
 class GravityEstimator:
-    """Estimates the direction of gravity in the frame of a chain of tracked motions."""
+    """Estimates the direction of gravity in the camera frame from a chain of tracked motions.
+
+    The rotation between camera and IMU and the bias of the accelerometer are estimated as well.
+    """
 
     def __init__(self) -> None:
         self._stamps_ns: list[int] = []
@@ -71,7 +74,8 @@ class GravityEstimator:
     def add(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
         """Add the tracked motion (4, 4) between two images.
 
-        If it does not continue the one before, a new chain is started.
+        If `first_ns` is not the stamp of the last image, or the stamps do not increase, a new
+        chain is started: all earlier motions and equations are dropped.
         """
         if not self._stamps_ns or first_ns != self._stamps_ns[-1] or second_ns <= first_ns:
             self._stamps_ns, self._T_chain_camera, self._triples = [first_ns], [np.eye(4)], []
@@ -84,6 +88,8 @@ class GravityEstimator:
 
     def measure(self, accelerometer: SampleBuffer, offset_ns: int) -> None:
         """Store the equations of the triples of images that samples have arrived for.
+
+        Motions and equations that are more than 30 s old are dropped.
 
         Args:
             accelerometer: The samples.
@@ -101,11 +107,14 @@ class GravityEstimator:
         self._forget_old(end_ns)
 
     def fit(self, R_camera_imu: FloatArray | None) -> GravityFit | None:
-        """Return gravity by all triples; None if there are too few, or the mounting is unknown.
+        """Return gravity by all stored triples of images.
+
+        None is returned if there are fewer than 10 triples, or if the rotation of the IMU is
+        neither given nor determined by them to 12 degrees (one standard deviation).
 
         Args:
-            R_camera_imu: (3, 3) rotation of the IMU, if it is known; None: it is estimated, which
-                needs accelerations in all directions.
+            R_camera_imu: (3, 3) rotation of the IMU, if it is known; it is refined with a prior of
+                1 degree. None: it is estimated, which needs accelerations in all directions.
         """
         if len(self._triples) < _MIN_EPOCHS:
             return None
@@ -169,14 +178,22 @@ class GravityEstimator:
 
 
 def _triangle(times_s: FloatArray, ends_s: FloatArray) -> FloatArray:
-    """Return the weights (N,) of samples, with the sum 1; at `ends_s` they are 0, 1 and 0."""
+    """Return the weights (N,) of samples, with the sum 1.
+
+    They are those of a triangle that is 0 at the first and the last of the three `ends_s`, and
+    highest at the second.
+    """
     height = np.interp(times_s, ends_s, [0.0, 1.0, 0.0], left=0.0, right=0.0)
     weight = height * np.gradient(times_s)
     return np.asarray(weight / weight.sum())
 
 
 def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray) -> FloatArray:
-    """Return rotations (N, 3, 3) between known ones (K, 3, 3), interpolated by constant rates."""
+    """Return rotations (N, 3, 3) between known ones (K, 3, 3), interpolated by constant rates.
+
+    Before the first and after the last of the times `known_s`, the nearest known rotation is
+    returned.
+    """
     steps = rotation_vector(R_known[:-1].swapaxes(1, 2) @ R_known[1:])
     i = np.clip(np.searchsorted(known_s, times_s, side='right') - 1, 0, len(steps) - 1)
     share = (times_s - known_s[i]) / (known_s[i + 1] - known_s[i])
@@ -192,9 +209,10 @@ class _Solution(NamedTuple):
 
 
 def _linear_rotation(force: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) that fits best if its nine elements are free.
+    """Return the R_camera_imu (3, 3) that fits best if its nine elements are free.
 
-    Gravity and bias are taken as one constant, as if the camera did not turn.
+    These elements are then orthonormalized. Gravity and bias are taken as one constant, as if the
+    camera did not turn.
     """
     num = len(force)
     rows = np.concatenate([force, np.tile(-np.eye(3), (num, 1, 1))], axis=2).reshape(-1, 12)
@@ -221,7 +239,7 @@ def _solve(
         turned: (N, 3, 3) mean rotations.
         acceleration: (N, 3) by the tracked positions.
         R: (3, 3) rotation R_camera_imu to start with.
-        rotation_sigma_rad: Its standard deviation.
+        rotation_sigma_rad: Standard deviation of `R` as a prior, about each axis.
     """
     num, R_given = len(force), R
     bias, weight = np.zeros(3), np.ones(num)
@@ -265,7 +283,7 @@ def _solve(
 
 
 def _cauchy(residual: FloatArray) -> FloatArray:
-    """Return the weights (N,) of residuals (N, 3)."""
+    """Return the Cauchy weights (N,) of residuals (N, 3): 0.5 at twice their median length."""
     length = np.linalg.norm(residual, axis=1)
     limit = max(_CAUCHY * float(np.median(length)), 1e-3)
     return np.asarray(1.0 / (1.0 + np.square(length / limit)))

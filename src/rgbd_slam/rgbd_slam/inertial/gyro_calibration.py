@@ -79,7 +79,11 @@ class GyroCalibration:
         return len(self._windows_ns)
 
     def add(self, first_ns: int, second_ns: int, R_first_second: FloatArray) -> None:
-        """Add the tracked rotation (3, 3) of the camera between two images."""
+        """Add the tracked rotation (3, 3) of the camera between two images.
+
+        Rotations over more than 0.2 s are ignored. If the stamps go back, all earlier rotations
+        are dropped.
+        """
         if self._windows_ns and second_ns < self._windows_ns[-1][1]:
             self._windows_ns, self._vectors_rad = [], []  # the stamps have started again
         if 0 < second_ns - first_ns <= _MAX_STEP_NS:
@@ -107,9 +111,10 @@ class GyroCalibration:
         return _fit(steps, offset_s, curvature, R_camera_imu)
 
     def recent_rates(self, gyro: SampleBuffer, fit: GyroFit) -> RecentRates | None:
-        """Return how the rates of the last 2 s compare with the tracked ones; None: too few.
+        """Return how the gyro's rates of the last 2 s compare with the tracked rates.
 
-        A fit to 20 s with robust weights hardly shows what changed a moment ago.
+        None is returned if there are too few tracked rotations with samples. A fit to 20 s with
+        robust weights hardly shows what changed a moment ago.
 
         Args:
             gyro: The samples.
@@ -130,7 +135,11 @@ class GyroCalibration:
         )
 
     def _steps(self, gyro: SampleBuffer, window_ns: int = _WINDOW_NS) -> _Steps | None:
-        """Return the tracked rotations of a time with samples of the gyro for all offsets."""
+        """Return the tracked rotations of the last `window_ns`, with the integral of the gyro.
+
+        Only those for which samples exist at all offsets are returned; None if they are fewer than
+        20. Rotations that are more than 20 s old are deleted.
+        """
         if not self._windows_ns:
             return None
         oldest_ns = self._windows_ns[-1][1] - _WINDOW_NS
@@ -177,7 +186,7 @@ class _Steps(NamedTuple):
 
 
 class _Alignment(NamedTuple):
-    """Both rotations at one offset, without their mean rates, and the rotation between them."""
+    """Tracked and measured rotations at one offset, without their mean rates."""
 
     R_camera_imu: FloatArray  # (3, 3)
     tracked_rad: FloatArray  # (M, 3) in the camera frame
@@ -201,7 +210,7 @@ def _aligned(steps: _Steps, offset_s: float, R_camera_imu: FloatArray | None) ->
 
 
 def _residuals(aligned: _Alignment) -> FloatArray:
-    """Return the length [rad] of the difference of each step (M,)."""
+    """Return the lengths (M,) [rad] of the differences between tracked and measured rotations."""
     difference = aligned.tracked_rad - aligned.measured_rad @ aligned.R_camera_imu.T
     return np.asarray(np.linalg.norm(difference, axis=1))
 
@@ -222,7 +231,11 @@ def _best_offset(
 def _least(
     steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None, step_s: float
 ) -> tuple[float, float]:
-    """Return the minimum of the parabola through the lowest of the sums of squared residuals."""
+    """Return the offset [s] at the minimum of a parabola, and its curvature [rad^2/s^2].
+
+    The parabola goes through the lowest of the sums of squared residuals at the offsets `tried_s`,
+    and through the sums before and after it.
+    """
     aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
     cost = np.array([steps.weight @ np.square(_residuals(item)) for item in aligned])
     best = int(np.clip(np.argmin(cost), 1, len(cost) - 2))

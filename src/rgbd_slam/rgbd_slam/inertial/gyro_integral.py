@@ -20,14 +20,15 @@ def rotation_between(
 ) -> FloatArray | None:
     """Return the rotation R_first_second (3, 3) of the IMU between two times by its clock.
 
-    The rate is linear between samples. Over 0.04 s the rates are summed: the error of that is
-    below 1e-4 rad up to 3 rad/s. None is returned if samples are missing: before the first time,
-    for more than 25 ms up to the second, or between.
+    The rate is linear between samples. Within steps of 0.04 s the rates are summed: this causes an
+    error below 1e-4 rad up to 3 rad/s. None is returned if the samples begin after `first_ns`, end
+    more than 25 ms before `second_ns` or leave a gap of more than 50 ms, and if `second_ns` is
+    before `first_ns`.
 
     Args:
         gyro: The samples around this time; see `SampleBuffer.between`.
         first_ns: Time at which the rotation begins.
-        second_ns: Time at which it ends, not earlier.
+        second_ns: Time at which it ends.
         bias_radps: (3,) bias of the gyro, along the axes of the IMU.
     """
     stamps_ns, rates_radps = gyro
@@ -76,12 +77,16 @@ def product(R: FloatArray) -> FloatArray:
 
 
 def interpolated(times_s: FloatArray, known_s: FloatArray, values: FloatArray) -> FloatArray:
-    """Return vectors (M, 3) at times (M,) by linear interpolation of vectors (N, 3)."""
+    """Return vectors (M, 3) at times (M,) by linear interpolation of vectors (N, 3).
+
+    Before the first and after the last of the times `known_s` (N,), the nearest vector is
+    returned.
+    """
     return np.stack([np.interp(times_s, known_s, column) for column in values.T], axis=1)
 
 
 class RateIntegral:
-    """The integral of the rates over time: their mean over any number of short windows at once.
+    """Integrates the rates of a gyro over any number of short windows at once.
 
     Args:
         gyro: The samples.
@@ -99,7 +104,10 @@ class RateIntegral:
         self._num_gaps = np.append(0, np.cumsum(np.diff(stamps_ns) > GAP_NS))
 
     def over(self, first_ns: IntArray, second_ns: IntArray, offset_s: float) -> FloatArray:
-        """Return the (M, 3) integrals [rad] over windows that are shifted by an offset."""
+        """Return the (M, 3) integrals [rad] over windows that are shifted by an offset.
+
+        Rates outside the samples count as zero; `covers` tests for this.
+        """
         times_s = _seconds(np.stack([first_ns, second_ns]) - self._origin_ns) + offset_s
         ends = interpolated(times_s.ravel(), self._times_s, self._sums_rad)
         return ends[len(first_ns) :] - ends[: len(first_ns)]

@@ -102,7 +102,11 @@ class Imu:
         self._accelerometer.add(accelerations_mps2)
 
     def observe(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
-        """Learn from the tracked motion (4, 4) of the camera between two images."""
+        """Learn from the tracked motion (4, 4) of the camera between two images.
+
+        Every 0.5 s, or every 2 s once the time offset is known, the motion is compared with the
+        samples, which updates `fit`, `fault` and `up`.
+        """
         has_gyro = bool(self._config.gyro and len(self._gyro))
         has_accelerometer = bool(self._needs_up and len(self._accelerometer))
         if has_gyro:
@@ -121,7 +125,8 @@ class Imu:
         """Return how the camera has turned between the stamps of two images.
 
         None is returned if samples are missing or saturated, and until the tracked motion has
-        shown how the gyro is mounted and that it is right.
+        shown how the gyro is mounted and that it is right. The first saturation is reported by
+        `take_news`.
         """
         fit = self.fit
         if fit is None or self.fault is not None or not self._is_mounting_known:
@@ -151,7 +156,7 @@ class Imu:
 
     @property
     def bias_sigma_radps(self) -> float:
-        """Return the standard deviation of the bias of the gyro."""
+        """Return the standard deviation of the bias of the gyro; before a fit, 0.02 rad/s."""
         return UNKNOWN_BIAS_RADPS if self.fit is None else self.fit.bias_sigma_radps
 
     def mount(self, mounting: Mounting) -> None:
@@ -174,7 +179,10 @@ class Imu:
         return news
 
     def _is_due(self, stamp_ns: int) -> bool:
-        """Return whether the next comparison with the tracked motion is due."""
+        """Return whether the next comparison with the tracked motion is due.
+
+        At the first image, and after stamps that go back, the period begins anew at `stamp_ns`.
+        """
         before_ns, fit = self._compared_ns, self.fit
         if before_ns is None or stamp_ns < before_ns:
             self._compared_ns = stamp_ns
@@ -183,7 +191,10 @@ class Imu:
         return stamp_ns - before_ns >= (_PERIOD_NS if is_known else _FIRST_PERIOD_NS)
 
     def _compare(self, image_ns: int) -> None:
-        """Compare the gyro with the tracked rotation."""
+        """Update `fit` and `fault` by a comparison with the tracked rotation.
+
+        A fault is counted and stored for `take_news`.
+        """
         offset_ns = round(self._offset_s * NS_PER_S)
         self.fault = fault_of_samples(self._gyro, image_ns, offset_ns)
         if self.fault is None:
@@ -193,7 +204,7 @@ class Imu:
             self._say(self.problem)
 
     def _fit(self) -> None:
-        """Update the calibration and its fault."""
+        """Update the calibration and its fault; the last calibration stays if there is a fault."""
         before = self.fit
         if before is not None and self._is_mounting_known:
             recent = self._calibration.recent_rates(self._gyro, before)
@@ -225,11 +236,14 @@ class Imu:
             self._say(_found(self.fit), 'found', is_problem=False)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
-        """Return the given rotation unless the images contradict it, else the one that was found.
+        """Return the given R_camera_imu (3, 3), unless the images contradict it.
+
+        If there is no given rotation, or it is contradicted, `snapped` of the rotation that was
+        found is returned. A contradiction is stored for `take_news`.
 
         Args:
             R_found: (3, 3) rotation R_camera_imu by the images.
-            sigma_rad: Its standard deviation.
+            sigma_rad: Standard deviation of `R_found`.
         """
         if self._mounting is None:
             return snapped(R_found, sigma_rad)
@@ -245,7 +259,7 @@ class Imu:
         return snapped(R_found, sigma_rad)
 
     def _measure_up(self, image_ns: int) -> None:
-        """Update the direction of gravity."""
+        """Update `up`, the direction opposite to gravity; it becomes None if it is unknown."""
         self._gravity.measure(self._accelerometer, round(self._offset_s * NS_PER_S))
         R = None if self._mounting is None else self._mounting.R_camera_imu
         if self.fit is not None and self.fault is None and self._is_mounting_known:
@@ -254,7 +268,10 @@ class Imu:
         self.up = None if found is None else Up(image_ns, found.up_camera, found.up_sigma_rad)
 
     def _say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:
-        """Keep a text to say, if nothing of its kind has been said."""
+        """Store a text for `take_news`, unless a text of the same kind was stored before.
+
+        Without a `kind`, only an equal text is of the same kind.
+        """
         if (kind or text) not in self._said:
             self._said.add(kind or text)
             self._news.append(News(text, is_problem))

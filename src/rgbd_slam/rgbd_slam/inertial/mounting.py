@@ -30,11 +30,13 @@ class Mounting(NamedTuple):
 
 
 def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
-    """Return a rotation (3, 3), or the nearest one between parallel axes if that is consistent.
+    """Return R_camera_imu, or the nearest rotation (3, 3) between parallel axes if it fits.
+
+    The nearest rotation fits if it differs by less than 3 degrees plus three standard deviations.
 
     Args:
         R_camera_imu: (3, 3) rotation that was found.
-        sigma_rad: Its standard deviation.
+        sigma_rad: Standard deviation of this rotation.
     """
     nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
     angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
@@ -44,8 +46,8 @@ def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
 def read_kalibr(path: Path) -> Mounting:
     """Return the mounting from the file `camchain-imucam.yaml` that Kalibr writes.
 
-    `T_cam_imu` and `timeshift_cam_imu` of `cam0` are read; the latter is the time to add to a
-    stamp of an image to get that of the IMU.
+    `T_cam_imu` and `timeshift_cam_imu` of `cam0` are read; the latter, 0 if it is missing, is the
+    time to add to a stamp of an image to get the stamp of the IMU.
 
     Raises:
         InputError: The file cannot be read, or an entry is missing or no rigid transform.
@@ -67,7 +69,7 @@ def read_kalibr(path: Path) -> Mounting:
 
 
 def _matrix(rows: Any) -> FloatArray | None:
-    """Return a (4, 4) matrix of finite numbers from lists; None if it is none."""
+    """Return a (4, 4) matrix from lists; None if they are not 4 x 4 finite numbers."""
     try:
         T = np.array(rows, np.float64)
     except (TypeError, ValueError):

@@ -12,7 +12,7 @@ from hoid_common.values import NS_PER_S, FloatArray, IntArray
 _KEPT_NS = 40 * NS_PER_S  # chosen: longer than the tracked motions that samples are compared with
 _INITIAL_CAPACITY = 1024
 GAP_NS = NS_PER_S // 20
-"""Samples that are farther apart leave a gap. Chosen: ten samples of a gyro at 200 Hz."""
+"""Samples that are more than this time [ns] apart leave a gap. Chosen: ten samples at 200 Hz."""
 
 
 class Samples(NamedTuple):
@@ -26,7 +26,7 @@ class Samples(NamedTuple):
 
 
 class SampleBuffer:
-    """The samples of the last 40 s of one sensor, in order of time."""
+    """The samples of at least the last 40 s of one sensor, in order of time."""
 
     def __init__(self) -> None:
         self._stamps_ns = np.empty(_INITIAL_CAPACITY, np.int64)
@@ -46,8 +46,9 @@ class SampleBuffer:
     def add(self, samples: Samples) -> None:
         """Append samples. Late and non-finite ones are dropped.
 
-        If the stamps have started again, as when a bag is played in a loop, the old samples are
-        dropped instead.
+        A sample is late if its stamp is not later than all stamps before it; `num_late` counts
+        these samples. If the stamps have gone back by more than a second, as when a bag is played
+        in a loop, the old samples are dropped instead.
         """
         stamps_ns, values = samples
         newest_ns = self.newest_ns

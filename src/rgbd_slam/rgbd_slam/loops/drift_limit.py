@@ -48,8 +48,8 @@ class DriftLimit:
     def is_usual(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
         """Return whether a drift is usual, compared with the loops closed so far.
 
-        Every drift is usual before three long loops have been closed. After these, one of 2 m or
-        more never is.
+        Every drift is usual before three loops with a path of 20 m or more have been closed. After
+        these, a drift of more than 2 m never is.
 
         Args:
             path_m: Length of the path.

@@ -177,8 +177,9 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
     """Return the pairs of keyframes that are parent and child, or share `min_shared` points.
 
-    At least one keyframe of a pair is in `rows`; the other one may be outside. The first one has
-    the lower row. `shared` is 0 for a parent and child that share no points.
+    The first keyframe of a pair has the lower row. Of a pair that shares points, the first one is
+    in `rows`; of a parent and child, the child is. The other keyframe may be outside. `shared` is
+    0 for a parent and child that share no points.
     """
     keyframes = atlas.keyframes
     pairs = atlas.edges()

@@ -114,10 +114,10 @@ class LoopCloser:
         )
 
     def process(self, i: int) -> LoopEvent:
-        """Correct the map if the new keyframe `i` shows a known place; return what was done.
+        """Correct the map if the new keyframe in row `i` shows a known place.
 
-        Also applies a finished global adjustment to the map, even if closing loops is switched
-        off.
+        Returns what was done, and stores a loop or merge in `last_join`. Also applies a finished
+        global adjustment to the map, even if closing loops is switched off.
         """
         self.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
@@ -221,7 +221,7 @@ class LoopCloser:
         self._has_grown = False
 
     def _fuse(self, i: int, c: int) -> None:
-        """Fuse the points around keyframe `i` with those around keyframe `c`."""
+        """Fuse the points around the keyframe in row `i` with those around the one in row `c`."""
         here = np.r_[i, self._atlas.covisible(i, limit=_AROUND)]
         there = np.setdiff1d(np.r_[c, self._atlas.covisible(c, limit=_AROUND)], here)
         for side, other in ((here, there), (there, here)):

@@ -62,11 +62,12 @@ class LoopDetector:
         self._detections: list[_Detection] = []
 
     def detect(self, i: int) -> FoundPlace | None:
-        """Return the confirmed place that keyframe `i` shows again, or None if there is none.
+        """Return the confirmed place that the keyframe in row `i` shows again, or None.
 
         The place is outside the neighborhood of the keyframe, or in another map. Places that are
         verified but not confirmed are remembered, so that later keyframes may confirm them; they
-        are all forgotten once a place is confirmed.
+        are all forgotten once a place is confirmed. The drift of a confirmed loop is remembered as
+        well.
         """
         keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
@@ -87,14 +88,14 @@ class LoopDetector:
         self._finder.index_places()
 
     def correction(self, i: int, match: PlaceMatch) -> tuple[float, float]:
-        """Return the rotation [rad] and distance [m] by which a loop would move keyframe `i`.
+        """Return the rotation [rad] and distance [m] by which a loop would move a keyframe.
 
-        `match` is its pose at a place of the same map.
+        `i` is the row of the keyframe, and `match` its pose at a place of the same map.
         """
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
     def _neighborhood(self, i: int) -> IntArray:
-        """Return the keyframes that are no loop candidates for keyframe `i`.
+        """Return the rows of the keyframes that are no loop candidates for the one in row `i`.
 
         These are the keyframe, its neighbors, the neighbors of its neighbors, and recent
         keyframes.
@@ -133,10 +134,11 @@ class LoopDetector:
         return support
 
     def _support_around(self, i: int, c: int, match: PlaceMatch) -> int:
-        """Return how many neighbors of `i` show the place of `c` at the expected pose.
+        """Return how many neighbors of keyframe `i` show the place of keyframe `c` as expected.
 
-        Neighbors with a remembered detection are left out, since `_support_in_time` evaluates
-        these.
+        `i` and `c` are rows; a neighbor must see the place from the pose that follows from the
+        match. Neighbors with a remembered detection are left out, since `_support_in_time`
+        evaluates these.
         """
         keyframes = self._atlas.keyframes
         counted = {detection.uid for detection in self._detections}
@@ -165,11 +167,12 @@ class LoopDetector:
     def _is_place(self, i: int, c: int, match: PlaceMatch) -> bool:
         """Return whether the drift and the surroundings allow that `i` shows the place of `c`.
 
-        The drift between different maps is unknown: two maps are merged only if more points are
-        found, and if their surroundings do not differ. Within a map, the surroundings are compared
-        before a keyframe is moved by more than 0.5 m or turned by more than 0.5 rad. If this is
-        more than the drift measured so far explains, or 2 m or more, then agreeing views must also
-        be farther apart than a room is long.
+        `i` and `c` are rows. The drift between different maps is unknown: two maps are merged only
+        if more points are found, and if their surroundings do not differ. Within a map, the
+        surroundings are compared before a keyframe is moved by 0.5 m or turned by 0.5 rad or more.
+        If such a drift is unusual (`DriftLimit.is_usual`), agreeing views must also be farther
+        apart than a room is long. The drift of an accepted loop within a map is added to the drift
+        limit.
         """
         keyframes = self._atlas.keyframes
         if keyframes.map_id[i] != keyframes.map_id[c]:

@@ -44,7 +44,10 @@ def _adopt(atlas: Atlas, host: int, guest: int, T_host_guest: FloatArray) -> Mov
 
 
 def _reroot(atlas: Atlas, i: int, parent: int) -> None:
-    """Make keyframe `i` the root of its spanning tree, and `parent` its parent in another tree."""
+    """Make a keyframe the root of its spanning tree, and give it a parent in another tree.
+
+    `i` and `parent` are rows.
+    """
     keyframes = atlas.keyframes
     child: int | None = i
     new_parent = parent

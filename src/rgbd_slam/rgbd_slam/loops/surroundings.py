@@ -56,11 +56,11 @@ class Surroundings:
         self._verifier = verifier
 
     def compare(self, i: int, c: int, match: PlaceMatch) -> Comparison:
-        """Compare the surroundings of keyframe `i` with those of keyframe `c`; the map stays.
+        """Compare the surroundings of keyframe `i` with those of keyframe `c`.
 
-        Poses are computed that the keyframes around `i` would have if they were moved with it to
-        the place. Those with nearly the view of a keyframe around the place should then find its
-        points.
+        The map is not changed. Poses are computed that the keyframes around `i` would have if they
+        were moved with it to the place. A keyframe whose view is then nearly that of a keyframe
+        around the place should find the points of the place.
 
         Args:
             i: Row of the new keyframe.
@@ -111,9 +111,10 @@ class Surroundings:
     def _visit(self, i: int) -> BoolArray:
         """Return the mask of the keyframes since the camera came into the surroundings of `i`.
 
-        The camera has not left these since then. There is no limit of time: the camera may be
-        in a room for long before a place in it is recognized, and the views that distinguish this
-        room from others that look alike are those in front of its door.
+        The mask is by row, as is `i`. The camera has not left these surroundings since then. There
+        is no limit of time: the camera may be in a room for long before a place in it is
+        recognized, and the views that distinguish this room from others that look alike are those
+        in front of its door.
         """
         keyframes = self._atlas.keyframes
         around = self._around(i)
@@ -123,7 +124,10 @@ class Surroundings:
         return np.asarray(around & (keyframes.uid > last_away))
 
     def _around(self, i: int) -> BoolArray:
-        """Return the mask of the keyframes in the map of `i` within 8 m of it, `i` included."""
+        """Return the mask of the keyframes in the map of `i` within 8 m of it, `i` included.
+
+        The mask is by row, as is `i`.
+        """
         keyframes = self._atlas.keyframes
         T = keyframes.T_map_camera
         near = np.linalg.norm(T[:, :3, 3] - T[i, :3, 3], axis=1) < _SURROUNDINGS_M

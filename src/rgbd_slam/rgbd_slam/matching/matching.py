@@ -92,6 +92,8 @@ def match_by_descriptor(
 ) -> Matches:
     """Return one-to-one matches of (Q, 32) descriptors with features anywhere in a frame.
 
+    There are no matches if there are fewer than two descriptors or features.
+
     Args:
         descriptors: (Q, 32) descriptors to search.
         frame: The frame.

@@ -17,7 +17,7 @@ class PoseGraph:
         self._uids: list[int] = []
 
     def add_keyframe(self, uid: int, T_map_camera: FloatArray, *, fixed: bool = False) -> None:
-        """Add a keyframe with its initial pose (4, 4); at least one must be fixed."""
+        """Add a keyframe with its initial pose T_map_camera (4, 4); at least one must be fixed."""
         pose = gtsam.Pose3(T_map_camera)
         self._values.insert(uid, pose)
         self._uids.append(uid)
@@ -44,7 +44,7 @@ class PoseGraph:
         self._graph.add(gtsam.BetweenFactorPose3(uid_a, uid_b, gtsam.Pose3(T_a_b), noise))
 
     def optimize(self) -> FloatArray:
-        """Return the optimized poses (N, 4, 4) in the order of `add_keyframe`.
+        """Return the optimized poses T_map_camera (N, 4, 4) in the order of `add_keyframe`.
 
         Every keyframe must be connected with a fixed one.
         """

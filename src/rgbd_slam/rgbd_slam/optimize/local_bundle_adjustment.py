@@ -18,11 +18,11 @@ _MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: points that conne
 def local_bundle_adjustment(
     atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig
 ) -> None:
-    """Adjust keyframe `i`, the keyframes that share most points with it, and their points.
+    """Adjust a keyframe, the keyframes that share most points with it, and their points.
 
-    The root of a map, and other keyframes that observe these points, keep their poses; if there is
-    no such keyframe, nothing is adjusted. The result is written to the map, and observations that
-    are outliers are removed from it.
+    The keyframe is in row `i`. The root of a map, and other keyframes that observe these points,
+    keep their poses. Nothing is adjusted if there is no such keyframe, or if no pose may change.
+    The result is written to the map, and observations that are outliers are removed from it.
     """
     free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
@@ -94,7 +94,10 @@ def bundle_problem(
 
 
 def _positions(rows: IntArray, wanted: IntArray) -> IntArray:
-    """Return the (M,) indices at which the wanted rows are in an array of rows (N,)."""
+    """Return the (M,) indices at which the wanted rows are in an array of rows (N,).
+
+    The array must contain all wanted rows.
+    """
     order = np.argsort(rows)
     return np.asarray(order[np.searchsorted(rows, wanted, sorter=order)])
 

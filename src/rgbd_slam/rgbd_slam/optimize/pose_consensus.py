@@ -265,9 +265,10 @@ class PoseConsensus:
     ) -> PoseEstimate:
         """Return the pose refitted to more matches if it is consistent with the hypothesis.
 
-        The pose of all matches is kept if it costs the inliers of the hypothesis no more; else the
-        pose is refitted to all matches that fit the hypothesis, and kept within a tolerance; else
-        the hypothesis is returned.
+        If the inliers of the hypothesis fit the pose of all matches as well, that pose is
+        returned. If not, the pose is refitted to all matches that fit the hypothesis, and returned
+        if it increases the cost of these inliers by at most `max_cost_increase`. If it costs more,
+        the pose of the hypothesis is returned.
         """
         if self._supports(deciding, hypothesis, fit_to_all, 0.0):
             return fit_to_all

@@ -73,7 +73,10 @@ def _factor(normalized: FloatArray, used: BoolArray) -> float:
 
 
 def noise_factor(normalized: FloatArray) -> float:
-    """Return the standard deviation of normalized residuals (any shape), limited to 0.1 to 10."""
+    """Return the standard deviation of normalized residuals (any shape), from their median size.
+
+    It is limited to 0.1 to 10. There must be at least one residual.
+    """
     sizes = np.abs(normalized).ravel()
     middle = len(sizes) // 2
     median = float(np.partition(sizes, middle)[middle])  # 3 times as fast as np.median

@@ -51,7 +51,7 @@ class PlaceMatch(NamedTuple):
 
     @property
     def position_m(self) -> FloatArray:
-        """Return the (3,) position of the camera in the map."""
+        """Return the (3,) position [m] of the camera in the map."""
         return self.T_map_camera[:3, 3]
 
 
@@ -84,7 +84,10 @@ class PlaceVerifier:
         self._seed = seed
 
     def verify(self, frame: Frame, candidate: int) -> PlaceMatch | None:
-        """Return the pose of a frame if it shows the place of keyframe `candidate`, else None."""
+        """Return the pose of a frame if it shows the place of a keyframe, else None.
+
+        `candidate` is the row of the keyframe.
+        """
         matches, seen = self._match_descriptors(frame, candidate)
         points = self._atlas.points.position_m[seen]
         rng = np.random.default_rng((self._seed, frame.stamp_ns % 2**63, candidate))

@@ -83,10 +83,11 @@ class InertialMotion:
         return None if rotation is None else se3.inverse(self._motion(rotation))
 
     def rotation_prior(self) -> MeasuredRotation | None:
-        """Return how the camera has turned since the last image by a filtered attitude.
+        """Return how the camera has turned since the last tracked image by a filtered attitude.
 
-        The tracked rotation of the last image counts for a part only. None is returned without a
-        usable gyro, and before the filter has seen some images.
+        The tracked rotation of that image counts for a part only. None is returned without a
+        usable gyro, if priors are switched off, and before the filter has averaged 0.1 s of
+        images.
         """
         correction, rotation = self._attitude.R_tracked_filtered, self._rotation()
         if correction is None or rotation is None or not self._imu.gives_prior:
@@ -97,10 +98,10 @@ class InertialMotion:
         )
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the inverse motion T_last_camera with its covariances.
+        """Return the predicted motion T_last_camera with its covariances.
 
-        None is returned if `predict` returns None, and once the camera has not been tracked for
-        1.5 s.
+        It is the inverse of the motion that `predict` returns. None is returned if `predict`
+        returns None, and once the camera has not been tracked for 1.5 s.
         """
         rotation = self._rotation() if self._elapsed_s <= _MAX_BRIDGE_S else None
         if rotation is None:

@@ -74,6 +74,7 @@ class KeyframePolicy:
     def wants(self, tracking: TrackerOutput) -> bool:
         """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
+        The largest number of points tracked since the last keyframe is stored for comparison.
         While tracking is good, no keyframe is requested within `min_gap_s` of the last one. While
         the mapper has not inserted the last one, only a change of the view counts. A reference
         keyframe that was removed is replaced by its nearest ancestor in the map; the result is

@@ -57,8 +57,8 @@ class LossTimer:
     def add(self, stamp_ns: int) -> bool:
         """Add the stamp of the next image, and return whether the stamps have started again.
 
-        They have if this one is more than a second older than the newest one. The measured time
-        is then set to zero.
+        They have if `stamp_ns` is more than a second older than the newest stamp so far. The
+        measured time is then set to zero.
         """
         newest_ns = self._newest_ns
         if newest_ns is None or stamp_ns < newest_ns - RESTART_NS:
@@ -91,7 +91,9 @@ class OffMapWatch:
         self._since_ns: int | None = None
 
     def add(self, stamp_ns: int, *, is_on_map: bool) -> str:
-        """Add a tracked image, and return a warning if this lasts for a second or more, else ''.
+        """Add a tracked image; return a warning once images have been off the map for a second.
+
+        It is returned for every further image off the map, and '' for other images.
 
         Args:
             stamp_ns: Stamp of the image.

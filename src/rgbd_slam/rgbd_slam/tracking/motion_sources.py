@@ -73,9 +73,10 @@ class MotionSource(Protocol):
         """
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the inverse motion T_last_camera with covariances, to replace a tracked motion.
+        """Return the measured motion T_last_camera with covariances, to replace a tracked motion.
 
-        None is returned if the motion was not measured, but only extrapolated.
+        It is the inverse of the motion that `predict` returns. None is returned if the motion was
+        not measured, but only extrapolated.
         """
 
 

@@ -101,7 +101,10 @@ class Odometry:
         return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
 
     def prior(self) -> PosePrior | None:
-        """Return a prior of the rotation of the current image by a gyro; None without one."""
+        """Return a prior of the current image's rotation by the gyro; its position is left free.
+
+        None is returned without a last frame, and if `InertialMotion.rotation_prior` gives none.
+        """
         rotation = None if self._gyro is None else self._gyro.rotation_prior()
         if rotation is None or self.last is None:
             return None
@@ -187,7 +190,10 @@ class Odometry:
         )
 
     def restart_from(self, tracked: TrackedFrame | None) -> None:
-        """Replace the last frame, or remove it (None), without moving `T_odom_camera`."""
+        """Replace the last frame, or remove it (None), without moving `T_odom_camera`.
+
+        The motion sources measure from the new last frame on.
+        """
         self.last = tracked
         self._T_odom_last, self._is_bridged = self.T_odom_camera, False
         if tracked is not None:
@@ -208,10 +214,10 @@ class Odometry:
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
 
     def in_map(self, covariance: FloatArray) -> FloatArray:
-        """Return the (6, 6) covariance of a pose in the main map, for one in the current map.
+        """Return the covariance of a pose in the main map, from that in the current map.
 
-        It is the same, or is enlarged if the last frame is in another map, whose pose relative to
-        the main map is unknown.
+        Both are (6, 6). They are equal, unless the last frame is in another map: then a large
+        covariance is added, because the pose of that map relative to the main map is unknown.
         """
         return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
 

@@ -69,8 +69,9 @@ class PoseNoise:
 def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> FloatArray:
     """Return the (N, 6) deviations of middle poses from the parabola through the others.
 
-    They are twists in the camera frame of the middle pose, rotation first [rad, m], and are scaled
-    to the error of a single pose, assuming that all poses have equal noise.
+    They are twists from the middle pose to the parabola, in the camera frame of the middle pose,
+    rotation first [rad, m]. They are scaled to the error of a single pose, assuming that all poses
+    have equal noise.
 
     Args:
         stamps_ns: (N, WINDOW) strictly increasing stamps of successive poses.

@@ -68,7 +68,8 @@ class RollingShutter:
         """Return the frame as if all rows had been exposed at the time of the middle row.
 
         The depths of features without a reading are assumed to be the median depth. The frame is
-        returned as it is if no readout time is known, or the camera is at rest.
+        returned as it is if no readout time is known, no feature has depth, or the camera is at
+        rest.
 
         Args:
             frame: The frame, without lens distortion.
@@ -92,6 +93,8 @@ class RollingShutter:
         self, tracked: TrackedFrame, atlas: Atlas, camera: StereoCamera, twist: FloatArray
     ) -> None:
         """Update the estimated readout time with the residuals of a tracked frame.
+
+        A new estimate follows from every ten frames in which points with depth are tracked.
 
         Args:
             tracked: The frame, which was compensated before it was tracked.

@@ -255,7 +255,10 @@ class Tracker:
         return self._initial_pose(frame, landmarks, inliers, T_camera_map)
 
     def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:
-        """Return whether the camera can have moved to a pose since the last frame."""
+        """Return whether the camera can have moved to a pose since the last frame.
+
+        The result is False if the last frame is older than `reference_within_s`.
+        """
         elapsed_s = S_PER_NS * (frame.stamp_ns - last.frame.stamp_ns)
         twist = se3.log(T_camera_map @ last.current_pose(self._atlas))
         turn_rad, distance_m = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])

@@ -65,7 +65,7 @@ class WarmUp:
             self._frames.append((len(self._trajectory) - 1, tracked))
 
     def reestimate_next(self, camera: StereoCamera) -> None:
-        """Re-estimate the pose of one stored frame, once the map has a keyframe two seconds later.
+        """Re-estimate one stored pose, once the map has a keyframe 2 s after its first frame.
 
         Call it once per image, so that the cost of an image is bounded.
 
