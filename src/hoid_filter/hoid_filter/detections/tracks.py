@@ -75,8 +75,8 @@ class BoxTrack:
     ) -> None:
         """Update box, velocity, class, score and number of detections with a new detection.
 
-        If it is newer than the last detection, the time between both is added to `untouched_s`;
-        otherwise the velocity stays.
+        The velocity changes, and the time since the last detection is added to `untouched_s`, only
+        if the new detection has a later stamp.
 
         Args:
             box: x1, y1, x2, y2 of the detection in px.

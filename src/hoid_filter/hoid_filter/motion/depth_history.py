@@ -72,7 +72,7 @@ class DepthHistory:
     def add(
         self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
     ) -> None:
-        """Store the depth of a view and drop old ones.
+        """Store the depth of a view, and drop depths that are more than 3.25 s older.
 
         A view that is less than 25 ms newer than the last stored one is not stored.
 

@@ -112,7 +112,10 @@ class EgoMotion:
         return with_prior
 
     def residuals_px(self, points: PointObservations, T_camera_world: FloatArray) -> FloatArray:
-        """Return the (N,) reprojection errors of points at a pose, in pixels of the gray image."""
+        """Return the (N,) reprojection errors of points at a pose, in pixels of the gray image.
+
+        An error is the distance in u and v; the disparity does not count.
+        """
         pinhole = self._camera.gray_pinhole
         x, y, z = se3.transform(T_camera_world, points.world_m).T
         inverse_z = 1 / np.maximum(z, 1e-3)

@@ -344,7 +344,10 @@ def _depths_at(depth_m: Float32Array, pixels: IntArray) -> FloatArray:
 
 
 def _area_per_point(area_px: Int32Array, segment: Int32Array) -> FloatArray:
-    """Return the (N,) areas in px that points represent: their segment's area / its points.
+    """Return the (N,) image areas [px] that points represent.
+
+    The area of a segment is divided by the number of its points. A point in no segment represents
+    2 px.
 
     Args:
         area_px: (S,) areas of the segments.

@@ -93,7 +93,10 @@ class HoidPlus:
         return is_suspicious & is_weak & is_person
 
     def _turns_fast(self, image: FilterInput) -> bool:
-        """Return whether the camera turns so fast that detections are doubtful (decision 050)."""
+        """Return whether the camera turns so fast that detections are doubtful (decision 050).
+
+        The result is False with `doubt_in_turns` off, and while the turn rate is unknown.
+        """
         plus = self._config.plus
         turn_radps = image.moving_regions.camera_turn_radps
         return plus.doubt_in_turns and turn_radps > plus.doubt_turn_radps

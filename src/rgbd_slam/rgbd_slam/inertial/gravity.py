@@ -41,7 +41,7 @@ _CAUCHY = 2.0  # chosen: triples with residuals of this multiple of the median w
 
 
 class GravityFit(NamedTuple):
-    """Gravity and the accelerometer as the tracked motion shows them."""
+    """Gravity, and the mounting and bias of the accelerometer, by the tracked motion."""
 
     up_camera: FloatArray  # (3,) unit vector opposite to gravity, in the latest camera frame
     up_sigma_rad: float  # standard deviation of its direction

@@ -37,9 +37,9 @@ _MIN_ROTATION_RAD, _MIN_OFFSET_S = np.deg2rad(0.1), 5e-4
 
 
 class GyroFit(NamedTuple):
-    """The gyro as the tracked rotations of the last 20 s show it.
+    """The calibration of a gyro by the tracked rotations of the last 20 s.
 
-    Rotations w_imu that the gyro measures, R_camera_imu and the tracked ones w_camera satisfy
+    Rotations w_imu that the gyro measures, R_camera_imu and the tracked rotations w_camera satisfy
     w_camera = R_camera_imu @ (w_imu - bias * time), with w_imu taken `offset_s` later.
     """
 
@@ -57,7 +57,7 @@ class GyroFit(NamedTuple):
 
 
 class RecentRates(NamedTuple):
-    """The rates of a calibrated gyro beside the tracked ones of the last 2 s."""
+    """Comparison of a calibrated gyro's rates with the tracked rates of the last 2 s."""
 
     scale: float  # factor that brings the rates closest to the tracked ones
     correlation: float  # of the rates with the tracked ones, 1 for a perfect gyro of any scale
@@ -93,12 +93,13 @@ class GyroCalibration:
     def fit(
         self, gyro: SampleBuffer, R_camera_imu: FloatArray | None, near_s: float | None = None
     ) -> GyroFit | None:
-        """Return what the tracked rotations say about the gyro; None if there are too few.
+        """Return the calibration of the gyro by the tracked rotations; None if there are too few.
 
         Args:
             gyro: The samples.
             R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
-            near_s: The offset, if it is known to 10 ms; None: all offsets are tried.
+            near_s: The offset (see `GyroFit.offset_s`), if it is known to 10 ms; None: all are
+                tried.
         """
         steps = self._steps(gyro)
         if steps is None:
@@ -218,7 +219,10 @@ def _residuals(aligned: _Alignment) -> FloatArray:
 def _best_offset(
     steps: _Steps, R_camera_imu: FloatArray | None, near_s: float | None
 ) -> tuple[float, float]:
-    """Return the offset [s] with the least squared residuals, and their curvature [rad^2/s^2]."""
+    """Return the offset [s] with the least squared residuals, and their curvature [rad^2/s^2].
+
+    Only offsets within 5 ms of `near_s` are tried; None: all offsets up to `MAX_OFFSET_S`.
+    """
     if near_s is None:
         tried_s = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + _COARSE_S / 2, _COARSE_S)
         near_s = _least(steps, tried_s, R_camera_imu, _COARSE_S)[0]

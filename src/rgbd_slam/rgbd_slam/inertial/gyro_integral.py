@@ -104,7 +104,7 @@ class RateIntegral:
         self._num_gaps = np.append(0, np.cumsum(np.diff(stamps_ns) > GAP_NS))
 
     def over(self, first_ns: IntArray, second_ns: IntArray, offset_s: float) -> FloatArray:
-        """Return the (M, 3) integrals [rad] over windows that are shifted by an offset.
+        """Return the (M, 3) integrals [rad] over windows that start and end later by an offset.
 
         Rates outside the samples count as zero; `covers` tests for this.
         """

@@ -1,4 +1,4 @@
-"""An IMU beside the camera: what it measures, once the tracked motion has shown how it is."""
+"""An IMU beside the camera: calibrated by the tracked motion, it gives rotations and up."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ _SATURATED = 'imu: it turns faster than the range of the gyro; such turns are le
 
 
 class MeasuredRotation(NamedTuple):
-    """How the camera has turned by the gyro."""
+    """The rotation of the camera between two images, as the gyro has measured it."""
 
     R_first_second: FloatArray  # (3, 3)
     sigma_rad: float  # standard deviation about each axis
 
 
 class News(NamedTuple):
-    """Something to say about the IMU once."""
+    """A message about the IMU, which is reported once."""
 
     text: str
     is_problem: bool
@@ -174,7 +174,7 @@ class Imu:
         return '' if self.fault is None else _LEFT_OUT.format(self.fault.value)
 
     def take_news(self) -> list[News]:
-        """Return what has to be said about the IMU since the last call, each thing once."""
+        """Return the messages about the IMU since the last call, and remove them."""
         news, self._news = self._news, []
         return news
 

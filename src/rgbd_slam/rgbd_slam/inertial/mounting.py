@@ -23,7 +23,7 @@ _CAMERA = 'cam0'
 
 
 class Mounting(NamedTuple):
-    """How an IMU is mounted, as somebody has measured it."""
+    """The mounting of an IMU, as a user or a calibration file states it."""
 
     R_camera_imu: FloatArray  # (3, 3)
     offset_s: float = 0.0  # by which the stamps of the IMU are later than those of the images

@@ -1,4 +1,4 @@
-"""What was found out about an IMU during a run."""
+"""The calibration of an IMU, as a run has found it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from rgbd_slam.inertial.imu import Imu
 
 @dataclass(frozen=True)
 class ImuReport:
-    """The calibration of an IMU, with the names of `summary.json`; None: not found."""
+    """The calibration of an IMU, with the names of `summary.json`.
+
+    A value is None if it is not known.
+    """
 
     time_offset_ms: float | None = None  # by which its stamps are later than those of the images
     time_offset_sigma_ms: float | None = None
@@ -26,7 +29,7 @@ class ImuReport:
 
 
 def report_of(imu: Imu) -> ImuReport:
-    """Return what has been found out about an IMU so far."""
+    """Return the calibration and the fault of an IMU as known so far; numbers are rounded."""
     fit, up = imu.fit, imu.up
     up_sigma_deg = None if up is None else round(float(np.rad2deg(up.sigma_rad)), 3)
     if fit is None:

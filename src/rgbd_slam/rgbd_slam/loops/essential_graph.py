@@ -195,7 +195,7 @@ def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
 
 
 def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> Move:
-    """Move keyframes (N,) to new poses T_map_camera (N, 4, 4), and their points with them.
+    """Move keyframes in rows (N,) to poses T_map_camera (N, 4, 4), and their points with them.
 
     A point moves with its reference keyframe. Returns the motion of each keyframe.
     """

@@ -31,7 +31,7 @@ class KeyframeGroups(NamedTuple):
 
 
 def keyframe_groups(parents: IntArray) -> KeyframeGroups:
-    """Group N keyframes along the spanning tree; in a small map, each keyframe is a group.
+    """Group N keyframes along the spanning tree; up to 500 keyframes are a group each.
 
     A group is connected in the spanning tree, and its head is nearest to the root.
 

@@ -163,9 +163,9 @@ class LoopCloser:
         """Repeat the last global adjustment if keyframes have been added to its map since then.
 
         The repetition covers the part of that map around its newest keyframe, or the whole map if
-        this is small. Waits up to `limit_s` for a global adjustment that is running; if it does
-        not end, nothing is repeated. Waits as long again for the repetition, which then continues
-        in the background.
+        it has at most 1,000 keyframes. Waits up to `limit_s` for a global adjustment that is
+        running; if it does not end, nothing is repeated. Waits as long again for the repetition,
+        which then continues in the background.
         """
         self._adjuster.poll(limit_s)
         if self._has_grown and not self._adjuster.is_running:

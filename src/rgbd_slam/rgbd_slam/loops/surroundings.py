@@ -95,7 +95,11 @@ class Surroundings:
         return Comparison(are_others=False, agree_beyond_a_room=bool(longest_m > _ROOM_M))
 
     def _sides(self, i: int, c: int) -> tuple[IntArray, IntArray]:
-        """Return the rows (N,) of the keyframes around `i`, and those (H,) around the place."""
+        """Return the rows (N,) of the keyframes around `i`, and those (H,) around the place.
+
+        The place is that of keyframe `c`. If `i` and `c` are in one map, no keyframe is on both
+        sides, and keyframes around `i` that share points with the place are left out.
+        """
         keyframes = self._atlas.keyframes
         own, place = self._visit(i), self._around(c)
         if keyframes.map_id[i] == keyframes.map_id[c]:

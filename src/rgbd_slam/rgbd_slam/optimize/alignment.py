@@ -1,7 +1,7 @@
 """The pose of an image relative to 3-D points, from matches of which many may be wrong.
 
-With enough depth readings, hypotheses align 3-D points in closed form (Horn, JOSA A 1987, by the
-SVD of Arun et al., PAMI 1987), otherwise they come from pixels alone (PnP). Both are RANSAC
+With 15 depth readings or more, hypotheses align 3-D points in closed form (Horn, JOSA A 1987, by
+the SVD of Arun et al., PAMI 1987); with fewer, they come from pixels alone (PnP). Both are RANSAC
 (Fischler and Bolles, CACM 1981); all hypotheses of 3-D points are computed and scored at once.
 """
 
@@ -68,9 +68,11 @@ def align_image(
 ) -> Alignment | None:
     """Return the pose with which most of N matches agree, by RANSAC; None if fewer than 15 agree.
 
+    A match agrees if its reprojection error is below 4 times its `sigma_px`.
+
     Args:
         measurement_px: (N, 3) undistorted u, v, u_right of the features.
-        sigma_px: (N,) standard deviations of pixels, which grow with the octave.
+        sigma_px: (N,) standard deviations of pixels, 1 in octave 0; they grow with the octave.
         depth_m: (N,) depth readings of the features; 0 = none.
         points_m: (N, 3) the matched points, all in one frame.
         camera: The camera of the image.
@@ -128,7 +130,7 @@ def _refined(
 def _pose_from_pixels(
     measurement_px: Float32Array, points_m: FloatArray, camera: StereoCamera
 ) -> FloatArray:
-    """Return the (1, 4, 4) pose by OpenCV's PnP with RANSAC; (0, 4, 4) if there is none."""
+    """Return T_camera_points (1, 4, 4) by OpenCV's PnP with RANSAC; (0, 4, 4) if there is none."""
     K = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1.0]])
     try:
         found, rotation, translation, _ = cv2.solvePnPRansac(

@@ -94,7 +94,11 @@ def optimize_pose(
 
 
 def covariance(estimate: PoseEstimate) -> FloatArray:
-    """Return the (6, 6) covariance of a pose in the camera frame, rotation first [rad^2, m^2]."""
+    """Return the (6, 6) covariance of a pose in the camera frame, rotation first [rad^2, m^2].
+
+    If the information is singular, the variance is 0 along the motions that the matches do not
+    constrain.
+    """
     try:
         return np.asarray(np.linalg.inv(estimate.information))
     except np.linalg.LinAlgError:  # the matches do not constrain one of the six motions

@@ -66,8 +66,9 @@ class PlaceFinder:
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
         """Return the rows of the keyframes most similar to an image, one for each place.
 
-        They are at most `max_candidates`, the most similar first. A keyframe is left out if it has
-        fewer than `min_votes` votes, or shares at least 15 points with a more similar one.
+        The index is updated first. The keyframes are at most `max_candidates`, the most similar
+        first. A keyframe is left out if it has fewer than `min_votes` votes, or shares at least 15
+        points with a more similar one.
 
         Args:
             descriptors: (N, 32) descriptors of the image.

@@ -62,8 +62,8 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
 def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
     """Return the (N,) probabilities that a frame finds each point if the point is in its view.
 
-    The probability is the share of those earlier frames that found the point, of all that should
-    have shown it, with a Beta(1, 3) prior: 1/4 for a new point (chosen, not tuned).
+    Of the earlier frames with the point in view, it is the share that found the point, with a
+    Beta(1, 3) prior: 1/4 for a new point (chosen, not tuned).
 
     Args:
         points: The table of map points.

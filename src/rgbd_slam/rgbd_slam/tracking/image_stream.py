@@ -101,9 +101,9 @@ class RepeatedImages:
     def add(self, features: Features) -> Repetition:
         """Return which parts of the next image are copies of the latest image that was no copy.
 
-        An image more than 250 ms later than that one is never a copy. An image that is no copy is
-        stored for comparison with later ones. Copies with a new depth image are counted, and the
-        first of them is logged.
+        An image is never a copy if its stamp is earlier than the stamp of that latest image, or
+        more than 250 ms later. An image that is no copy is stored for comparison with later ones.
+        Copies with a new depth image are counted, and the first of them is logged.
         """
         original = self._original
         if original is None or not 0 <= features.stamp_ns - original.stamp_ns <= MAX_COPY_AGE_NS:

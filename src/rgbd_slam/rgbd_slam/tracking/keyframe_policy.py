@@ -75,10 +75,10 @@ class KeyframePolicy:
         """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
         The largest number of points tracked since the last keyframe is stored for comparison.
-        While tracking is good, no keyframe is requested within `min_gap_s` of the last one. While
-        the mapper has not inserted the last one, only a change of the view counts. A reference
-        keyframe that was removed is replaced by its nearest ancestor in the map; the result is
-        False if there is none.
+        While a keyframe is pending, which the mapper has not inserted yet, only a change of the
+        view counts. While tracking is good, no keyframe is requested within `min_gap_s` of the
+        last one. A reference keyframe that was removed is replaced by its nearest ancestor in the
+        map; the result is False if there is none.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)

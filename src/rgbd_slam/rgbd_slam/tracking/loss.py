@@ -93,7 +93,7 @@ class OffMapWatch:
     def add(self, stamp_ns: int, *, is_on_map: bool) -> str:
         """Add a tracked image; return a warning once images have been off the map for a second.
 
-        It is returned for every further image off the map, and '' for other images.
+        Every further image off the map gives a warning as well; other images give ''.
 
         Args:
             stamp_ns: Stamp of the image.

@@ -39,7 +39,8 @@ class PoseNoise:
     def add(self, stamp_ns: int, T_odom_camera: FloatArray) -> None:
         """Add the pose (4, 4) of the next image, and update the covariance.
 
-        If the stamps do not increase, the recent poses are discarded.
+        The covariance changes only if the last five poses lie within 0.3 s. If the stamps do not
+        increase, the recent poses are discarded.
         """
         if self._poses and stamp_ns <= self._poses[-1][0]:
             self.restart()

@@ -113,11 +113,12 @@ class Tracker:
         *T_camera_last: FloatArray,
         prior: PosePrior | None = None,
     ) -> TrackerOutput | None:
-        """Return the tracked frame; None if no pose has enough inliers, or the last map is gone.
+        """Return the tracked frame; None if no pose has enough inliers.
 
         Initial poses are tried from the cheapest to the most expensive search. Each is refined
-        with the local map, and the first convincing result is returned (`_is_convincing`). If
-        none is convincing, the result with most inliers is returned.
+        with the local map, and the first convincing result is returned (`_is_convincing`). If none
+        is convincing, the result with most inliers is returned. None is also returned if the map
+        does not know the reference keyframe of the last frame any more.
 
         Args:
             frame: The frame.
@@ -195,8 +196,8 @@ class Tracker:
     ) -> FramePose | None:
         """Return the pose from landmarks found near their predicted projections; None if few fit.
 
-        `radii_px` are half sides of search windows in octave 0, each of which is tried until one
-        gives enough matches.
+        `radii_px` are half sides of search windows in octave 0. They are tried in this order until
+        one gives `few_matches` matches.
         """
         projection_px = self._project(landmarks, T_camera_map)
         scale = self._atlas.octave_scale[landmarks.octave]
@@ -363,7 +364,8 @@ class Tracker:
     def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:
         """Return whether most matches fit, or most points of the last frame are seen again.
 
-        Of the matches with a false pose, fewer than half fit.
+        Most means a share above `convincing_share`. Of the matches with a false pose, fewer than
+        half fit.
         """
         share = self._config.convincing_share
         num_last = int(np.count_nonzero(last.points != NO_POINT))

@@ -65,9 +65,10 @@ class WarmUp:
             self._frames.append((len(self._trajectory) - 1, tracked))
 
     def reestimate_next(self, camera: StereoCamera) -> None:
-        """Re-estimate one stored pose, once the map has a keyframe 2 s after its first frame.
+        """Re-estimate one stored pose, at the earliest 2 s after the first frame of the map.
 
-        Call it once per image, so that the cost of an image is bounded.
+        A keyframe with such a stamp must exist. Call this once per image, so that the cost of an
+        image is bounded.
 
         Args:
             camera: The camera with its measured noise.
