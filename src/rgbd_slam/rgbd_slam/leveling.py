@@ -37,9 +37,11 @@ class Leveling:
     def update(self, result: TrackingResult, *, is_in_main_map: bool) -> bool:
         """Turn the map frame if gravity was measured at an image; return whether it was turned.
 
+        Once gravity is known well enough, the frame is fixed, and the IMU stops measuring gravity.
+
         Args:
             result: The pose of the image; without a tracked pose, nothing is turned.
-            is_in_main_map: Whether this pose is in the main map; otherwise nothing is turned.
+            is_in_main_map: Whether this pose is in the main map; if it is not, nothing is turned.
         """
         if self._imu is None:
             return False

@@ -48,7 +48,7 @@ class MapJoin(NamedTuple):
 
 
 class JoinedMaps(NamedTuple):
-    """Several maps as one."""
+    """The map that `join_maps` has made of several maps, and what became of each of them."""
 
     content: MapFile  # maps that were not joined are separate maps in it
     joins: tuple[MapJoin, ...]  # one for each map except the first

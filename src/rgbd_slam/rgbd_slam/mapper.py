@@ -155,8 +155,9 @@ class Mapper:
     def _add(self, request: KeyframeRequest) -> int | None:
         """Add the keyframe to the map and return its row, or None if its reference is unknown.
 
-        It observes those of its points that are still in the map. Points on moving objects are
-        removed, and the counts of the other points are updated.
+        The keyframe observes those of the points of the request that are still in the map. Points
+        on moving objects are removed, and the counts of the other points are updated. With few
+        observations, the points around the reference keyframe are searched as well.
         """
         keyframes, points = self.map.keyframes, self.map.points
         anchor = self.map.anchor(request.reference_uid)

@@ -183,6 +183,8 @@ class RobotMap:
     def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the poses of `trajectory` in parts that any thread may iterate over.
 
+        For the kind `final`, the map counts as changed (`take_change`).
+
         Raises:
             ConfigError: There is no such kind.
         """
@@ -192,7 +194,7 @@ class RobotMap:
         return map(self._frames.cameras, self._slam.trajectory.parts(kind))
 
     def export(self) -> MapFile:
-        """Copy the map, without a dense one, for a file; takes a few ms.
+        """Copy the map for a file, without dense map and object map; this takes a few ms.
 
         Raises:
             ConfigError: There is no map.
@@ -202,7 +204,10 @@ class RobotMap:
         return self.content_of(snapshot(self._slam.map.atlas))
 
     def content_of(self, state: MapState) -> MapFile:
-        """Return the content of a map file, without a dense map, for a map in the core's frame."""
+        """Return a map in the core's map frame as content of a map file, in the robot's map frame.
+
+        It has no dense map and no object map.
+        """
         config, state = self._config, state.moved(self._frames.T_map_core)
         return MapFile(self._camera, config.scale_factor, config.num_octaves, state)
 
@@ -252,9 +257,8 @@ class RobotMap:
 
         Args:
             content: The saved map.
-            keep: Continue in the running map until a place of the saved map is recognized.
-                Otherwise the running map is discarded, and the camera is relocalized in the saved
-                map.
+            keep: True: continue in the running map until a place of the saved map is recognized.
+                False: discard the running map, and relocalize the camera in the saved map.
             extend: Whether the map will be extended, and not only localized in.
 
         Raises:

@@ -243,7 +243,11 @@ class RgbdSlam:
         )
 
     def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
-        """Start a map with this frame; without enough depth readings, return no pose instead."""
+        """Start a map with this frame, and return its pose.
+
+        Without enough features with depth, and while a saved map is being loaded, no map is
+        started, and the result has no pose.
+        """
         num_features = np.count_nonzero(frame.has_depth & frame.may_seed)
         if self.map.is_loading or num_features < _MIN_FIRST_FEATURES:
             state = SlamState.NOT_INITIALIZED if self.map.is_empty else SlamState.LOST

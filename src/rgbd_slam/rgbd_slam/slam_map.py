@@ -30,7 +30,7 @@ class SlamMap:
         config: Parameters of the core.
         on_redirects: Called by `update` with the keyframes that were removed since the last call;
             each redirect gives the parent that replaces a removed keyframe.
-        background: Whether the mapper runs in a process of its own, as on a robot. Otherwise each
+        background: True: the mapper runs in a process of its own, as on a robot. False: each
             keyframe is mapped before `insert` returns, so that runs repeat bit for bit.
     """
 
@@ -81,7 +81,11 @@ class SlamMap:
         self.update()
 
     def update(self) -> None:
-        """Apply the changes that the mapper has finished, without waiting for the other ones."""
+        """Apply the changes that the mapper has finished, without waiting for unfinished ones.
+
+        Removed keyframes are passed to `on_redirects`. If a saved map has replaced the map, the
+        function that `begin_load` was given is called.
+        """
         self.mapper.update()
         self._on_redirects(self.atlas.redirects.take())
         if self._on_loaded is not None and not self.mapper.is_loading:
@@ -135,8 +139,8 @@ class SlamMap:
 
         Args:
             state: The saved map.
-            keep: Keep the running map beside the saved one until a recognized place merges the
-                two; otherwise the running map is discarded.
+            keep: True: keep the running map beside the saved one until a recognized place merges
+                the two. False: discard the running map.
         """
         first_uid = self.take_uids(len(state))
         self.mapper.load(state, first_uid, keep=keep)

@@ -10,7 +10,10 @@ from hoid_common.config import Config, param
 
 @dataclass(frozen=True)
 class NavigationConfig(Config):
-    """Masks that keep a robot away from what people do, and slow where people are often met."""
+    """Masks that keep a robot out of the way of walking people and off the objects they handle.
+
+    A second mask slows the robot down where people often walk.
+    """
 
     enabled: bool = param(
         default=False,

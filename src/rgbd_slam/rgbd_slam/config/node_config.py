@@ -123,7 +123,7 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     navigation: NavigationConfig = section(NavigationConfig)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if the masks for navigation lack what they are made of."""
+        """Raise ConfigError if the navigation masks are on without base frame or object tracks."""
         super().__post_init__()
         if self.navigation.enabled and not self.frames.base:
             raise ConfigError('navigation.enabled needs frames.base, which makes the map level')

@@ -38,7 +38,7 @@ class ObjectMapConfig(Config):
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if an output is requested that needs the object map."""
+        """Raise ConfigError if `label_cloud` is on and the object map is off."""
         super().__post_init__()
         if self.label_cloud and not self.enabled:
             raise ConfigError('object_map.label_cloud needs object_map.enabled')

@@ -55,7 +55,10 @@ class DenseState(Record):
         )
 
     def fits(self, camera: CameraModel, pixel_stride: int) -> bool:
-        """Return whether the images have the size that a dense map with these settings uses."""
+        """Return whether the images have the size that a dense map with these settings uses.
+
+        It is true without images.
+        """
         size = camera.height_px, camera.width_px
         fitting = tuple(-(-n // pixel_stride) for n in size)
         return len(self) == 0 or self.flagged_mm.shape[1:] == fitting

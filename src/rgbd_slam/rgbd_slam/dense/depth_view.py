@@ -58,7 +58,7 @@ class DepthView:
 
 
 class Comparison(NamedTuple):
-    """The points that one image observes, compared with its depth."""
+    """The points whose pixels in one image have a depth reading, compared with this reading."""
 
     rows: IntArray  # (M,) of the points
     gap_m: Float32Array  # (M,) measured depth minus the point's depth; positive: seen through
@@ -69,7 +69,7 @@ class Comparison(NamedTuple):
 class Surface(NamedTuple):
     """The static surface that one image measures, averaged per voxel of the map frame."""
 
-    points_m: FloatArray  # (M, 3) mean positions, map frame
+    points_m: FloatArray  # (M, 3) mean positions; map frame, or submap's frame in `Submap.update`
     colors_bgr: FloatArray  # (M, 3) mean colors
     weights: FloatArray  # (M,) sums of the weights of the readings
 
@@ -138,9 +138,10 @@ class DepthCamera:
         return Surface(np.stack(means[:3], axis=1), np.stack(means[3:], axis=1), total)
 
     def _reliable_depth(self, depth_m: Float32Array) -> Float32Array:
-        """Return the strided depth (h, w) with depth edges set to 0.
+        """Return the strided depth (h, w), with depth edges and depths from 12 m on set to 0.
 
-        Readings beyond the range of the map stay, because they carve the space in front of them.
+        Readings between the range of the map and 12 m stay, because they carve the space in front
+        of them.
         """
         stride = self._config.pixel_stride
         near = cv2.erode(depth_m, np.ones((3, 3), np.uint8))

@@ -57,13 +57,13 @@ class ViewChange(NamedTuple):
 
 
 class ViewList:
-    """The stored views of another process."""
+    """The stored views of another process, kept up to date by the changes that it reports."""
 
     def __init__(self) -> None:
         self._views: dict[int, StoredView] = {}
 
     def apply(self, change: ViewChange) -> None:
-        """Apply a change."""
+        """Store, replace or delete the view in the slot that a change names."""
         if change.view is None:
             self._views.pop(change.slot, None)
         else:

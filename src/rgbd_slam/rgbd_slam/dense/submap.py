@@ -219,7 +219,7 @@ class Submap:
         self._base = self.keys, self.values, self.free_above.copy()
 
     def forget(self, slot: int) -> None:
-        """Forget that an image was fused, because it is no longer stored."""
+        """Forget the pose of an image that is no longer stored; the voxels are unchanged."""
         self.poses.pop(slot, None)
         self.fused.discard(slot)
         self.marked.discard(slot)
@@ -277,9 +277,9 @@ def transform(T: FloatArray, points: Float32Array) -> Float32Array:
 def move_to_disk(submaps: Sequence[Submap]) -> None:
     """Move the voxels of one or more submaps to an unnamed temporary file.
 
-    The file ends with its last reader.
     The arrays become read-only memory maps, so that all reading works as before and the operating
-    system decides which part of the file stays in memory.
+    system decides which part of the file stays in memory. The file is deleted when no submap uses
+    it any more.
     """
     for name in ('keys', 'values'):
         arrays = [getattr(submap, name) for submap in submaps]
@@ -306,7 +306,7 @@ def cells_of_keys(keys: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _find(keys: NDArray[np.int32], wanted: NDArray[np.int32]) -> tuple[IntArray, BoolArray]:
-    """Return the (M,) positions of wanted keys in sorted keys, and the mask of those there."""
+    """Return the (M,) positions of wanted keys in sorted keys, and the mask of the found keys."""
     at = np.searchsorted(keys, wanted)
     known = np.zeros(len(at), np.bool_)
     inside = at < len(keys)

@@ -76,6 +76,8 @@ class SubmapExports:
     ) -> SubmapExport:
         """Return the submaps whose anchors are saved, with the contents that are new.
 
+        Submaps without voxels are left out. The export gets the next serial number.
+
         Args:
             mark: Contents are new if they have changed since this export; None: all are new.
             submaps: All submaps.

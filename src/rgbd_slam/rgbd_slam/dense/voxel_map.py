@@ -89,7 +89,8 @@ class VoxelMap:
 
         Args:
             posed: The image.
-            only: The submaps that may change; None: all. The others still keep their space.
+            only: The submaps that may change; None: all. The surface inside the other submaps is
+                discarded and starts no new submap.
 
         Returns:
             The submaps that were created.
@@ -105,7 +106,10 @@ class VoxelMap:
         return created
 
     def move(self, keyframes: KeyframePoses, moved: Collection[int]) -> None:
-        """Move the submaps of moved keyframes (uids) rigidly with them."""
+        """Move each submap whose anchor is among the moved keyframes (uids) rigidly with it.
+
+        The main map of the snapshot becomes the one that is shown.
+        """
         self._main_map = keyframes.main_map
         for submap in self._submaps:
             if submap.anchor_uid in moved:

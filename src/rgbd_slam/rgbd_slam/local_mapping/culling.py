@@ -29,11 +29,16 @@ _MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe 
 def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Remove new points that few frames find, or that keyframe `i` should observe but does not.
 
-    A point is new while it has few observations; for the first of these tests, also during the
-    three keyframes after the one that created it. The second test begins at an age of two
-    keyframes. A new point that has left the view stays, and is tested when it comes into view
-    again.
-    Therefore only the points around the keyframe are tested, whatever the size of the map.
+    A point is weak if it has at most three observations, of which one with depth counts twice.
+    The age of a point is the number of keyframes since the one that created it.
+
+    - A point that is weak, or at most three keyframes old, is removed if it was found in less than
+      the share `min_found_ratio` of the frames that should show it.
+    - A weak point that is at least two keyframes old is removed if it should be visible in
+      keyframe `i` (`visible_points`), but the keyframe does not observe it.
+
+    Only the points that keyframe `i`, its parent, or a neighbor of the parent observes are tested,
+    whatever the size of the map. Other points stay until they come into view again.
     """
     points, uid = atlas.points, atlas.keyframes.uid[i]
     j = atlas.points_of(_around(atlas, i))

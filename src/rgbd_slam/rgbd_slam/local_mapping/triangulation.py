@@ -155,7 +155,8 @@ def depth_from_parallax(
 
     The depth is that of the point on the ray of the first camera that is nearest to the ray of the
     second camera (least squares). For nearly parallel rays, it is the depth reading of the first
-    camera, else that of the second camera, else 0.
+    camera; without one, it is calculated from the depth reading of the second camera; without
+    either, it is 0. The depth of a point behind the camera is negative.
 
     Args:
         views: The two keyframes.

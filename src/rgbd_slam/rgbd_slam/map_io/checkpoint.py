@@ -107,7 +107,7 @@ class CheckpointFolder:
         return Checkpoint(read_checkpoint(self._index), stamp_ns)
 
     def touch(self, stamp_ns: int) -> None:
-        """Set the stamp of the last image tracked in the map, if the map itself is unchanged."""
+        """Set the stamp of the last image tracked in the unchanged map; errors are ignored."""
         _set_stamp(self._index, stamp_ns)
 
     def remove(self) -> None:

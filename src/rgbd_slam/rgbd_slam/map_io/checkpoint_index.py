@@ -110,7 +110,10 @@ class MapHeader(NamedTuple):
 
 
 class CheckpointIndex(NamedTuple):
-    """The contents of an index; the rows of features, points and voxels are in the segments."""
+    """The parts of a map that the index of its checkpoint stores itself.
+
+    The features, points and voxels are in the segments.
+    """
 
     header: MapHeader
     keyframes: IndexedKeyframes

@@ -27,7 +27,7 @@ _MAX_ROWS = 2**31
 
 
 class Manifest(NamedTuple):
-    """What a map file says of its camera, the image pyramid of its features, and its arrays."""
+    """The camera of a map file, the octaves of its features, and the lengths of its arrays."""
 
     camera: CameraModel
     scale_factor: float

@@ -30,7 +30,10 @@ _MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera ex
 
 
 class MapFile(NamedTuple):
-    """The contents of a map file; poses are in the published map frame, whose z axis points up."""
+    """A map with its camera, its dense map and its object map, as one file stores them.
+
+    Poses are in the published map frame, whose z axis points up.
+    """
 
     camera: CameraModel  # with which the map was made
     scale_factor: float  # ratio of the scales of two successive octaves
@@ -45,8 +48,10 @@ class MapFile(NamedTuple):
         """Return the map as if it had been made with a given camera.
 
         The pixels of the features, which are undistorted, are replaced by those at which this
-        camera sees the same rays, and their octaves by those at which it sees the same details. If
-        it is the camera of the map, the map is returned unchanged.
+        camera sees the same rays, and their octaves by those at which it sees the same details.
+        Pixels far outside the image and octaves that do not exist are replaced by the nearest
+        allowed ones (`MapState.in_camera`). If it is the camera of the map, the map is returned
+        unchanged.
 
         Args:
             camera: The camera.

@@ -92,8 +92,9 @@ class Atlas(MapTables):
     def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> Move:
         """Move keyframes by rigid motions, with the points whose reference keyframes they are.
 
-        Returns the motions. Only these are sent to the copies of the map, not the moved points.
-        They are made rigid, because rounding errors of poses would grow threefold with each loop.
+        Returns the motions as they were applied: made exactly rigid, because rounding errors of
+        poses would grow threefold with each loop. Only the motions are sent to the copies of the
+        map, not the moved points.
 
         Args:
             i: (N,) rows of the keyframes.
@@ -109,7 +110,8 @@ class Atlas(MapTables):
     def remove_keyframe(self, i: int) -> None:
         """Remove a keyframe, whose parent takes its place in the spanning tree.
 
-        Poses relative to the keyframe become relative to the parent by a `Redirect`.
+        Its observations are removed, and so are the points that no other keyframe observes. Poses
+        relative to the keyframe become relative to the parent by a `Redirect`.
 
         Raises:
             ValueError: The keyframe is the root of its map, which has no parent.
@@ -157,10 +159,11 @@ class Atlas(MapTables):
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
-        """Set the positions (N, 3) of points (N,) in the frame of their map.
+        """Set the positions (N, 3) of the points in rows `j` (N,), in the frame of their map.
 
-        Points with a coordinate that is NaN or not below `MAX_POSITION_M` are removed: an
-        adjustment may move a point without parallax and depth to any distance.
+        Points with a coordinate that is NaN, or whose absolute value is not below
+        `MAX_POSITION_M`, are removed from the map: an adjustment may move a point without parallax
+        and depth to any distance.
         """
         self.points.position_m[j] = position_m
         self.points.shifted[j] = self.version
@@ -185,7 +188,8 @@ class Atlas(MapTables):
     def unobserve(self, i: int, k: IntArray) -> None:
         """Remove the observations of features `k` (N,) of keyframe `i`.
 
-        Points that no keyframe observes any more are removed.
+        Features that observe no point are skipped. Points that no keyframe observes any more are
+        removed.
         """
         kf, points = self.keyframes, self.points
         k = k[kf.point_of_feature[i, k] != NO_POINT]
@@ -214,10 +218,10 @@ class Atlas(MapTables):
         self.points.release(j, self.version)
 
     def replace_points(self, old: IntArray, new: IntArray) -> None:
-        """Fuse points: observations of `old[n]` become observations of `new[n]`.
+        """Fuse points: observations of row `old[n]` become observations of row `new[n]`.
 
-        A keyframe that observes both keeps its observation of `new[n]` alone. `old` and `new` are
-        disjoint, and `old` has no repetitions.
+        A keyframe that observes both points keeps its observation of `new[n]` alone. The points
+        `old` are removed. `old` and `new` are disjoint, and `old` has no repetitions.
         """
         if len(old) == 0:
             return
@@ -337,6 +341,9 @@ class Atlas(MapTables):
 
     def append_observations(self, blocks: Iterable[Observations], points: IntArray) -> None:
         """Add the observations of appended points (P,), whose columns already count them.
+
+        The connections of the keyframes, and the directions, scale ranges and descriptors of the
+        points are then computed from the observations.
 
         Args:
             blocks: The observations, sorted by keyframe. There are several blocks, so that no

@@ -29,27 +29,30 @@ class KeyframePoses(NamedTuple):
         return np.equal(self.map_ids, self.main_map)
 
     def rows_of(self, uids: IntArray) -> IntArray:
-        """Return the rows (M,) of the keyframes with given uids (M,).
+        """Return the rows (M,) of this snapshot that hold the keyframes with given uids (M,).
 
         All must be in the snapshot: a missing uid is not noticed, and its row is wrong.
         """
         return np.searchsorted(self.uids, uids)
 
     def row_of(self, uid: int) -> int | None:
-        """Return the row of one keyframe, or None if it is not in the snapshot."""
+        """Return the row of this snapshot that holds a keyframe, or None if there is none."""
         row = int(np.searchsorted(self.uids, uid))
         return row if row < len(self.uids) and self.uids[row] == uid else None
 
     def substitute(self, removed_uid: int, after: KeyframePoses) -> tuple[int, FloatArray] | None:
-        """Return the remaining keyframe that precedes a removed one in its map, or the first one.
+        """Return the keyframe to which data of a removed keyframe is attached from now on.
+
+        Of the keyframes of the same map that remain, it is the one with the highest uid below that
+        of the removed keyframe. If there is none, it is the one with the lowest uid.
 
         Args:
             removed_uid: Uid of the removed keyframe, which is in this snapshot.
-            after: The snapshot without it.
+            after: The snapshot without the removed keyframe.
 
         Returns:
-            Its uid, and the pose (4, 4) of the removed keyframe relative to it; None if no
-            keyframe of this map remains.
+            The uid of the remaining keyframe, and the pose (4, 4) of the removed keyframe relative
+            to it, by the poses of this snapshot; None if no keyframe of the map remains.
         """
         removed = int(self.rows_of(np.array([removed_uid]))[0])
         same = self.map_ids == self.map_ids[removed]

@@ -127,7 +127,8 @@ class KeyframeTable(SoaTable):
     def release_memory(self) -> None:
         """Let the operating system take the memory of the features of a large map.
 
-        They are read from the file again when they are used.
+        They are read from the file again when they are used. The features of a map of at most
+        1024 rows have no file and stay in memory.
         """
         for column in self._on_disk.values():
             column.release_memory()

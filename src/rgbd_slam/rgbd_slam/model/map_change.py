@@ -106,5 +106,5 @@ class Redirects:
         return redirects
 
     def find(self, uid: int) -> Redirect | None:
-        """Return the redirect of a keyframe, or None if the keyframe was not removed lately."""
+        """Return the redirect of a keyframe; None if it is not among the latest 4096 redirects."""
         return self._removed.get(uid)

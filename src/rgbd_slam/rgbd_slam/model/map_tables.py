@@ -195,7 +195,10 @@ class MapTables:
         return self.version - 1
 
     def whole(self) -> MapChange:
-        """Return the change that makes an empty atlas equal to this one."""
+        """Return the change that makes an empty atlas equal to this one.
+
+        All feature states count as sent afterwards.
+        """
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
         features = self._features_since(0)
         positions = self._positions_since(self.version)
@@ -234,7 +237,7 @@ class MapTables:
                 del self.pending[uid]
 
     def _apply_move(self, move: Move) -> BoolArray:
-        """Move keyframes with their points; return the mask of the rows of these points."""
+        """Move keyframes with their points; return the (capacity,) mask of the moved points."""
         kf, points = self.keyframes, self.points
         rows = kf.indices()
         rows = rows[np.isin(kf.uid[rows], move.uids)]
@@ -267,9 +270,10 @@ class MapTables:
         self.keyframes.is_reobserved[i, k] = True
 
     def _features_since(self, version: int) -> FeatureStates:
-        """Return the states of features that changed after the last call with this version.
+        """Return the feature states that changed after `version`, and mark them as sent.
 
-        Since version 0, these are all features that observe a point.
+        States that an earlier call returned are left out. For version 0, the states of all
+        features that observe a point are returned, and all states are marked as sent.
         """
         kf = self.keyframes
         if version == 0:

@@ -74,7 +74,7 @@ class PointCounts(NamedTuple):
 
 
 class PointTallies:
-    """Counts how often points were visible and found since the last keyframe.
+    """Counts how often points were visible and found since the last call of `take`.
 
     The memory does not grow with the number of frames.
 

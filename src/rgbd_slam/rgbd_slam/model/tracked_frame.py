@@ -52,7 +52,7 @@ def tracked_frame(
         T_map_camera: (4, 4) pose.
         points: (N,) row of the point that each feature observes, or NO_POINT.
         atlas: The map.
-        reference_uid: Uid of the keyframe, which may be pending.
+        reference_uid: Uid of the keyframe, which may be pending; its pose must be known.
     """
     T_map_reference = atlas.pose(reference_uid)
     assert T_map_reference is not None

@@ -82,8 +82,9 @@ class TrajectoryRecorder:
     def pose(self, n: int) -> FloatArray | None:
         """Return T_map_camera (4, 4) of the `n`-th frame by the current map; None if unknown.
 
-        It is unknown if the reference keyframe was removed long ago: only the latest thousand
-        removed keyframes are searched.
+        It is in the frame of the map of its reference keyframe, which need not be the main map. It
+        is unknown if the reference keyframe was removed long ago: only the latest one or two
+        thousand removed keyframes are searched.
         """
         frame = self._frames[n]
         row, T_map_reference = self._reference(frame)
@@ -92,7 +93,10 @@ class TrajectoryRecorder:
         return np.asarray(T_map_reference @ _whole(frame['T_reference_camera'][None])[0])
 
     def revise(self, n: int, T_map_camera: FloatArray) -> None:
-        """Replace the final pose of frame `n`; its online pose stays as it was published."""
+        """Replace the final pose of frame `n`; its online pose stays as it was published.
+
+        The pose must be known (see `pose`).
+        """
         frame = self._frames[n]
         _, T_map_reference = self._reference(frame)
         frame['T_reference_camera'] = (se3.inverse(T_map_reference) @ T_map_camera)[:3]
@@ -110,9 +114,9 @@ class TrajectoryRecorder:
         """Store the motion between two maps, so that the final poses include both.
 
         Args:
-            before: The last frame in the map before; nothing is stored if there is none.
-            after: The first frame of the new map.
-            T_before_after: (4, 4) measured motion between them.
+            before: The last frame in the previous map; None: nothing is stored.
+            after: The first frame of the new map; None: nothing is stored.
+            T_before_after: (4, 4) measured pose of camera `after` in the frame of camera `before`.
         """
         if before is not None and after is not None:
             T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
@@ -131,7 +135,8 @@ class TrajectoryRecorder:
         """Return the poses that follow from the current keyframe poses of the main map.
 
         Frames of other maps are left out unless links connect these maps with the main one,
-        because otherwise the poses of these maps are unknown.
+        because without a link the poses of these maps are unknown. Frames are also left out if
+        neither their reference keyframe nor an ancestor of it exists any more.
         """
         return Trajectory.joined(self.parts('final'))
 
@@ -177,7 +182,10 @@ class TrajectoryRecorder:
         return final_parts()
 
     def _reference(self, frame: np.void) -> tuple[int, FloatArray]:
-        """Return the row of a frame's reference in a snapshot, and T_map_reference (4, 4)."""
+        """Return the row of a frame's reference in a snapshot, and T_map_reference (4, 4).
+
+        If the reference is not found, they are the row `_UNKNOWN` and the identity.
+        """
         removed = _by_uid([self._removed.newest()])
         rows, poses = _PoseSnapshot(self._keyframes).of(frame['reference_uid'][None], removed)
         return int(rows[0]), poses[0]
@@ -251,9 +259,9 @@ def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 def _find(ascending: IntArray, uids: IntArray) -> IntArray:
-    """Return the index of each uid (K,) among ascending ones, or 0 if it is not among them.
+    """Return the index of each uid (K,) among ascending uids, or 0 if it is not among them.
 
-    Of equal ones, it is the last.
+    Where `ascending` has a uid several times, the last index is returned.
     """
     n = np.searchsorted(ascending, uids, side='right') - 1
     return np.where(ascending[n] == uids, n, 0)
@@ -275,7 +283,9 @@ def current_pass(poses: Trajectory) -> Trajectory:
 
 
 def main_map(keyframes: KeyframeTable) -> int:
-    """Return the id of the map with most keyframes, of equal ones the oldest.
+    """Return the id of the map with most keyframes; of equally large maps, the lowest id.
+
+    It is 0 if there are no keyframes.
 
     After a loss there may be several maps, each in a frame of its own until a recognized place
     merges them.

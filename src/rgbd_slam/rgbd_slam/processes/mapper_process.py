@@ -255,7 +255,7 @@ class MapperProcess:
         self.update()
 
     def close(self) -> None:
-        """End the process; queued keyframes are lost."""
+        """End the process; all queued requests are lost."""
         self._worker.close()
 
     def _append(self, request: Request) -> None:
@@ -290,8 +290,9 @@ class MapperProcess:
         return replace(request, reference_uid=uid, T_reference_camera=T_reference_camera)
 
     def _thin_out(self) -> None:
-        """Remove every other keyframe that has not been sent from the queue.
+        """Remove every other one of the unsent keyframes from the queue.
 
+        Poses relative to a removed keyframe become relative to its parent.
         The remaining keyframes overlap less, but still enough to be connected with each other.
         """
         waiting = list(islice(self._queue, self._num_sent, None))
@@ -372,7 +373,7 @@ class MapperProcess:
         of the failure. Exceptions are `Start` and `Load`, without which there would be no map.
 
         Raises:
-            MapperStoppedError: The process ended before it completed a single request.
+            MapperStoppedError: The process completed no request between its start and its end.
         """
         if self._num_done == 0:
             self._give_up()

@@ -37,7 +37,9 @@ class DiskArray:
         self._has_failed = False
 
     def grow(self, num_rows: int) -> None:
-        """Enlarge the array to `num_rows` rows; the new ones are zero.
+        """Enlarge the array to `num_rows` rows; the new rows are zero.
+
+        `array` is another object afterwards.
 
         If the file cannot be enlarged, a warning is logged, and the array is in memory from then
         on.
@@ -98,10 +100,10 @@ def _owner(array: Array) -> object:
 
 
 def write_at(descriptor: int, data: memoryview[Any], start: int) -> None:
-    """Write all bytes from a position of a file on.
+    """Write all bytes of `data` to an open file, beginning at byte `start` of the file.
 
     Raises:
-        OSError: They cannot be written.
+        OSError: The bytes cannot be written.
     """
     done = 0
     while done < len(data):

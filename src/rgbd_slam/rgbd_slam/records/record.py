@@ -54,7 +54,7 @@ class Record:
     def of(cls, arrays: Mapping[str, Array]) -> Self:
         """Return the record that holds arrays, given by field name.
 
-        The arrays are converted to the declared types.
+        The arrays are converted to the declared types. Arrays of other names are ignored.
         """
         return cls(
             **{

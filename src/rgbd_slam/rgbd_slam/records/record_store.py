@@ -103,6 +103,8 @@ class RecordStore:
     def blocks(self, count: int) -> Iterator[NDArray[np.void]]:
         """Yield the first `count` records in order, in blocks. Any thread may iterate over them.
 
+        A block in memory is not copied: it shows records that are replaced later.
+
         Raises:
             InputError: The file cannot be read.
         """

@@ -72,12 +72,15 @@ class SoaTable:
         return int(rows[0]) if uid != DEAD and len(rows) else None
 
     def allocate(self, count: int, version: int, first_uid: int | None = None) -> IntArray:
-        """Give uids to empty rows and return these (count,), lowest first so that runs repeat.
+        """Give uids to the lowest empty rows, and return these (count,) rows in ascending order.
+
+        The rows depend only on which rows are empty, so that runs are repeatable.
 
         Args:
             count: Number of rows.
             version: Version of the map.
-            first_uid: The uid of the first row; the others follow. None: the next unused one.
+            first_uid: The uid of the first row; the other rows get the next uids, none of which
+                may have been used. None: the next unused uid.
         """
         if count >= _MANY and self._num_alive == 0:
             rows = self._first_rows(count)
@@ -101,7 +104,7 @@ class SoaTable:
         return np.arange(count)
 
     def _lowest_free_rows(self, count: int) -> IntArray:
-        """Take the lowest empty rows, of which the table gets more if they do not suffice."""
+        """Return the `count` lowest empty rows, no longer free; enlarge a table with too few."""
         if self._free is None:
             self._free = np.flatnonzero(self.uid == DEAD).tolist()
         capacity = self.capacity

@@ -112,15 +112,17 @@ class Checkpoints:
     def has_stored(self) -> bool:
         """Wait until the checkpoint of a killed node is read; return whether there is one.
 
-        It is False as well if the checkpoint cannot be read, and after `resume` or `discard`.
+        It is False as well if the checkpoint cannot be read, after `discard`, and after a `resume`
+        that returned True.
         """
         return self._stored.result() is not None
 
     def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
-        """Load the map of a killed node into a new session; return whether it is loaded.
+        """Load the map of a killed node into a new session; return whether this has begun.
 
-        The session only localizes until `finish_resume` returns it to mapping. A checkpoint that
-        is too old or from another camera is not loaded.
+        A small map is in use when the call returns. The session only localizes until
+        `finish_resume` returns it to mapping. A checkpoint that is too old or from another camera
+        is not loaded.
 
         Args:
             session: The new session.

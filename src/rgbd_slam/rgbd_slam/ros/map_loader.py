@@ -216,7 +216,11 @@ class MapLoader:
 
 
 def _is_idle(session: SlamSession) -> bool:
-    """Return whether the mapper has no request; raise InputError if a map is being loaded."""
+    """Apply the mapper's finished changes, and return whether it has no request left.
+
+    Raises:
+        InputError: A map is being loaded.
+    """
     if session.slam.map.is_loading:
         raise InputError('another map is being loaded; try again')
     session.slam.map.update()

@@ -187,7 +187,11 @@ class MapServices:
         self._session().slam.map.mapper.settle()
 
     def _is_settled_by(self, end_s: float) -> bool:
-        """Wait until the mapper has completed all its work; return whether it has by `end_s`."""
+        """Wait until the mapper has completed all its work; return whether it has by `end_s`.
+
+        Changes that it finishes meanwhile are applied to the tracker's map. `end_s` is a time of
+        the monotonic clock.
+        """
 
         def settled() -> bool | None:
             slam_map = self._session().slam.map

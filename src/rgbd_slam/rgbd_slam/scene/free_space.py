@@ -43,8 +43,8 @@ def mark_free_space(
 ) -> None:
     """Set the bits of the height steps that new images have seen to be free.
 
-    New are the stored images with a submap in view that came since the last call, or since
-    `Submap.marked` was cleared.
+    A stored image is new for a submap if the submap was in its view, and if its slot is not in
+    `Submap.marked`. Each call adds the slots of all such images to `marked`.
 
     Args:
         submaps: The submaps of the main map.

@@ -51,7 +51,10 @@ class NavigationMasks:
     def update(
         self, tracks: tuple[TrackedObject, ...], T_map_camera: FloatArray, stamp_ns: int
     ) -> bool:
-        """Add the tracks after an image; return whether masks are due for publication.
+        """Replace the tracks by those after an image; return whether masks are to be published.
+
+        Each person who is in another cell than before, or is new, is counted as a crossing of that
+        cell. If the masks are to be published, they are due again one period later.
 
         Args:
             tracks: All confirmed tracks.
@@ -71,7 +74,11 @@ class NavigationMasks:
         return self._due.take_due(stamp_ns)
 
     def keep_out(self) -> Mask:
-        """Return the mask of the places to keep out of: CLOSED, or 0."""
+        """Return the mask of the places to keep out of: CLOSED, or 0.
+
+        Cells within `robot_radius_m` of the camera are 0. Areas more than 1000 cells from the
+        lowest x or y of all areas are left out.
+        """
         areas = [area for item in self._tracks if (area := self._area_of(item)) is not None]
         if not areas:
             return Mask(np.zeros((1, 1), np.int8), self._config.keep_out_cell_m, (0, 0))
@@ -91,7 +98,10 @@ class NavigationMasks:
         return Mask(cells, cell_m, (int(low[0]), int(low[1])))
 
     def speed(self) -> Mask:
-        """Return by how many percent to go more slowly in each cell, from the crossings."""
+        """Return by how many percent to go more slowly in each cell, from the crossings.
+
+        Cells more than 1000 cells from the lowest x or y of all crossings are left out.
+        """
         cell_m = self._config.speed_cell_m
         if not self._crossings:
             return Mask(np.zeros((1, 1), np.int8), cell_m, (0, 0))

@@ -64,8 +64,9 @@ class DepthImage:
         return float(self._in_camera(position_map_m)[2])
 
     def pixel_of(self, position_map_m: FloatArray) -> FloatArray | None:
-        """Return the pixel (2,) u, v of the full image that shows a point (3,) of the map frame.
+        """Return the pixel (2,) u, v of the full image for a point (3,) of the map frame.
 
+        The pixel may lie outside the image.
         None is returned if the point is less than 0.3 m in front of the camera, or behind it.
         """
         point = self._in_camera(position_map_m)
@@ -146,8 +147,8 @@ def measure(
         detection: The detection.
         image: The depth image.
         known_map_m: (3,) position that the object's track predicts in the map frame; None if it
-            has no track. If enough of the box is at this depth, the object is measured there;
-            otherwise it is measured at the nearest layer of depth.
+            has no track. If enough of the box is at this depth, the object is measured there. If
+            not, or without a track, it is measured at the nearest layer of depth.
         floor: The floor that people stand on; None if it is unknown.
     """
     depth, _ = image.readings(detection.box_xyxy_px, _CENTRAL_CUT)

@@ -97,7 +97,7 @@ class KalmanTrack:
     def position_at_m(self, stamp_ns: int) -> FloatArray:
         """Return the predicted position (3,) [m] in the map frame at a time.
 
-        It is the filtered position if the object is at rest. Otherwise the object moves on with a
+        It is the filtered position if the object is at rest. Any other object moves on with a
         velocity that decays with a time constant of 0.5 s while it is not detected.
         """
         if self.is_settled:

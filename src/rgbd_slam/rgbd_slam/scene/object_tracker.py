@@ -81,10 +81,10 @@ class ObjectTracker:
     def _track_in_box(
         self, detection: DynamicObject, image: DepthImage, free: list[KalmanTrack], stamp_ns: int
     ) -> KalmanTrack | None:
-        """Return the track of the detection's class that is predicted nearest to its box's center.
+        """Return the track whose predicted pixel is nearest to the center of a detection's box.
 
-        Only tracks in `free` whose predicted pixel is inside the box are considered; None is
-        returned if there is none.
+        Only tracks in `free` of the same class, whose predicted pixel is inside the box, are
+        considered; None is returned if there is none.
         """
         x1, y1, x2, y2 = detection.box_xyxy_px
         center = np.array([(x1 + x2) / 2, (y1 + y2) / 2])
@@ -201,7 +201,7 @@ class ObjectTracker:
 
 
 def _is_measured(item: DynamicObject) -> bool:
-    """Return whether the item is measured: a person, or a box that was not predicted.
+    """Return whether a detection is of a person, or its box is of this image and not predicted.
 
     A box that was predicted from older images does not show where an object is.
     """

@@ -90,7 +90,8 @@ class SceneLedger:
     def add(self, request: SceneRequest, view: DepthView) -> None:
         """Store an image, and fuse it into the dense map.
 
-        It is ignored if its keyframe has been removed since the request.
+        It is ignored if its keyframe does not exist any more. If the request has keyframe poses
+        that are not older than those of the ledger, they are applied first (`correct`).
 
         Args:
             request: Time, pose and keyframe of the image.
@@ -110,7 +111,8 @@ class SceneLedger:
 
         It is ignored if its keyframe or its file does not exist. A view without a slot (-1) gets
         the next one. A view with a slot was reported by the ledger of a process that has died: it
-        keeps its slot and is not reported again.
+        keeps its slot and is not reported again. If many images are stored near this one, the most
+        redundant of them is removed.
         """
         if view.slot >= 0:
             self._reported[view.slot] = view
@@ -139,9 +141,9 @@ class SceneLedger:
 
         Args:
             keyframes: The poses of all keyframes.
-            force: Whether to check all submaps against a ten times smaller limit, and to fuse the
-                bent ones of one map again now, as at the end of a run. It is the map of the one
-                that is nearest to the camera. Otherwise `fuse_bent` does that later.
+            force: Whether to check all submaps against a ten times smaller limit, as at the end of
+                a run, and to fuse bent submaps again now: those of one map, the map of the bent
+                submap that is nearest to the camera. False: bent submaps wait for `fuse_bent`.
 
         Returns:
             Whether there were bent submaps, which have been fused again if `force` is set.

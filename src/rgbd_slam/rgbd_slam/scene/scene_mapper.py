@@ -255,7 +255,8 @@ class SceneMapper:
     def label(self, cloud: ColoredCloud) -> CloudLabels | None:
         """Return the classes of the points of a cloud of the dense map; the floor has none.
 
-        None is returned if `object_map.label_cloud` is false, or if there is no object map.
+        None is returned if `object_map.label_cloud` is false, or if there is no object map. If no
+        floor is known, it is searched for in the cloud first.
         """
         if self._object_map is None or not self._is_labeled:
             return None
