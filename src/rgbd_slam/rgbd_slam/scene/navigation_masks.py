@@ -76,23 +76,25 @@ class NavigationMasks:
     def keep_out(self) -> Mask:
         """Return the mask of the places to keep out of: CLOSED, or 0.
 
-        Cells within `robot_radius_m` of the camera are 0. Areas more than 1000 cells from the
-        lowest x or y of all areas are left out.
+        Cells within `robot_radius_m` of the camera are 0. Areas more than 500 cells from the
+        camera in x or y are left out.
         """
+        cell_m, camera_m = self._config.keep_out_cell_m, self._camera_m[:2]
         areas = [area for item in self._tracks if (area := self._area_of(item)) is not None]
-        if not areas:
-            return Mask(np.zeros((1, 1), np.int8), self._config.keep_out_cell_m, (0, 0))
-        points_m = np.concatenate([points for points, _ in areas])
-        radii_m = np.concatenate([np.full(len(points), radius) for points, radius in areas])
-        cell_m = self._config.keep_out_cell_m
+        points_m = np.concatenate([np.empty((0, 2)), *(points for points, _ in areas)])
+        radii_m = np.repeat([radius for _, radius in areas], [len(points) for points, _ in areas])
+        is_near = np.abs(points_m - camera_m).max(axis=1) + radii_m < _MAX_SPAN_CELLS // 2 * cell_m
+        points_m, radii_m = points_m[is_near], radii_m[is_near]
+        if len(points_m) == 0:
+            return Mask(np.zeros((1, 1), np.int8), cell_m, (0, 0))
         low = np.floor((points_m - radii_m[:, None]).min(axis=0) / cell_m).astype(int)
         high = np.ceil((points_m + radii_m[:, None]).max(axis=0) / cell_m).astype(int)
-        width, height = np.clip(high - low, 1, _MAX_SPAN_CELLS)
+        width, height = high - low
         row, column = np.mgrid[:height, :width]
         centers_m = (np.stack([column, row], axis=-1) + low + 0.5) * cell_m
         gaps_m = np.linalg.norm(centers_m[:, :, None] - points_m, axis=3)  # (H, W, P)
         is_closed = (gaps_m <= radii_m).any(axis=2)
-        to_robot_m = np.linalg.norm(centers_m - self._camera_m[:2], axis=2)
+        to_robot_m = np.linalg.norm(centers_m - camera_m, axis=2)
         is_closed &= to_robot_m > self._config.robot_radius_m
         cells = np.where(is_closed, CLOSED, 0).astype(np.int8)
         return Mask(cells, cell_m, (int(low[0]), int(low[1])))
