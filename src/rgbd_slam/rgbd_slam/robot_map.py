@@ -31,10 +31,12 @@ from rgbd_slam.statistics import SlamStats
 
 
 class LoadedMap(NamedTuple):
-    """The keyframes of a saved map after it was loaded."""
+    """The keyframes after a saved map was loaded: which ones came from it, and all poses."""
 
-    keyframe_uids: IntArray  # (K,) of the saved keyframes
-    keyframes: KeyframePoses  # all keyframes of the running map now, in the map frame
+    keyframe_uids: IntArray  # (K,) new uids of the saved keyframes, in the order of the saved map
+    # All keyframes, also those of a running map that was kept. Poses of the main map are in the
+    # map frame.
+    keyframes: KeyframePoses
 
 
 class MapPoses(NamedTuple):

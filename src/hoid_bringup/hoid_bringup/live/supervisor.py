@@ -31,8 +31,8 @@ from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
-# After a signal, a node ends itself within this time. `ros2 launch` waits as long before it sends
-# SIGKILL.
+# Time for a node to end itself after SIGINT; then it gets SIGTERM, and SIGKILL a little later.
+# `ros2 launch` waits as long before it sends SIGKILL.
 _GRACE_S = 10.0
 _MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
 RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once then does not take a whole processor

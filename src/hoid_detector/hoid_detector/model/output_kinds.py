@@ -1,6 +1,7 @@
 """Kinds of network outputs, recognized by name, shape, type and values.
 
-Each function takes the lower-case name of an output and its array, as `Probe.find` passes them.
+Each function except `is_no_object_last` takes the lower-case name of an output and its array, as
+`Probe.find` passes them.
 """
 
 from __future__ import annotations
@@ -56,11 +57,14 @@ def _is_class_table(name: str, output: NDArray[Any]) -> bool:
 
 
 def is_no_object_last(logits: NDArray[Any]) -> bool:
-    """Return whether most boxes for the test image have the highest logit in the last class.
+    """Return whether a network has a softmax over its classes, with "no object" as the last one.
+
+    The test image is noise. A network with such a softmax finds "no object" in it: the last class
+    has the highest logit in most boxes. A network with a sigmoid per class has no strong class in
+    noise, even if its last class is "no object".
 
     Args:
-        logits: (1, N, C). Networks with a softmax find "no object" in noise. Those with a sigmoid
-            per class have no strong class there.
+        logits: (1, N, C) for the test image.
     """
     is_last = logits.argmax(axis=-1) == logits.shape[-1] - 1
     return 2 * int(np.count_nonzero(is_last)) > int(is_last.size)

@@ -10,9 +10,10 @@ from hoid_common.config import Config, param
 
 @dataclass(frozen=True)
 class NavigationConfig(Config):
-    """Masks that keep a robot out of the way of walking people and off the objects they handle.
+    """Parameters of the two masks for Nav2's costmap filters.
 
-    A second mask slows the robot down where people often walk.
+    The keep-out mask covers where walking people will be, and handled objects. People who stand
+    have no keep-out area. The speed mask slows the robot down where people often walk.
     """
 
     enabled: bool = param(

@@ -37,7 +37,9 @@ def local_bundle_adjustment(
 
 
 def _fixed_keyframes(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
-    """Return the rows (F,) of at most `limit` other keyframes that observe most of the points `j`.
+    """Return the rows (F,) of other keyframes that observe the points, most points first.
+
+    Keyframes that observe none of the points are left out.
 
     Args:
         atlas: The map.

@@ -96,7 +96,8 @@ class Checkpoints:
         # dense map is some images behind the map, so that the first checkpoint may lack some.
         self._is_dense_written = False
         self._lock = Lock()  # guards the folder and its writer
-        # Stamp at which the relocalization in the old map ends; None: the session is not resumed.
+        # Stamp at which a resumed session stops searching for the camera in the old map; None:
+        # there is no such search, or it has ended.
         self._search_end_ns: int | None = None
         self._stored: Future[Checkpoint | None] = Future()
         self._is_ended = Event()

@@ -163,14 +163,16 @@ class SceneLedger:
     def fuse_bent(self, region_m: float = _REGION_M) -> bool:
         """Make the voxels of bent submaps in one region again from their stored images.
 
-        The region is around the bent submap that is nearest to the camera.
+        A submap is bent if its images have moved relative to it. The region is around the bent
+        submap that is nearest to the camera, and contains submaps of the same map only.
 
         Args:
             region_m: Radius of the region [m]. Submaps near each other are made of nearly the
                 same images, so that few images are read.
 
         Returns:
-            Whether there were bent submaps.
+            False if there was no bent submap. After True, bent submaps of other regions may
+            remain.
         """
         bent = [submap for submap in self._voxels.submaps if submap.is_bent]
         if not bent:

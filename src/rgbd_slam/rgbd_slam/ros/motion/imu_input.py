@@ -30,8 +30,8 @@ _Row = tuple[int, tuple[float, float, float]]
 class ImuInput:
     """Collects the samples of an IMU between two images, and gives them to the session's `Imu`.
 
-    A driver may publish both sensors on `imu`, in turn or together, or the accelerometer on
-    `imu/accelerometer`. Without messages nothing changes.
+    A driver may publish gyro and accelerometer on `imu`, in turn or together, or the accelerometer
+    on `imu/accelerometer`. Without messages, SLAM works as without an IMU.
 
     Args:
         node: The SLAM node.

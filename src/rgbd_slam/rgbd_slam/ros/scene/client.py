@@ -258,7 +258,11 @@ class SceneClient:
         return '', send
 
     def enqueue(self, request: SceneRequest | None) -> None:
-        """Send a request for the use of an image to the scene process; None: do nothing."""
+        """Ask the scene process to use an image, unless too many requests wait.
+
+        Args:
+            request: The request; None: do nothing.
+        """
         if self._process is None or request is None:
             return
         self._process.enqueue(request)
