@@ -178,6 +178,10 @@ class EgoMotion:
     def _fit(self, points: PointObservations, mask: BoolArray, guess: FloatArray) -> FloatArray:
         """Return the robust least-squares pose of the points in an (N,) mask, from a guess."""
         k = np.flatnonzero(mask)
+        # `optimize_pose` takes the disparity noise in pixels, `score_poses` in units of
+        # `noise_px`, so that disparities weigh less here. With 0.2 px here as well, results are
+        # equal or worse (medians of 3 runs: start-people 0.0039 instead of 0.0035 m, moving-door
+        # 0.0023 instead of 0.0022 m, three sets equal).
         return optimize_pose(
             self._stereo(),
             _GATES,
