@@ -5,11 +5,13 @@ from __future__ import annotations
 from array import array
 from typing import NamedTuple
 
+import numpy as np
 from geometry_msgs.msg import Point, Pose
 from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
 from hoid_msgs.msg import TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid
+from numpy.typing import NDArray
 from people_msgs.msg import People, Person
 from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
@@ -91,18 +93,28 @@ def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
     grid, header = maps.grid, maps.grid_header
     if grid is None or header is None:
         return OccupancyGrid(header=maps.header) if maps.is_discarded else None
-    height, width = grid.cells.shape
+    origin_m = *grid.origin_m, maps.grid_height_m
+    return occupancy_to_msg(grid.cells, grid.resolution_m, origin_m, header)
+
+
+def occupancy_to_msg(
+    cells: NDArray[np.int8], cell_m: float, origin_m: tuple[float, float, float], header: Header
+) -> OccupancyGrid:
+    """Return the message of the cells (H, W) of a grid.
+
+    Args:
+        cells: The values; row 0 is at the smallest y.
+        cell_m: Width of a cell.
+        origin_m: Position of the corner of cell (0, 0) in the frame of the header.
+        header: Frame and stamp.
+    """
+    height, width = cells.shape
     origin = Pose()  # without rotation: Nav2 ignores it
-    origin.position.x, origin.position.y = grid.origin_m
-    origin.position.z = maps.grid_height_m
+    origin.position.x, origin.position.y, origin.position.z = origin_m
     info = MapMetaData(
-        map_load_time=header.stamp,
-        resolution=grid.resolution_m,
-        width=width,
-        height=height,
-        origin=origin,
+        map_load_time=header.stamp, resolution=cell_m, width=width, height=height, origin=origin
     )
-    return OccupancyGrid(header=header, info=info, data=array('b', grid.cells.tobytes()))
+    return OccupancyGrid(header=header, info=info, data=array('b', cells.tobytes()))
 
 
 def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:

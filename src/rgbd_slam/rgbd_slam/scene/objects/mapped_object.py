@@ -24,7 +24,8 @@ _PERCENTILES = (2, 98)  # of the voxels, which bound the box without outliers
 # Assumed thickness of an object whose back was never seen; its width if that is smaller (as in
 # `object_sighting`).
 _HIDDEN_M = 0.15
-# Length of the mean of the unit viewing directions from which on only one side was seen.
+# The mean of the unit viewing directions of an object is long if all are alike: from this length
+# on, only one side of the object was seen.
 _ONE_SIDED = 0.9
 # Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})

@@ -79,7 +79,7 @@ class VoxelSet:
         self._limit()
 
     def count_misses(self, rows: IntArray) -> None:
-        """Count one look that showed that the voxels `rows` (M,) do not belong to the object."""
+        """Count an image as evidence that the voxels `rows` (M,) do not belong to the object."""
         self.misses[rows] += 1
 
     def solid(self, num_looks: int, cell_m: float) -> BoolArray:

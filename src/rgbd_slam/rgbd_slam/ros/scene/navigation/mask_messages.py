@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from array import array
 from enum import IntEnum
 
-from geometry_msgs.msg import Pose
 from nav2_msgs.msg import CostmapFilterInfo
-from nav_msgs.msg import MapMetaData, OccupancyGrid
+from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Header
 
+from rgbd_slam.ros.scene.conversions import occupancy_to_msg
 from rgbd_slam.scene.navigation_masks import Mask
 
 
@@ -26,17 +25,9 @@ _BASES = {FilterType.KEEP_OUT: (0.0, 1.0), FilterType.SPEED_PERCENT: (100.0, -1.
 
 def mask_to_msg(mask: Mask, header: Header) -> OccupancyGrid:
     """Return the message of a mask, in the map frame of the header."""
-    height, width = mask.cells.shape
-    origin = Pose()
-    origin.position.x, origin.position.y = (float(i * mask.resolution_m) for i in mask.low)
-    info = MapMetaData(
-        map_load_time=header.stamp,
-        resolution=mask.resolution_m,
-        width=width,
-        height=height,
-        origin=origin,
-    )
-    return OccupancyGrid(header=header, info=info, data=array('b', mask.cells.tobytes()))
+    x, y = mask.low
+    origin_m = x * mask.resolution_m, y * mask.resolution_m, 0.0
+    return occupancy_to_msg(mask.cells, mask.resolution_m, origin_m, header)
 
 
 def filter_info_to_msg(kind: FilterType, mask_topic: str, header: Header) -> CostmapFilterInfo:
