@@ -10,7 +10,8 @@ from hoid_common.config import Config, param, section
 from hoid_common.values import PERSON
 from hoid_filter.strategy_registry import STRATEGIES
 
-# Chosen: the COCO classes that people pick up, push or carry indoors, and boxes.
+# Chosen: COCO classes of things that people pick up, push or carry indoors, without cutlery and
+# food; and the class box, which COCO does not have.
 HANDLED_CLASSES = (
     'chair', 'book', 'cup', 'bottle', 'wine glass', 'bowl', 'laptop', 'keyboard', 'mouse',
     'cell phone', 'remote', 'backpack', 'handbag', 'suitcase', 'sports ball', 'umbrella',

@@ -102,7 +102,8 @@ class RobotFrames:
         Args:
             stamp_ns: Stamp of the image.
             T_map_camera: (4, 4) pose in the core's map.
-            T_odom_camera: (4, 4) pose in the odometry frame, which corrections of the map do not
+            T_odom_camera: (4, 4) pose in the odometry frame of the core, which is not the frame
+                odom of the result (see `TrackingResult`), and which corrections of the map do not
                 change.
             covariance: (6, 6) covariance of T_map_camera, as a small motion in the camera frame,
                 rotation first [rad^2, m^2].

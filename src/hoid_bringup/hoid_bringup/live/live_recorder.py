@@ -34,11 +34,14 @@ _MAP_TIMEOUT_S = 5.0  # not tuned
 
 
 class LiveRecorder:
-    """Subscribes to the results of the nodes and stores them; `spin` receives the messages.
+    """Measures the nodes by their results; `spin` receives the messages.
+
+    Times and counts of the messages are stored in `metrics`, and the newest status in
+    `last_status`. Of the messages themselves, only the newest map points are kept.
 
     Args:
-        node: Node of this process, in the namespace of the other nodes.
-        camera_info: Topic of the camera_info messages.
+        node: Node of this process, in the namespace of the other nodes. This object spins it.
+        camera_info: Topic of the camera_info messages, which `missing` publishes as well.
     """
 
     def __init__(self, node: Node, camera_info: str = topics.CAMERA_INFO) -> None:

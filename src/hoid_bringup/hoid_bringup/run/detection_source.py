@@ -22,7 +22,8 @@ def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
 
     Depending on the configuration, they come from a detector, or are the ground-truth boxes of a
     rendered bag. The function returns None for each frame if the strategy needs no detections, and
-    for frames without ground-truth boxes in the bag.
+    for frames for which the bag has no message of ground-truth boxes. A message without boxes
+    gives empty detections.
 
     Raises:
         InputError: Ground-truth boxes are requested, and the recording has none.

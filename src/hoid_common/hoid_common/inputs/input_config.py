@@ -27,7 +27,7 @@ class InputConfig(Config):
     queue_length: int = param(
         5,
         'Number of messages of each topic that wait while the node is busy; older messages are '
-        'dropped. It does not apply to the IMU topic. Raise it when messages are lost at short '
+        'dropped. It does not apply to IMU topics. Raise it when messages are lost at short '
         'peaks of the processor load.',
         minimum=1,
         maximum=1000,
@@ -43,8 +43,8 @@ class InputConfig(Config):
     camera_frame: str = param(
         '',
         'Name of the optical frame of the camera, for drivers that publish an empty frame_id. It '
-        'has no effect on messages with a frame_id. If this parameter is empty, messages without '
-        'a frame_id are refused.',
+        'has no effect on messages with a frame_id. If this parameter is empty, color images, '
+        'camera_info and features without a frame_id are refused; depth images need none.',
         expert=True,
     )
     depth_offset_s: float = param(

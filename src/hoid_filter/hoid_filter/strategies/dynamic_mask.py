@@ -16,7 +16,8 @@ from hoid_filter.strategies.interaction import TrackSnapshot
 from hoid_filter.strategy import FilterInput
 from hoid_native import segment_objects, values_at
 
-# Chosen: within this distance the descriptor patch of a static corner shows the moving object.
+# Chosen: nearer than this, much of the descriptor patch of a static corner, whose radius is 15 px
+# in octave 0, shows the moving object.
 _MARGIN_PX = 8
 _MARGIN_KERNEL = np.ones((2 * round(_MARGIN_PX / STRIDE_PX) + 1,) * 2, np.uint8)
 # Chosen: a predicted box is enlarged by this share of its width and height to each side, because

@@ -48,8 +48,9 @@ class NavigationConfig(Config):
     )
     busy_crossings: int = param(
         5,  # chosen: a place that a family crosses five times in a session
-        'Number of times that people must have crossed a cell of speed_mask for the full speed '
-        'limit to hold there. Fewer crossings lower the limit in proportion.',
+        'Number of times that people must have crossed a cell of speed_mask for the full '
+        'reduction to navigation.busy_speed_percent to hold there. After fewer crossings, the '
+        'speed is reduced by proportionally less.',
         minimum=1,
         maximum=1000,
         expert=True,

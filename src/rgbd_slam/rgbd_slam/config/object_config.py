@@ -38,8 +38,9 @@ class ObjectTrackerConfig(Config):
     min_sightings: ClassVar[int] = 3
     # Chosen, to bound the memory: number of tracks beyond which those unseen for longest end.
     max_objects: ClassVar[int] = 200
-    # Distance from a detection to the predicted position of the nearest track beyond which the
-    # detection starts a new track; and the same distance if object and track are at rest.
+    # Not tuned: distance up to which a detection continues the nearest track of its class, from
+    # its predicted position; and the same distance if object and track are at rest. A handled
+    # object may have been carried farther (see `ObjectTracker`).
     gate_m: ClassVar[float] = 0.7
     rest_gate_m: ClassVar[float] = 0.35
     measurement_sigma_m: ClassVar[float] = 0.08  # standard deviation of a measured center

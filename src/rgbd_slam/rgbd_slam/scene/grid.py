@@ -68,7 +68,7 @@ def cells_of(
     free_above: NDArray[np.uint16],
     config: GridConfig,
 ) -> SubmapCells:
-    """Return the cells that the voxels of one submap fall into.
+    """Return the cells that the usable voxels of one submap fall into.
 
     Args:
         points_m: (N, 3) mean points of the voxels, in the level frame, with z above the floor.

@@ -14,8 +14,8 @@ from hoid_common.ros.conversions.arrays import byte_array, bytes_field, float_ar
 from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import DESCRIPTOR_BYTES, Features, FeatureVerdicts
 
-# A message with more features is refused. Chosen: three times the maximum of the filter's
-# parameter extraction.num_features.
+# A FeatureVerdicts message with more elements is refused. Chosen: over three times the maximum of
+# the filter's parameter extraction.num_features.
 _MAX_FEATURES = 65_536
 
 

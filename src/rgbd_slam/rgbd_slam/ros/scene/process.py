@@ -117,7 +117,9 @@ class SceneProcess:
     ) -> None:
         """Send a message that changes the scene.
 
-        If the process dies, the process that replaces it is brought to the same state.
+        If the process dies, the process that replaces it is sent the parameters, keyframes, images
+        and saved maps again. Tracks are lost, and so are changes of the object map since it was
+        last loaded or saved. A process that keeps ending soon after its start is not replaced.
         """
         with self._lock:
             match message:

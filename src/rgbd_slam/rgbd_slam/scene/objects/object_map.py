@@ -96,7 +96,10 @@ class ObjectMap:
         )
 
     def label(self, points_map_m: Float32Array) -> CloudLabels:
-        """Return the classes of points (N, 3) of the dense map, by the objects at their places."""
+        """Return the classes of points (N, 3) of the dense map, in the map frame.
+
+        Only confirmed objects of the main map that are at rest give points a class.
+        """
         present = [item for item in self._shown() if item.is_present]
         return self._labeler.label(points_map_m, present)
 
