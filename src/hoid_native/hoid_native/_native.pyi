@@ -187,6 +187,16 @@ class ObservationGraph:
                 sorted by the order of the keyframes in this list. None: all keyframes, sorted by row.
         """
 
+    def observations_by_point(
+        self, j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)]
+    ) -> hoid_native.results.Observations:
+        """
+        Return the observations of some points, sorted by point, keyframe and feature.
+
+        Args:
+            j: (P,) rows of points.
+        """
+
     def connect(
         self, i: int, j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)]
     ) -> None:

@@ -49,6 +49,10 @@ def test_observations_and_shared_points_are_those_of_the_table(table: NDArray[np
     i, k = np.nonzero(np.isin(table, j))
     np.testing.assert_array_equal(np.stack(found), np.stack([i, k, table[i, k]]))
 
+    by_point = graph.observations_by_point(j[::-1])
+    of = np.lexsort((k, i, table[i, k]))
+    np.testing.assert_array_equal(np.stack(by_point), np.stack([i, k, table[i, k]])[:, of])
+
     order = _rows(4, 1, 3)
     found = graph.observations(j, order)
     n, k = np.nonzero(np.isin(table[order], j))

@@ -49,6 +49,12 @@ void unobserve(ObservationGraph& self, const Rows& i, const Rows& k, const Rows&
   self.unobserve(i.data(), k.data(), j.data(), i.size());
 }
 
+Observations as_result(graph::Observations&& found)
+{
+  return make<Observations>(
+    give(std::move(found.i)), give(std::move(found.k)), give(std::move(found.j)));
+}
+
 Observations observations(
   const ObservationGraph& self, const Rows& j, const std::optional<Rows>& keyframes)
 {
@@ -56,13 +62,18 @@ Observations observations(
   if (keyframes) {
     require_rows("keyframes", *keyframes);
   }
-  auto found = unlocked([&] {
+  return as_result(unlocked([&] {
     return keyframes ? self.observations_by(
                          j.data(), j.size(), keyframes->data(), keyframes->size())
                      : self.observations(j.data(), j.size());
-  });
-  return make<Observations>(
-    give(std::move(found.i)), give(std::move(found.k)), give(std::move(found.j)));
+  }));
+}
+
+Observations observations_by_point(const ObservationGraph& self, const Rows& j)
+{
+  require_rows("j", j);
+  return as_result(
+    unlocked([&] { return self.observations_by_point(j.data(), j.size()); }));
 }
 
 void connect(ObservationGraph& self, int64_t i, const Rows& j)
@@ -186,6 +197,12 @@ Args:
     j: (P,) rows of points.
     keyframes: (K,) rows of the keyframes whose observations are returned; the observations are
         sorted by the order of the keyframes in this list. None: all keyframes, sorted by row.)")
+    .def(
+      "observations_by_point", &observations_by_point, "j"_a, R"(
+Return the observations of some points, sorted by point, keyframe and feature.
+
+Args:
+    j: (P,) rows of points.)")
     .def(
       "connect", &connect, "i"_a, "j"_a, R"(
 Count again how many points a keyframe shares with each other keyframe, and store the numbers.

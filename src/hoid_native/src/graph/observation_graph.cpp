@@ -38,6 +38,20 @@ int32_t find(const std::vector<int32_t>& position, int32_t keyframe)
   return keyframe < static_cast<int64_t>(position.size()) ? position[keyframe] : kNone;
 }
 
+// Return the sort key of an observation: by keyframe, then by feature.
+uint64_t key_of(int64_t keyframe, int64_t feature)
+{
+  return static_cast<uint64_t>(keyframe) << 32 | static_cast<uint64_t>(feature);
+}
+
+// Append the observation of point j by keyframe i, in the feature that a sort key holds.
+void append(Observations& out, int64_t i, uint64_t key, int64_t j)
+{
+  out.i.push_back(i);
+  out.k.push_back(static_cast<int64_t>(key & 0xFFFFFFFF));
+  out.j.push_back(j);
+}
+
 // Return observations, given as pairs (key, point), in the order of their keys. A key holds a
 // keyframe and a feature; if `rows` is given, the keyframe is a position in this list.
 Observations sorted(
@@ -51,17 +65,9 @@ Observations sorted(
   }
   for (const auto& [key, j] : keyed) {
     const auto at = static_cast<int64_t>(key >> 32);
-    out.i.push_back(rows ? rows[at] : at);
-    out.k.push_back(static_cast<int64_t>(key & 0xFFFFFFFF));
-    out.j.push_back(j);
+    append(out, rows ? rows[at] : at, key, j);
   }
   return out;
-}
-
-// Return the sort key of an observation: by keyframe, then by feature.
-uint64_t key_of(int64_t keyframe, int64_t feature)
-{
-  return static_cast<uint64_t>(keyframe) << 32 | static_cast<uint64_t>(feature);
 }
 
 // Return the distance [m] between keyframes a and b, plus m_per_rad for each radian of rotation.
@@ -136,6 +142,26 @@ Observations ObservationGraph::observations(const int64_t* j, int count) const
     keyed.emplace_back(key_of(observer.keyframe, observer.feature), point);
   });
   return sorted(std::move(keyed));
+}
+
+Observations ObservationGraph::observations_by_point(const int64_t* j, int count) const
+{
+  std::vector<int64_t> points(j, j + count);
+  std::sort(points.begin(), points.end());
+  points.erase(std::unique(points.begin(), points.end()), points.end());
+  Observations out;
+  std::vector<uint64_t> keys;
+  for (const int64_t point : points) {
+    keys.clear();
+    visit(&point, 1, [&](const Observer& observer, int64_t) {
+      keys.push_back(key_of(observer.keyframe, observer.feature));
+    });
+    std::sort(keys.begin(), keys.end());
+    for (const uint64_t key : keys) {
+      append(out, static_cast<int64_t>(key >> 32), key, point);
+    }
+  }
+  return out;
 }
 
 Observations ObservationGraph::observations_by(

@@ -58,6 +58,9 @@ public:
   // Return the observations of points j, sorted by keyframe and feature.
   Observations observations(const int64_t* j, int count) const;
 
+  // Return the observations of points j, sorted by point, keyframe and feature.
+  Observations observations_by_point(const int64_t* j, int count) const;
+
   // Return the observations of points j by the given keyframes, in the order of these keyframes,
   // then sorted by feature.
   Observations observations_by(

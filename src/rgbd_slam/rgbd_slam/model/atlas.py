@@ -253,7 +253,7 @@ class Atlas(MapTables):
         Rows of removed points are skipped.
         """
         points = self.points
-        seen = self.observations_of(j[points.uid[j] != DEAD])
+        seen = self.observations_by_point(j[points.uid[j] != DEAD])
         if len(seen.j) == 0:
             return
         new = point_statistics(self.keyframes, points, seen, self.octave_scale)

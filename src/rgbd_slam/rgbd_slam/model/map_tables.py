@@ -92,6 +92,10 @@ class MapTables:
         """
         return self._graph.observations(j, keyframes)
 
+    def observations_by_point(self, j: IntArray) -> Observations:
+        """Return the observations of points `j` (P,), sorted by point, keyframe and feature."""
+        return self._graph.observations_by_point(j)
+
     def path_length_m(self, start: int, goal: int, min_shared: int, m_per_rad: float) -> float:
         """Return the length [m] of the shortest path between two keyframes; inf if there is none.
 

@@ -36,11 +36,10 @@ def point_statistics(
     Args:
         keyframes: The keyframes.
         points: The points.
-        seen: All observations of the points, at least one of each.
+        seen: All observations of the points, at least one of each, sorted by point and keyframe.
         octave_scale: Scales of the octaves.
     """
-    order = np.argsort(seen.j, kind='stable')
-    i, k, of = seen.i[order], seen.k[order], seen.j[order]
+    i, k, of = seen
     ray = points.position_m.take(of, 0) - keyframes.T_map_camera[i, :3, 3]
     distance = np.linalg.norm(ray, axis=1)
     ray /= distance[:, None]

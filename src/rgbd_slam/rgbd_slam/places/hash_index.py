@@ -27,6 +27,7 @@ _HASH_SEED = 12345  # chosen: the bits of the keys are the same in all runs
 _MERGE_SHARE = 1 / 16
 _ROW_BITS = np.uint64(32)
 _ROW_MASK = np.uint64(0xFFFFFFFF)
+_FLOAT32_BITS = 24  # longest keys that single precision, whose products are faster, holds exactly
 _BLOCK = 256  # chosen: number of descriptors whose unpacked bits fit into the cache
 
 KeyArray = NDArray[np.uint64]
@@ -48,7 +49,8 @@ class HashIndex:
         rng = np.random.default_rng(_HASH_SEED)
         orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
         # (256, T) value of each descriptor bit in the key of each table
-        self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables))
+        number = np.float32 if config.key_bits <= _FLOAT32_BITS else np.float64
+        self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables), number)
         for t, order in enumerate(orders):
             self._weights[order[: config.key_bits], t] = 2.0 ** np.arange(config.key_bits)
         self._members: IntArray = np.empty(0, np.int64)  # (K,) uids, ascending
@@ -125,9 +127,10 @@ class HashIndex:
         keys = np.empty((self._config.num_tables, len(descriptors)), np.uint64)
         for start in range(0, len(descriptors), _BLOCK):
             part = slice(start, start + _BLOCK)
-            bits = np.unpackbits(descriptors[part], axis=1).astype(np.float64)
+            bits = np.unpackbits(descriptors[part], axis=1).astype(self._weights.dtype)
             keys[:, part] = (bits @ self._weights).T
-        return keys << _ROW_BITS
+        keys <<= _ROW_BITS
+        return keys
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
         """Return all pairs of a descriptor and a pool row of a segment that have the same key.
@@ -161,17 +164,20 @@ class HashIndex:
         new = np.concatenate([descriptors for _, descriptors in self._pending])
         first, end = self._num_rows, self._num_rows + len(new)
         if end > len(self._pool):
-            more = max(end, 2 * len(self._pool)) - len(self._pool)
-            self._pool = np.pad(self._pool, ((0, more), (0, 0)))
-            self._uid = np.pad(self._uid, (0, more), constant_values=_REMOVED)
+            more = max(end, 2 * len(self._pool)) - first
+            unused = np.empty((more, DESCRIPTOR_BYTES), np.uint8)
+            self._pool = np.concatenate([self._pool[:first], unused])
+            self._uid = np.concatenate([self._uid[:first], np.full(more, _REMOVED)])
         self._pool[first:end] = new
         for uid, descriptors in self._pending:
             self._rows[uid] = slice(self._num_rows, self._num_rows + len(descriptors))
             self._uid[self._rows[uid]] = uid
             self._num_rows += len(descriptors)
         self._pending = []
-        rows = np.arange(first, end, dtype=np.uint64)
-        self._segments.append(np.sort(self._keys(new) | rows, axis=1))
+        segment = self._keys(new)
+        segment |= np.arange(first, end, dtype=np.uint64)
+        segment.sort(axis=1)
+        self._segments.append(segment)
         while len(self._segments) > 1 and self._is_large(-1):
             small, large = self._segments.pop(), self._segments.pop()
             self._segments.append(self._merged(large, small))
