@@ -42,7 +42,7 @@ class Command:
     help: str  # what the command does, in a few words
     # Whether the command handles images in real time, and would miss some if it waited until its
     # stdout or stderr is read (a full pipe, a stopped terminal). Its output is then relayed by
-    # another process.
+    # another process; output to a terminal is relayed for `nodes` only.
     is_live: bool = False
 
 
@@ -79,11 +79,14 @@ COMMANDS = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status.
 
-    The status is 0 after success, or if the reader of stdout has ended; 1 after an error, which is
-    printed in one line; and 130 after an interrupt. Wrong usage ends the process with status 2.
+    The status is 0 after success, or if the reader of stdout has ended; 1 after a HoidError or an
+    OSError, which is printed in one line; and 130 after an interrupt.
 
     Args:
         argv: Arguments; by default those of the process.
+
+    Raises:
+        SystemExit: The usage is wrong (status 2), or help was requested (status 0).
     """
     for variable in _THREAD_VARIABLES:  # the matrices are small, so threads only cost time
         os.environ.setdefault(variable, '1')
@@ -144,7 +147,8 @@ def _check_names(args: argparse.Namespace) -> None:
 def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
     """Yield a line of warning for each hidden folder that a killed command has left behind.
 
-    The folders that the arguments name and the parents of all paths in the arguments are searched.
+    The folders that the arguments name are searched, and the parents of paths in the arguments.
+    Lists of paths are not considered. A folder that an argument names itself is no warning.
     """
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
     for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
@@ -161,6 +165,9 @@ def argument_parser(chosen: str) -> argparse.ArgumentParser:
     Args:
         chosen: Command whose arguments are declared as well, for which its module is imported; an
             empty text for none.
+
+    Raises:
+        InputError: A Python package that the chosen command needs is missing.
     """
     parser = argparse.ArgumentParser(prog='hoid', description='RGB-D SLAM among moving people.')
     parser.add_argument(

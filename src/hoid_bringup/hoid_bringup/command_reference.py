@@ -30,7 +30,7 @@ def command_reference() -> str:
 
 
 def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield the table row of each argument."""
+    """Yield the table row of each argument that is not hidden from the help."""
     for action in parser._actions:  # noqa: SLF001 - argparse has no public list of arguments
         if action.help != argparse.SUPPRESS:
             text = (action.help or '') % {**vars(action), 'prog': parser.prog}

@@ -111,7 +111,7 @@ def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
 def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:
     """Return the configuration with the roll of the mounted camera as `detector.camera_roll_deg`.
 
-    The detector then gets upright images.
+    The detector then gets images that are upright to the nearest quarter turn.
 
     Args:
         config: The configuration. It is returned unchanged if it sets this parameter already.
@@ -150,7 +150,7 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def replay_command(args: argparse.Namespace) -> None:
-    """Play a recording to the live nodes, write the results and print a report.
+    """Start the nodes, play a recording to them, write the results and print a report.
 
     A TUM folder is first converted to a temporary bag.
 

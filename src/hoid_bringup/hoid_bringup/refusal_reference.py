@@ -93,6 +93,8 @@ def refusal_reference(root: Path) -> str:
 def refusals(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield the text, in Markdown, and the kind of each refusal and warning of a package.
 
+    Texts of fewer than three words are left out.
+
     Args:
         folder: Folder of the package's modules.
     """
@@ -135,7 +137,7 @@ def _tree(path: Path) -> ast.Module:
 
 
 def _calls(path: Path) -> Iterator[tuple[ast.Call, ast.AST]]:
-    """Yield all calls in a module, each with the innermost function around it."""
+    """Yield all calls in a module, each with the innermost function around it, or the module."""
     waiting: list[tuple[ast.AST, ast.AST]] = [(_tree(path), _tree(path))]
     for node, function in waiting:
         inner = node if isinstance(node, ast.FunctionDef) else function

@@ -33,6 +33,9 @@ def plot_run(
         estimate: All poses of the run in the map frame (z up); used if `aligned` is None.
         aligned: The poses aligned to the ground truth; None: there is no ground truth.
         title: Title of the plot.
+
+    Raises:
+        OSError: The file cannot be written.
     """
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
     FigureCanvasAgg(figure)

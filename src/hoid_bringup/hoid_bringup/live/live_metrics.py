@@ -40,7 +40,8 @@ class LiveMetrics:
     def latency_ms(self) -> list[float]:
         """Return the times [ms] from the publication of an image to the arrival of its odometry.
 
-        They are sorted by stamp. Images without odometry are left out.
+        They are sorted by stamp. Images without odometry or without a time of publication are left
+        out.
         """
         return [
             (at_ns - self.published_ns[stamp_ns]) * _MS_PER_NS

@@ -44,7 +44,7 @@ def add_save_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def save_map_command(args: argparse.Namespace) -> None:
-    """Have the running SLAM node save its map, and print the path of the file.
+    """Have the running SLAM node save its map, and print its response with the path of the file.
 
     Raises:
         InputError: The node is not found in time, does not respond, or cannot save the map.
@@ -64,7 +64,7 @@ def add_load_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load_map_command(args: argparse.Namespace) -> None:
-    """Have the running SLAM node load a saved map.
+    """Have the running SLAM node load a saved map, and print its response.
 
     Raises:
         InputError: The node is not found in time, does not respond, or cannot load the map.
@@ -83,7 +83,7 @@ def add_set_mode_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def set_mode_command(args: argparse.Namespace) -> None:
-    """Switch the running SLAM node to mapping or to localization.
+    """Switch the running SLAM node to mapping or to localization, and print its response.
 
     Raises:
         InputError: The node is not found in time, does not respond, or cannot switch.
@@ -99,8 +99,11 @@ def add_status_arguments(parser: argparse.ArgumentParser) -> None:
 def status_command(args: argparse.Namespace) -> None:
     """Print the state of the running SLAM node, the rate of its images and the size of its map.
 
+    The rate is measured for two seconds after the first status.
+
     Raises:
         InputError: No status arrives within the time of `--wait`.
+        MessageError: The status has a state or mode that is unknown here.
     """
     received: list[SlamStatusMsg] = []
     with ros_session('hoid_status', args.namespace) as node:

@@ -48,7 +48,8 @@ def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
     """Return the command lines of the nodes.
 
     They contain the values of `parameters` and not the name of a temporary file with them, so that
-    a node can be restarted even if temporary files were removed.
+    a node can be restarted even if temporary files were removed. If a parameter for experts is
+    among them, the parameters for experts of its node are switched on.
 
     Args:
         options: The nodes and their options. `parameters` take precedence over `params_file`.

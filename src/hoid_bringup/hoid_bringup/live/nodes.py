@@ -179,7 +179,8 @@ def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the parameters of `--set` by node and name.
 
     Raises:
-        ConfigError: A text is not NAME=VALUE, a name is unknown or a value is out of range.
+        ConfigError: A text is not NAME=VALUE, a name is unknown or ambiguous, or a value is
+            invalid.
     """
     values = assignments(texts)
     return RunConfig().updated(values).named(values)
@@ -193,6 +194,7 @@ def without_detector(options: NodeOptions) -> NodeOptions:
     the detector is left out, the strategy is `motion`, and a note is printed to stderr.
 
     Raises:
+        ConfigError: The parameter file cannot be used.
         ModelError: The environment variable HOID_MODEL names a model that does not exist, or a
             downloaded model has another digest than expected.
     """

@@ -40,14 +40,15 @@ def replay(
     recording: Path | None = None,
     show_progress: bool = True,
 ) -> Summary:
-    """Play a bag to the live nodes and write the results.
+    """Start the nodes, play a bag to them, and write the results.
 
     Args:
         bag: The recording.
         config: Rate, and parameters of all stages.
-        out_dir: Folder for the results, and for the log files of the processes in `logs`.
-        options: Options to write into the summary, beside rate and lockstep; None: strategy, seed
-            and all changed parameters.
+        out_dir: Folder for the results, and for the log files of the processes in `logs`, whose
+            content is deleted first.
+        options: Options to write into the summary, beside rate and lockstep; None or empty:
+            strategy, seed and all changed parameters.
         recording: Path of the recording to write into the summary, if the bag was converted from
             another one; None: the path of the bag.
         show_progress: Whether to draw a progress bar on stderr.
@@ -130,12 +131,12 @@ class _LiveRun:
         *,
         show_progress: bool,
     ) -> None:
-        """Record until the bag has been played and the nodes have processed all images.
+        """Record until the bag has been played and no further image is processed for 2 s.
 
-        The processor time of the nodes and the player is measured meanwhile.
+        The processor time of the nodes and the player is measured while the bag is played.
 
         Raises:
-            InputError: A node ended, or the player ended with an error.
+            InputError: A node ended, or the player of an undamaged bag ended with an error.
         """
         metrics = recorder.metrics
         start_s, cpu_before_s = time.monotonic(), nodes.cpu_s()
@@ -161,7 +162,7 @@ class _LiveRun:
             bar.update(num_processed - bar.n)
 
     def _raise_for(self, exits: list[ProcessExit]) -> None:
-        """Raise InputError with the last log line of the first process that has ended."""
+        """Raise InputError with the last log line of the first process in `exits`, if any."""
         for ended in exits:
             raise InputError(f'{ended}: {_last_line(self._log_dir / f"{ended.name}.log")}')
 
@@ -211,7 +212,7 @@ class _LiveRun:
 
 
 def _last_line(log: Path) -> str:
-    """Return the last line of a log file, which is the error message of the process.
+    """Return the last line of a log file, the error message of the process, without "error: ".
 
     If the file is empty or cannot be read, a text says that it is empty.
     """

@@ -77,7 +77,8 @@ class BagNames:
         """Return the topics of a bag to which the nodes subscribe.
 
         Raises:
-            InputError: The bag lacks a topic that the nodes need.
+            InputError: The bag has no camera_info, or the name of an image topic does not show
+                whether its images are compressed.
         """
         found = bag.topics
         if found.camera_info is None:
@@ -110,7 +111,8 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         folder: Map directory of the SLAM node, in which it saves files.
 
     Raises:
-        InputError: The bag lacks a topic that the nodes need, or the ground-truth boxes.
+        InputError: The bag lacks ground-truth boxes that are to be used, or its topics cannot be
+            used (see `BagNames.of`).
     """
     names = BagNames.of(bag)
     remappings = [
@@ -151,9 +153,10 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     """Return the command line of the process that plays the bag.
 
-    The process begins to play when all nodes that need color images have subscribed. Only topics
-    that the nodes need are played: an unused IMU with a thousand messages per second would take
-    processor time from all nodes (decision 018).
+    The process begins to play when all nodes that need color images have subscribed, and ends with
+    an error if they have not within 30 s. Only topics that the nodes need are played: an unused
+    IMU with a thousand messages per second would take processor time from all nodes (decision
+    018).
     """
     color = bag.topics.color.name.lstrip('/')
     run, found = config.run, bag.topics

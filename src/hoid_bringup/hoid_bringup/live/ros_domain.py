@@ -13,8 +13,8 @@ from hoid_common.errors import ConfigError
 VARIABLE = 'ROS_DOMAIN_ID'
 _FIRST, _COUNT = 1, 100  # ROS 2's documentation recommends domains up to 101
 _STRIDE = 37  # chosen: processes with successive ids then try domains that are far apart first
-# This process uses no domain twice, because participants of an earlier replay may still be known
-# there for a while.
+# This process uses a domain again only after all others, because participants of an earlier replay
+# may still be known there for a while.
 _USED = itertools.count()
 _PORT_BASE = 32768  # a bound port marks a domain as taken, as in ROS's domain_coordinator
 

@@ -77,7 +77,7 @@ class Supervisor:
     """Context manager that starts child processes and ends them at the end of the block.
 
     Call `poll` regularly: it finds children that have ended, restarts them if this is configured,
-    and measures memory.
+    and measures memory. Entering the block raises InputError if the log folder cannot be written.
 
     Args:
         specs: The child processes.
@@ -134,7 +134,7 @@ class Supervisor:
         return dict(self._peak_rss_mb)
 
     def cpu_s(self) -> dict[str, float]:
-        """Return the processor time [s] by running child, including its descendants."""
+        """Return the processor time [s] by running child, including its running descendants."""
         return {name: sum(_of_family(pid, _cpu_s)) for name, pid in self.pids.items()}
 
     def poll(self) -> list[ProcessExit]:
@@ -160,6 +160,8 @@ class Supervisor:
 
     def stop(self, grace_s: float = _GRACE_S, *, after_failure: bool = False) -> None:
         """End all children by SIGINT, then SIGTERM, then SIGKILL, and wait until they have ended.
+
+        Restarts that were due are cancelled.
 
         Args:
             grace_s: Longest time between SIGINT and SIGTERM; SIGKILL follows after a quarter of

@@ -54,7 +54,9 @@ def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def objects_command(args: argparse.Namespace) -> None:
-    """List the objects of a saved map.
+    """List the objects of a saved map that the options select, and write them to a file if given.
+
+    Of several maps in the file, only the one with most keyframes counts.
 
     Raises:
         InputError: The map has no object map, the point or the radius is invalid, or the YAML file

@@ -117,7 +117,8 @@ class OfflinePipeline:
         The folder of the file is created if it is missing.
 
         Raises:
-            HoidError: The file cannot be written.
+            HoidError: There is no map, or the file cannot be written.
+            OSError: The folder cannot be created.
         """
         content = self._session.robot_map.export()
         keyframes = self._session.robot_map.keyframes()

@@ -82,7 +82,7 @@ def recording(args: argparse.Namespace) -> Sequence:
 
 
 def _max_gap_ns(args: argparse.Namespace) -> int:
-    """Return the largest difference [ns] of the stamps of a color image and its depth image.
+    """Return the limit [ns]: stamps of a color image and its depth image differ by less.
 
     It is `filter.sync_slop_s` if the options change it, or else that of TUM's association tool.
     """

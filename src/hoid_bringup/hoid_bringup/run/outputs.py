@@ -57,8 +57,8 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
 def num_frames_of_run(trajectory: Path) -> int | None:
     """Return `frames_total` from the summary of the run that wrote a trajectory.
 
-    None is returned if the file does not have the name of a run's trajectory, or if there is no
-    valid summary beside it.
+    None is returned if the file is not called `trajectory.txt` or `trajectory_online.txt`, or if
+    there is no valid summary beside it.
     """
     path = trajectory.parent / SUMMARY
     if trajectory.name not in (FINAL, ONLINE) or not path.is_file():
@@ -89,7 +89,11 @@ def staged(out_dir: Path) -> Iterator[Path]:
 
 
 def write_ply(path: Path, points_m: FloatArray) -> None:
-    """Write (N, 3) points in m as a binary little-endian PLY file of float32."""
+    """Write (N, 3) points in m as a binary little-endian PLY file of float32.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
     header = (
         f'ply\nformat binary_little_endian 1.0\nelement vertex {len(points_m)}\n'
         'property float x\nproperty float y\nproperty float z\nend_header\n'

@@ -34,7 +34,7 @@ class Provenance:
     """Provenance of a result: command, version of the code, machine and detector."""
 
     command: str  # command line, quoted for a shell
-    commit: str  # commit of the source tree, with "-dirty" if files differ; empty outside a clone
+    commit: str  # commit of the source tree, as the function `commit` returns it
     machine: str  # processor, number of cores, memory and operating system
     detector: DetectorFile | None  # None: no detector was used, or its file is not found
 

@@ -124,8 +124,8 @@ class RunConfig(Config):
 def _with_octaves_of(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:
     """Return the camera of SLAM with the octaves of the extracted features.
 
-    A number or scale of octaves that is not at its default is kept. The number never becomes
-    smaller than its default.
+    A number or scale of octaves that is not at its default is kept. An adapted number is not
+    smaller than the default.
 
     Raises:
         ConfigError: SLAM has fewer octaves than the features, or another scale.

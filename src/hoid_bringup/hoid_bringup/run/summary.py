@@ -59,7 +59,7 @@ class MapCounts:
 
     keyframes: int = 0  # in the main map
     map_points: int = 0  # in the main map
-    maps: int = 0  # that are not merged
+    maps: int = 0  # number of maps, the main map included; more than 1: they are not merged
     loops: int = 0  # closed during the run
     merges: int = 0  # of two maps, during the run
     relocalizations: int = 0  # during the run

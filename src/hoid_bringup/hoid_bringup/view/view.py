@@ -113,6 +113,9 @@ def _open(path: Path) -> None:
     """Show a file in the viewer, and wait until its window is closed.
 
     The viewer accepts connections from this computer only.
+
+    Raises:
+        InputError: The viewer fails.
     """
     command = [sys.executable, '-m', 'rerun', '--bind', '127.0.0.1', '--port', 'auto', str(path)]
     status = subprocess.run(command, check=False).returncode

@@ -103,7 +103,7 @@ class ViewLog:
         self._stream.log(entity, points, static=True)
 
     def path(self, entity: str, trajectory: Trajectory) -> None:
-        """Log a trajectory in the map frame as a line with gaps where poses are missing.
+        """Log a trajectory in the map frame as a line, with gaps where poses miss for over 0.5 s.
 
         Args:
             entity: ESTIMATED_PATH or TRUE_PATH.

@@ -39,8 +39,8 @@ def log_images(
         log: The log to write to.
         sequence: The recording.
         config: Parameters of detector and filter.
-        poses: Camera poses. Each image gets the pose nearest in time, within 0.02 s. None: the
-            images have no poses.
+        poses: Camera poses. Each image gets the pose nearest in time, or none if no pose is within
+            0.02 s. None: the images have no poses.
 
     Raises:
         HoidError: An image or the detector model is invalid.

@@ -1,8 +1,9 @@
 """A saved map that is being loaded: the mapper and the tracker's process restore it in parallel.
 
 The mapper restores the map in its process, and another thread restores it in a separate atlas for
-the tracker, from the same file in shared memory. Both calculate the same, so that neither has to
-send its result to the other. The tracker then exchanges its map for the new one at once.
+the tracker, from the same temporary file, which both processes map into memory. Both calculate the
+same, so that neither has to send its result to the other. The tracker then exchanges its map for
+the new one at once.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from rgbd_slam.records.shared_record import SharedRecord
 class MapLoading:
     """A saved map that replaces the running one.
 
-    Any thread may make this object and call `restore`. Afterwards `atlas` is the restored map for
-    the tracker; it is None before that, and if `restore` has failed.
+    Any thread may make this object and call `restore`. Afterwards `atlas` is the restored map,
+    until the tracker exchanges its contents for those of the running map. It is None before
+    `restore` has ended, and if `restore` has failed.
 
     Args:
         state: The saved map.

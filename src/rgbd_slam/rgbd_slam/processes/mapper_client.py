@@ -25,18 +25,24 @@ class MapperClient(Protocol):
 
     @property
     def queue_length(self) -> int:
-        """Return the number of requests that the mapper has not completed yet."""
+        """Return the number of requests that are not known to be completed.
+
+        Calls of `update` receive the reports of completed requests.
+        """
 
     @property
     def waiting_s(self) -> float:
-        """Return the time [s] that the mapper has been working on its present request.
+        """Return the time [s] since the mapper began the oldest request of `queue_length`.
 
-        It is 0 if the mapper has nothing to do.
+        It is 0 if there is no such request.
         """
 
     @property
     def is_settled(self) -> bool:
-        """Return whether the map will stay as it is until the next request."""
+        """Return whether no request is left and no global adjustment is running.
+
+        The map then stays as it is until the next request, unless `is_loading` is True.
+        """
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> object:
         """Request the first keyframe of a new map, with the pose T_map_camera (4, 4).
@@ -47,11 +53,15 @@ class MapperClient(Protocol):
     def insert(self, request: KeyframeRequest) -> object:
         """Request the insertion of a keyframe.
 
-        The keyframe is in the `pending` of the tracker's map until the mapper has inserted it.
+        The keyframe is in the `pending` of the tracker's map until the mapper has inserted it, or
+        until it is dropped: because too many requests wait, or because the mapper could not insert
+        it. Poses relative to a dropped keyframe become relative to its reference keyframe.
         """
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
         """Request to remove the observations of a keyframe's features that are dynamic.
+
+        Verdicts on an image that is no keyframe have no effect.
 
         Args:
             verdicts: Which features of the keyframe with this stamp turned out to be dynamic.
@@ -66,7 +76,8 @@ class MapperClient(Protocol):
             keep: True: keep the running map beside it. False: discard the running map.
 
         Raises:
-            MapperStoppedError: The process of the mapper does not respond.
+            MapperStoppedError: The process of the mapper takes too long, or cannot be kept
+                running.
         """
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
@@ -85,17 +96,29 @@ class MapperClient(Protocol):
         """Return whether `begin_load` was called and has not replaced the tracker's map yet."""
 
     def update(self) -> None:
-        """Apply the changes that the mapper has finished to the tracker's map, without waiting."""
+        """Apply the changes that the mapper has finished to the tracker's map, without waiting.
+
+        Raises:
+            MapperStoppedError: The process of the mapper cannot be kept running, or the map that
+                was being loaded could not be restored.
+        """
 
     def settle(self) -> None:
         """Request a final global adjustment; poll `is_settled` for its end.
 
-        It repeats the last global adjustment if keyframes have been added to the map since then;
-        see `LoopCloser.settle`.
+        It repeats the last global adjustment if keyframes have been added to its map since then,
+        and if no adjustment is running; see `LoopCloser.settle`.
         """
 
     def finish(self) -> None:
-        """Do the same as `settle`, then wait until all requests and the adjustment have ended."""
+        """Wait for the end of all requests, and of a final global adjustment as in `settle`.
+
+        A mapper in a separate process waits for the adjustment up to a time limit only.
+
+        Raises:
+            MapperStoppedError: The process of the mapper takes too long, or cannot be kept
+                running.
+        """
 
     def close(self) -> None:
         """Stop background work; the tracker's map stays readable.

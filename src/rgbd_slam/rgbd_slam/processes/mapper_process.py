@@ -1,9 +1,10 @@
-"""The mapper in a separate process: tracking never waits for it, and no lock is shared.
+"""The mapper in a separate process: tracking does not wait for keyframes, and shares no lock.
 
 The reason is GTSAM, which holds Python's interpreter lock for 100 to 250 ms (decision 020). The
 mapping process owns the map. The tracker sends it keyframes, receives the rows that changed, and
 applies these to its own copy between two frames. That copy is complete: when the process dies, a
-new one continues with it, and only the keyframe that it was working on is lost.
+new one continues with it. The request that the process was working on is lost unless it begins or
+loads a map, and so are a running global adjustment and the constraints of earlier loops.
 
 Requests wait in a queue of the tracker's process, and at most eight are sent ahead. If the mapper
 is late for long, some of the waiting keyframes can therefore be removed again (`_thin_out`).
@@ -49,7 +50,7 @@ _WORK_S = 60.0  # for one request, and for the start of a replacement process be
 _LOAD_S = 600.0  # for loading the largest map
 # Time limit of the global adjustment at the end, which takes 4.7 s for 309 keyframes
 # (places_and_loops.md). After it, the map is used without the adjustment, and a warning is logged.
-_SETTLE_S = 20.0
+_SETTLE_S = 20.0  # it applies again to an adjustment that was running before
 
 # Chosen: number of requests that are sent to the process at once, so that it need not wait for the
 # next one; and number of requests in the queue above which waiting keyframes are removed.
@@ -60,7 +61,7 @@ _logger = logging.getLogger(__name__)
 
 
 class MapperStoppedError(HoidError):
-    """The mapping process has ended for good, or does not respond."""
+    """The mapping process ended for good or does not respond, or a map could not be restored."""
 
 
 class MapperWorker(Protocol):
@@ -70,10 +71,10 @@ class MapperWorker(Protocol):
 
     @property
     def has_report(self) -> bool:
-        """Return whether `receive` would return at once."""
+        """Return whether `receive` would return a report, or raise an error, without waiting."""
 
     def send(self, message: Request) -> None:
-        """Queue a request."""
+        """Queue a request; it is lost when the process has ended."""
 
     def receive(self, timeout_s: float) -> Ready | MapperReport:
         """Return the next report.
@@ -102,8 +103,9 @@ class MapperProcess:
 
     Raises:
         MapperStoppedError: The process does not start. Methods that receive reports (`update`,
-            `wait`, `load` and `finish`) raise it too, if the process ends again at its start, or
-            if a report is late.
+            `wait`, `load` and `finish`) raise it too, if the process has ended before it completed
+            a request, if a loaded map could not be restored for the tracker, or if they wait for
+            a report that is late.
     """
 
     def __init__(
@@ -147,12 +149,12 @@ class MapperProcess:
 
     @property
     def queue_length(self) -> int:
-        """Return the number of requests that the process has not completed yet."""
+        """Return the number of requests whose completion was not received yet (`update`)."""
         return len(self._queue)
 
     @property
     def waiting_s(self) -> float:
-        """Return the time [s] that the mapper has been working on its present request.
+        """Return the time [s] since the process could begin the first request of the queue.
 
         It is 0 if no request is queued.
         """
@@ -160,7 +162,7 @@ class MapperProcess:
 
     @property
     def is_settled(self) -> bool:
-        """Return whether the map will stay as it is until the next request."""
+        """Return whether no request is queued and, by the last report, no adjustment runs."""
         return self.queue_length == 0 and self._is_settled
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> None:
@@ -169,7 +171,11 @@ class MapperProcess:
         self._append(Start(uid, frame, T_map_camera, map_id))
 
     def insert(self, request: KeyframeRequest) -> None:
-        """Queue a keyframe; a later `update` brings it into the tracker's map."""
+        """Queue a keyframe; a later `update` brings it into the tracker's map.
+
+        If more than 64 requests are then queued, every other keyframe that was not sent yet is
+        dropped, possibly this one. A keyframe that the mapper cannot insert is dropped as well.
+        """
         self._atlas.pending[request.uid] = PendingKeyframe(
             request.uid, request.reference_uid, request.T_reference_camera
         )
@@ -194,14 +200,9 @@ class MapperProcess:
         self.wait(_LOAD_S)
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Request that a saved map replaces the running one; do not wait for the end.
+        """Request that a saved map replaces the running one; see `MapperClient.begin_load`.
 
-        Once it is restored on both sides, `update` exchanges the tracker's map for it. Requests
-        that follow apply to the new map.
-
-        Args:
-            loading: The saved map, which another thread restores for the tracker (`restore`).
-            first_uid: Uid of its first keyframe; the others get the next ones.
+        Requests that follow apply to the new map.
         """
         self._loading = loading
         self._append(loading.request(first_uid))
@@ -212,37 +213,36 @@ class MapperProcess:
         return self._loading is not None
 
     def update(self) -> None:
-        """Apply the reports that have arrived to the tracker's map, and replace a loaded map.
+        """Apply the reports that have arrived to the tracker's map; exchange it for a loaded one.
 
         If the mapper has loaded a map that is not restored for the tracker yet, later reports are
-        left for a later call.
+        left for a later call. A process that has died is replaced.
         """
         while self._adopt(0.0) and self._worker.has_report:
             self._receive(0.0)
 
     def settle(self) -> None:
-        """Request a final global adjustment; poll `is_settled` for its end.
-
-        It repeats the last global adjustment if keyframes have been added to the map since then.
-        """
+        """Request a final global adjustment, as described at `MapperClient.settle`."""
         self._append(Settle(0.0))
 
     def wait(self, limit_s: float = _WORK_S) -> None:
-        """Wait until all queued requests are completed, up to `limit_s` for each of them.
+        """Wait until all queued requests are completed, up to `limit_s` for each report.
 
         Their changes are applied to the tracker's map.
 
         Raises:
-            MapperStoppedError: A request takes longer, or the process cannot be kept running.
+            MapperStoppedError: A report takes longer, the process cannot be kept running, or a
+                loaded map could not be restored for the tracker.
         """
         while self._queue:
             self._receive(limit_s)
             self._adopt(limit_s)
 
     def finish(self) -> None:
-        """Do the same as `settle`, then wait until all requests and the adjustment have ended.
+        """Wait for the end of all requests, and of a final global adjustment as in `settle`.
 
-        If the adjustment does not end within its time limit, a warning is logged.
+        The process waits up to 20 s for an adjustment that is running, and as long for the final
+        one. If an adjustment is then still running, a warning is logged.
         """
         self._append(Settle(_SETTLE_S))
         self.wait()
@@ -278,7 +278,8 @@ class MapperProcess:
     def _reattached(self, request: KeyframeRequest) -> KeyframeRequest:
         """Return a request with a reference keyframe that the process has, or is about to insert.
 
-        A reference keyframe that was removed is replaced by its nearest ancestor.
+        A reference keyframe that was removed is replaced by its nearest ancestor. If no ancestor
+        is known, the request is returned as it is.
         """
         uid, T_reference_camera = request.reference_uid, request.T_reference_camera
         while self._atlas.keyframes.index_of(uid) is None and uid not in self._atlas.pending:
@@ -293,7 +294,7 @@ class MapperProcess:
         """Remove every other one of the unsent keyframes from the queue.
 
         Poses relative to a removed keyframe become relative to its parent.
-        The remaining keyframes overlap less, but still enough to be connected with each other.
+        The remaining keyframes overlap less, but usually enough to be connected with each other.
         """
         waiting = list(islice(self._queue, self._num_sent, None))
         keyframes = [request for request in waiting if isinstance(request, KeyframeRequest)]
@@ -311,6 +312,10 @@ class MapperProcess:
         """Wait up to `timeout_s` for the next report, and apply it to the tracker's map.
 
         If the process has died, it is replaced.
+
+        Raises:
+            MapperStoppedError: No report has arrived within `timeout_s`, or the process has ended
+                before it completed a request.
         """
         try:
             report = self._worker.receive(timeout_s)
@@ -370,7 +375,7 @@ class MapperProcess:
         """Replace the process, and let the new one continue with the tracker's copy of the map.
 
         The request that the process was working on is not sent again, because it may be the reason
-        of the failure. Exceptions are `Start` and `Load`, without which there would be no map.
+        of the failure. Exceptions are `Start` and `Load`, without which a map would be missing.
 
         Raises:
             MapperStoppedError: The process completed no request between its start and its end.

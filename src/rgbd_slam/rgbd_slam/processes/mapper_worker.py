@@ -1,7 +1,7 @@
 """The mapping process: it receives keyframes and sends back the rows of the map that changed.
 
-It ends when the pipe from the tracker closes, and so outlives neither `close` nor a killed
-tracker.
+It ends when the pipe from the tracker closes, after the request that it is working on. It does so
+too if the tracker is killed.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Resume(NamedTuple):
 class Settle(NamedTuple):
     """Request: repeat the last global adjustment if the map has grown; see `LoopCloser.settle`."""
 
-    limit_s: float  # time to wait for its end
+    limit_s: float  # time to wait for the end of a running adjustment, and again for this one
 
 
 class Load(NamedTuple):
@@ -62,7 +62,7 @@ class Ready(NamedTuple):
 
 
 class Loaded(NamedTuple):
-    """In a report: a saved map has replaced the mapper's map, and is restored for the tracker."""
+    """In a report: a saved map has replaced the mapper's map; the tracker restores it itself."""
 
     version: int  # version of the new map, after which the tracker needs the changes
     first_point_uid: int  # uid of its first point; the others have the next ones
@@ -71,7 +71,8 @@ class Loaded(NamedTuple):
 class MapperReport(NamedTuple):
     """Report: the changes of the map since the last report.
 
-    It is sent after each request and after each background adjustment.
+    It is sent after each request, and between requests when the mapper has applied the result of a
+    background adjustment.
     """
 
     change: MapChange | Loaded  # `Loaded` after a `Load` that discards the running map
@@ -97,7 +98,7 @@ class MapperServer:
         self._version = 0  # version of the map at the last report
 
     def serve(self, request: Request) -> MapperReport:
-        """Carry out a request, and return the report of the changes that it caused."""
+        """Carry out a request, and return the report of the changes since the last report."""
         mapper = self._mapper
         match request:
             case KeyframeRequest():
@@ -120,7 +121,7 @@ class MapperServer:
         return self._report(completes_request=True, has_features=has_features)
 
     def poll(self) -> MapperReport | None:
-        """Apply a finished background adjustment and return its report; None if there is none."""
+        """Apply the result of a background adjustment, and return its report; None: no result."""
         return self._report(completes_request=False) if self._mapper.poll() else None
 
     def close(self) -> None:
@@ -152,7 +153,7 @@ def run_mapper(
 ) -> None:
     """Serve requests until a pipe closes; the main function of the process.
 
-    The first report is `Ready`.
+    The priority of the process is lowered. The first report is `Ready`.
     """
     os.nice(_NICE)
     server = MapperServer(camera, config)

@@ -62,12 +62,14 @@ class _Copied(NamedTuple):
 class Checkpoints:
     """Writes the map at intervals, and resumes the map that a killed node has left.
 
+    It does neither with a `checkpoint_period_s` of 0, or if the node starts in localization.
+
     Args:
         node: The SLAM node.
         config: Its parameters.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
-        request_maps: Requests the object map, and the changes of the dense map since a checkpoint;
+        request_maps: Requests the object map, and the changes of the dense map since an export;
             returns a function that waits for them, or None if both maps are off.
     """
 
@@ -91,7 +93,8 @@ class Checkpoints:
             config.map_directory, f'{domain}{node.get_fully_qualified_name()}'
         )
         self._writer: CheckpointWriter | None = None
-        self._written: int | None = None  # version of the map in the checkpoint; None: no version
+        # Version of the map of which a checkpoint was written or is being written; None: none.
+        self._written: int | None = None
         # Whether the checkpoint was written once more after the map had stopped changing. The
         # dense map is some images behind the map, so that the first checkpoint may lack some.
         self._is_dense_written = False
@@ -113,17 +116,18 @@ class Checkpoints:
     def has_stored(self) -> bool:
         """Wait until the checkpoint of a killed node is read; return whether there is one.
 
-        It is False as well if the checkpoint cannot be read, after `discard`, and after a `resume`
-        that returned True.
+        It is False as well if checkpoints are off, if the checkpoint cannot be read, after
+        `discard`, and after a `resume` that returned True.
         """
         return self._stored.result() is not None
 
     def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
         """Load the map of a killed node into a new session; return whether this has begun.
 
-        A small map is in use when the call returns. The session only localizes until
-        `finish_resume` returns it to mapping. A checkpoint that is too old or from another camera
-        is not loaded.
+        A map that is loaded within 2 s is in use when the call returns. The session only localizes
+        until `finish_resume` returns it to mapping. A checkpoint is not loaded if `stamp_ns` is
+        earlier than its last image or more than ten minutes later, or if its map does not fit the
+        camera.
 
         Args:
             session: The new session.
@@ -173,7 +177,10 @@ class Checkpoints:
         return done._replace(status=replace(done.status, mode=session.mode, message=message))
 
     def discard(self) -> None:
-        """Delete the checkpoint, so that no map is resumed, for example after a reset."""
+        """Delete the checkpoint, so that no map is resumed, for example after a reset.
+
+        If checkpoints are off, none is deleted.
+        """
         self._search_end_ns = None
         self._forget_stored()
         with self._lock:
@@ -182,7 +189,9 @@ class Checkpoints:
                 self._folder.remove()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """End the thread, and delete the checkpoint if the end was requested.
+        """Write no further checkpoints, and delete the last one if the end was requested.
+
+        The call does not wait for a checkpoint that is being written.
 
         Args:
             is_asked_for: True if an operator or launch ended the node; False after an error, so
@@ -251,7 +260,8 @@ class Checkpoints:
         """Return the writer of the map; None if there is nothing to write. Runs between images.
 
         While the camera is being relocalized in the old map, the checkpoint of that map is kept.
-        If the map has not changed, only the checkpoint's stamp is updated.
+        If the map has not changed since the last checkpoint, it is written once more for the dense
+        map; afterwards only the checkpoint's stamp is updated.
         """
         session = self._find_session()
         if session is None or self._search_end_ns is not None:
@@ -294,7 +304,9 @@ class Checkpoints:
     def _finish(
         self, writer: CheckpointWriter, copied: _Copied, longest_s: float, start_s: float
     ) -> float:
-        """Complete a checkpoint; return the time [s] that this took.
+        """Complete a checkpoint; return the time [s] that writing took.
+
+        It first waits for dense map and object map. If the map was discarded, nothing is written.
 
         Args:
             writer: The writer, to which the last part was appended.
@@ -305,7 +317,7 @@ class Checkpoints:
         maps, are_known = SceneExport(None, None), True
         try:
             maps = copied.receive_maps() if copied.receive_maps else maps
-        except InputError:  # its process has just ended, or is late
+        except InputError:  # the scene process has just ended, or is late
             are_known = False
         finish_s = time.monotonic()
         keyframes = copied.part.keyframes

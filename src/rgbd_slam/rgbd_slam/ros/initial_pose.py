@@ -19,6 +19,8 @@ from rgbd_slam.session import SlamSession
 class InitialPose:
     """Subscribes to initial poses and lets the session relocalize near them first.
 
+    While the session is mapping, initial poses are refused.
+
     Args:
         inputs: Inputs of the node.
         session: Returns the session, or raises InputError while there is no session.

@@ -2,7 +2,7 @@
 
 Reading, checking and restoring a map of 10,000 keyframes takes seconds, and is done in other
 threads and processes. The tracker's thread only starts the loading and later exchanges the maps,
-both between two images.
+both between two images. While a map is loaded beside the running one, it tracks no images.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ class MapLoader:
     def load(self, session: SlamSession, content: MapFile, *, keep: bool, extend: bool) -> str:
         """Load a map; return a note for the response on parts that are left out, or ''.
 
-        It must be called in another thread than the node's, and waits until the map is in use.
+        It must be called in another thread than the node's, and waits until the map is in use. The
+        dense map and the object map are then still on their way to the scene process.
 
         Args:
             session: The session.
@@ -66,6 +67,8 @@ class MapLoader:
             MapFileError: The map does not fit the camera; the running map is unchanged.
             InputError: The mapper or the node is too busy, another map is being loaded, or the
                 session has ended.
+            MapperStoppedError: The mapping process takes too long, or cannot be kept running.
+            OSError: The dense map cannot be written to a file for the scene process.
         """
         if keep:
             loaded = self._poll(session, lambda: self._add(session, content, extend), _QUEUE_S)
@@ -88,17 +91,20 @@ class MapLoader:
     ) -> None:
         """Load a map into a new session, from the node's thread.
 
-        Waits for the map for at most 2 s. A larger map is then loaded in the background; no image
-        is tracked until it is loaded. Errors in the background are logged.
+        Prepares the map, then waits for it for at most 2 s. A larger map is then loaded in the
+        background; no image is tracked until it is loaded. A HoidError in the background is
+        logged.
 
         Args:
             session: The session.
             content: The map.
-            on_loaded: Called between two images, when the map is loaded.
+            on_loaded: Called in the node's thread when the map is loaded: during this call, or
+                later between two images.
             extend: Whether the map will be extended, and not only localized in.
 
         Raises:
             MapFileError: The map does not fit the camera.
+            MapperStoppedError: The mapping process cannot be kept running.
         """
         prepared = session.robot_map.prepare_load(content, extend=extend)
         results: list[LoadedMap] = []
@@ -131,7 +137,7 @@ class MapLoader:
     ) -> int | None:
         """Begin to load a map, and return the uid of its first keyframe.
 
-        None is returned, and nothing happens, while the mapper has requests.
+        None is returned, and no loading begins, while the mapper has requests.
 
         Raises:
             InputError: Another map is being loaded.
@@ -149,6 +155,7 @@ class MapLoader:
         """Load a map beside the running one; None, and nothing is loaded, if the mapper is busy.
 
         Raises:
+            MapFileError: The map does not fit the camera.
             InputError: Another map is being loaded.
         """
         if not _is_idle(session):
@@ -199,7 +206,9 @@ class MapLoader:
         As long as the function returns None, it is called again every 50 ms.
 
         Raises:
-            InputError: There is no value within the limit, or the session has ended.
+            InputError: There is no value within the limit, the node is too busy, or the session
+                has ended.
+            Exception: Any exception that the function raises.
         """
 
         def checked() -> T | None:

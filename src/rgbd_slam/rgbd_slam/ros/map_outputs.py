@@ -59,9 +59,10 @@ class _Job(NamedTuple):
 class MapOutputs:
     """The latched topics of the map: path, map points and keyframes.
 
-    A message is made only for a topic that has subscribers. It is made when the map has changed
-    since the last message, at most once per `map_period_s`, and at once for a subscriber that
-    joins. The node's thread only copies the map.
+    A message is made only for a topic that has subscribers, and only if the map has changed since
+    the last message of the topic. This is checked once per `map_period_s`, or less often if making
+    messages takes long, and whenever a subscriber joins or leaves while no message is being made.
+    The node's thread only copies the map.
 
     Args:
         node: The SLAM node.
@@ -98,7 +99,7 @@ class MapOutputs:
         set_period(self._timer, config.map_period_s)
 
     def close(self) -> None:
-        """End the thread after the message that is being made."""
+        """Let the thread end after the messages that are being made, without waiting for it."""
         self._is_ended.set()
         self._jobs.put(None)
 
@@ -112,7 +113,7 @@ class MapOutputs:
     def _publish(self) -> None:
         """Request messages for all topics that have subscribers and are not up to date.
 
-        Nothing is requested while the thread is making messages.
+        Nothing is requested without a session, and while the thread is making messages.
         """
         session = self._session()
         if session is None or self._is_busy:
@@ -147,7 +148,7 @@ class MapOutputs:
             self._is_busy = False
 
     def _points(self, snapshot: _Snapshot) -> ByteArray:
-        """Return the serialized cloud of the map points, which are copied part by part."""
+        """Return the serialized cloud of the main map's points, which are copied part by part."""
         robot_map, map_id = snapshot.robot_map, snapshot.poses.map_id
         points_m: list[Float32Array] = []
         for first in count(0, _ROWS):

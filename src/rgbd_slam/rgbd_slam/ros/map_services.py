@@ -1,7 +1,7 @@
 """The services that save and load maps, save the trajectory, and set the mode.
 
-They run in a separate thread, which waits for files and for the mapper. The tracker's thread only
-copies or replaces the map, between two images (`NodeThread`).
+They run in a separate thread, which waits for files and for the mapper. What uses the session is
+done in the tracker's thread, between two images (`NodeThread`).
 """
 
 from __future__ import annotations
@@ -60,11 +60,14 @@ _MB = 1e6
 class MapServices:
     """Offers the map services in a separate thread, which continues after a request has failed.
 
+    It offers the services of the object map (`ObjectServices`) as well, and removes unfinished
+    files that killed processes have left in `map_directory`.
+
     Args:
         node: The SLAM node.
         config: Its parameters.
         session: Returns the session, or raises InputError while there is no session.
-        scene: The scene mapper's process, which has the dense map.
+        scene: Client of the scene process, which has the dense map and the object map.
         loader: Loads saved maps.
         diagnostics: Diagnostics of the node.
     """
@@ -161,7 +164,7 @@ class MapServices:
             state = collector.add(part)
             if state is not None:
                 return session.robot_map.content_of(state), receive_maps
-            time.sleep(min(copy_s, _POLL_S))  # tracking has at least half of the time
+            time.sleep(min(copy_s, _POLL_S))  # so that tracking has about half of the time
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
@@ -203,7 +206,8 @@ class MapServices:
     def _poll(self, function: Callable[[], T | None], end_s: float) -> T | None:
         """Call a function in the node's thread until it returns a value, and return this value.
 
-        None is returned if there is no value by the time `end_s` (monotonic clock).
+        It is called at least once. None is returned if there is no value by the time `end_s`
+        (monotonic clock).
         """
         while (value := self._node_thread.call(function)) is None and time.monotonic() < end_s:
             time.sleep(_POLL_S)

@@ -32,9 +32,9 @@ def visual_frame(odom: str) -> str:
 
 
 class SlamOutputs:
-    """The publishers for each image.
+    """Publishers of odometry, transforms and status.
 
-    Every message has the stamp of the image that it follows from, except map -> odom while another
+    Messages have the stamp of the header that a method is given, except map -> odom while another
     node sends odom -> base: its stamp is later by `transform_tolerance_s`.
 
     Args:
@@ -66,11 +66,11 @@ class SlamOutputs:
         self.frames = frames
 
     def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
-        """Publish odometry and transforms of an image.
+        """Publish odometry and those transforms of an image that `frames` asks for.
 
         Args:
-            pose: The pose of the robot; None while it is unknown. The latest map -> odom is then
-                still published if another node sends odom -> base.
+            pose: The pose of the robot; None while it is unknown. Nothing is then published, but
+                for the latest map -> odom if another node sends odom -> base.
             header: Header of the features of the image.
         """
         if pose is not None:
@@ -78,7 +78,7 @@ class SlamOutputs:
         self._publish_tree(pose, header)
 
     def publish_status(self, status: SlamStatus, header: Header) -> None:
-        """Publish the status after an image, with the header of the features of the image."""
+        """Publish the status with a header: of the features, or of the camera info at a start."""
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
@@ -139,8 +139,9 @@ class SlamOutputs:
         """Return T_map_odom (4, 4) for the odometry frame of the wheels.
 
         The latest transform is returned while the camera is lost (`pose` is None), so that the
-        pose of the robot follows the wheels, and if the wheels have no pose for the image. None is
-        returned until both camera and wheels have had a pose for the same image.
+        pose of the robot follows the wheels, and if the wheels have no pose for the image, which
+        is reported as a problem. None is returned until both camera and wheels have had a pose for
+        the same image.
         """
         T_wheels_base = None if self._wheels is None else self._wheels.at(stamp_ns, base)
         if T_wheels_base is None:

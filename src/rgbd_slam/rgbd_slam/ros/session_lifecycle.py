@@ -74,7 +74,7 @@ class SessionLifecycle:
         )
 
     def require_session(self) -> SlamSession:
-        """Return the session; raise InputError if it has not started yet."""
+        """Return the session; raise InputError while there is none."""
         if self.session is None:
             raise InputError('nothing has been tracked yet: no camera info and features so far')
         return self.session
@@ -82,11 +82,13 @@ class SessionLifecycle:
     def configure(self) -> None:
         """Read the map file to start with, if one is configured.
 
-        If it cannot be used, but there is the checkpoint of a killed node, the node starts. The
-        error then ends the node only if the checkpoint is not resumed when the session starts.
+        If it cannot be read, but there is the checkpoint of a killed node, the node starts. The
+        error then ends the node only if the checkpoint is not resumed when the session starts. An
+        earlier `reset` no longer prevents that the map file is loaded.
 
         Raises:
-            HoidError: The map cannot be used, and there is no checkpoint; the error ends the node.
+            HoidError: The map file cannot be read, or the mode is localization and none is
+                configured; and there is no checkpoint.
         """
         self._first_map, self._first_map_error, self._is_reset = None, None, False
         try:
@@ -110,8 +112,8 @@ class SessionLifecycle:
         and scene, and the configured map file is read again, unless `reset` was called before.
 
         Raises:
-            HoidError: The map file cannot be read.
-            SystemExit: The mapping process does not start, or the map does not fit the camera.
+            HoidError: The map file cannot be read again; there is no session then.
+            SystemExit: The mapping process does not start, or the configured map cannot be used.
         """
         self._last_camera = camera, header
         is_confirmed = self._cameras.update(camera)
@@ -127,6 +129,7 @@ class SessionLifecycle:
 
         Raises:
             MessageError: The size is not that of the camera info.
+            SystemExit: The mapping process does not start, or the configured map cannot be used.
         """
         try:
             self._cameras.check_image(size_px)
@@ -137,7 +140,11 @@ class SessionLifecycle:
     def reset(self) -> None:
         """Discard the map and its checkpoint, and start a new session with the latest camera info.
 
-        A configured map file is not loaded again.
+        A configured map file is not loaded again, so that the new session maps in any mode. It
+        starts now if there was a camera info and the base is known.
+
+        Raises:
+            SystemExit: The mapping process does not start.
         """
         self._end()
         self._first_map, self._first_map_error, self._is_reset = None, None, True
@@ -148,12 +155,15 @@ class SessionLifecycle:
             self.update_camera(*self._last_camera)
 
     def clean_up(self) -> None:
-        """Discard the map and the camera info, as the lifecycle transition `cleanup` requires."""
+        """Discard map, checkpoint and camera info, as the lifecycle transition `cleanup` requires.
+
+        No session starts until the next camera info.
+        """
         self._last_camera = None
         self.reset()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """End the session and all background work.
+        """End the session and the writing of checkpoints. The scene process is not ended.
 
         Args:
             is_asked_for: True if an operator or launch ended the node: the checkpoint is deleted.
@@ -181,7 +191,10 @@ class SessionLifecycle:
         self._diagnostics.report_problem('camera', self._cameras.problem)
 
     def _robot_frames(self, header: Header) -> RobotFrames | None:
-        """Return the robot's frames with the mounting of the camera; None while it is unknown."""
+        """Return the robot's frames with the mounting of the camera; None while it is unknown.
+
+        A missing transform, and `frames.planar` without a base, are reported as problems.
+        """
         names = self._config.frames
         T_base_camera = self._frames.find(names.base, header.frame_id) if names.base else None
         if names.base and T_base_camera is None:

@@ -13,7 +13,10 @@ _PERIOD_S = 10.0  # chosen: often enough to see that the node works, and not too
 
 
 class TrackingLog:
-    """Logs changes of the state of tracking, and every 10 s the rate and time of tracking."""
+    """Logs changes of the state of tracking, and about every 10 s its rate and processor time.
+
+    Periods without a tracked image are left out.
+    """
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
@@ -23,7 +26,7 @@ class TrackingLog:
         self._track_ms: list[float] = []  # CPU times of the images tracked in this period
 
     def update(self, status: SlamStatus) -> None:
-        """Log what has changed since the status of the previous image."""
+        """Log what has changed since the status of the previous image, and progress if due."""
         last, self._last = self._last, status
         if status.frames_processed == 0 or (
             last is not None and status.frames_processed < last.frames_processed
@@ -44,7 +47,10 @@ class TrackingLog:
         self._log_progress(status)
 
     def _log_progress(self, status: SlamStatus) -> None:
-        """Log rate, median time and number of keyframes once per period with tracked images."""
+        """Log rate, median time and keyframes at the first image after a period of 10 s.
+
+        Nothing is logged if no image of the period was tracked.
+        """
         if status.state is SlamState.TRACKING:
             self._track_ms.append(status.stage_ms.get('track', 0.0))
         elapsed_s = time.monotonic() - self._since_s

@@ -70,12 +70,15 @@ class ImuInput:
                 )
 
     def start(self) -> Imu:
-        """Return the IMU of a new session, which gets all further samples."""
+        """Return the IMU of a new session, which `deliver` gives the samples from now on."""
         self._imu = Imu(self._config, self._calibrated)
         return self._imu
 
     def deliver(self, camera_frame: str) -> None:
         """Give the collected samples to the session's IMU, before an image is tracked.
+
+        If more than 4000 samples of a sensor have arrived, the newest 4000 are given. If static
+        transforms connect camera and IMU, the IMU gets its mounting as well.
 
         Args:
             camera_frame: Frame of the image.

@@ -22,8 +22,9 @@ class ImuSample(NamedTuple):
 def imu_from_msg(msg: Imu) -> ImuSample:
     """Return the sample of a message.
 
-    A first covariance of -1 marks a sensor as missing (sensor_msgs/Imu). Drivers that publish the
-    sensors apart also leave all three values zero, which no sensor measures.
+    A negative first covariance marks a sensor as missing (sensor_msgs/Imu uses -1). A sensor whose
+    three values are all zero counts as missing too: drivers that publish the sensors apart leave
+    them zero, and no sensor measures that.
 
     Raises:
         MessageError: A value is not finite, or the message has neither sensor.

@@ -20,7 +20,9 @@ _MAX_CHILDREN = 16
 
 
 class WheelOdometry:
-    """Buffers the transforms from the odometry frame to its child, which may be any robot frame.
+    """Buffers the transforms from the odometry frame to its children; usually there is one.
+
+    The child may be any robot frame. More than 16 children are refused.
 
     Args:
         node: The node that subscribes to /tf.

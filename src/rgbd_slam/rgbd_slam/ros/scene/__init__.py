@@ -1,5 +1,5 @@
 """The scene process: the node that maps the scene, and the SLAM node's connection to it.
 
-All topics and services of the scene belong to the SLAM node. The algorithms are in
+The SLAM node publishes all topics of the scene, and offers its services. The algorithms are in
 `rgbd_slam.scene`.
 """

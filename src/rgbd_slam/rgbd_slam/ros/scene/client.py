@@ -64,7 +64,8 @@ class SceneClient:
     """Runs the scene process and publishes its messages, if one of the scene's parts is enabled.
 
     The parts are the dense map, the tracks of people and objects, and the object map.
-    If all are off, there is no process: calls do nothing, and `save` raises an error.
+    If all are off, there is no process: calls do nothing, but `save` and `ask_objects` raise
+    InputError.
 
     Args:
         node: The SLAM node.
@@ -150,6 +151,8 @@ class SceneClient:
     ) -> Callable[[], SceneExport] | None:
         """Request dense map and object map, relative to keyframes that are saved with them.
 
+        The scene is corrected by these keyframes first.
+
         Args:
             keyframes: These keyframes.
             since: Only the contents of the dense map that have changed since this export; None:
@@ -170,8 +173,8 @@ class SceneClient:
             grid_path: The YAML file for the grid; None: it is not written.
 
         Raises:
-            InputError: The dense map is off or empty, the file cannot be written, or the process
-                has ended or is late.
+            InputError: The dense map is off or empty, no floor is known for the grid, the file
+                cannot be written, or the process has ended or is late.
         """
         process = self._dense_process
         if process is None:
@@ -183,7 +186,8 @@ class SceneClient:
         """Execute a command that concerns the object map, and return its result.
 
         Raises:
-            InputError: The object map is off, the command failed, or the process has ended.
+            InputError: The object map is off, the command failed, or the process has ended or is
+                late.
         """
         process = self._process
         if process is None or not self._config.object_map.enabled:
@@ -192,6 +196,8 @@ class SceneClient:
 
     def use_keyframes(self, loaded: LoadedMap, *, keep: bool) -> None:
         """Use the keyframes of a map that has been loaded.
+
+        If dense map and object map are off, nothing happens.
 
         Args:
             loaded: The keyframes.
@@ -215,6 +221,9 @@ class SceneClient:
         Returns:
             A note for the response on maps that are left out, or ''; and a function that sends the
             others to the scene process. Call it after `use_keyframes`.
+
+        Raises:
+            OSError: The file of the dense map for the scene process cannot be written.
         """
         note, send_dense = self._prepare_dense(content.dense, keyframe_uids)
         process, objects = self._process, content.objects
@@ -258,7 +267,9 @@ class SceneClient:
         return '', send
 
     def enqueue(self, request: SceneRequest | None) -> None:
-        """Ask the scene process to use an image, unless too many requests wait.
+        """Ask the scene process to use an image, unless too many messages wait.
+
+        Images that are left out are counted in the diagnostics.
 
         Args:
             request: The request; None: do nothing.
@@ -269,15 +280,14 @@ class SceneClient:
         self._diagnostics.set_count('images not mapped', self._process.num_dropped)
 
     def close(self) -> None:
-        """End the process."""
+        """End the process; kill it if it does not end by itself."""
         if self._process is not None:
             self._process.close()
 
     def _report_subscribers(self) -> None:
         """Send the process the topics that have subscribers.
 
-        /tf_static is left out, because it always has some, which need not be interested in the
-        scene.
+        /tf_static is left out, because its subscribers need not be interested in the scene.
         """
         if self._process is not None:
             names = {name for name, publisher in self._publishers.items() if publisher.is_wanted}

@@ -20,7 +20,7 @@ def execute(
         command: The command.
         scene: The scene mapper; None if there is none.
         outputs: The outputs of the scene, for the size of the grid and the name of the map frame.
-        stamp_ns: Stamp of the latest image in the dense map or the object map; 0: none yet.
+        stamp_ns: Stamp of the latest image that was used for the scene; 0: none yet.
     """
     try:
         objects = _found(command, scene)
@@ -52,7 +52,7 @@ def _written(command: SceneCommand, scene: SceneMapper | None, outputs: SceneOut
 def _export(command: SceneCommand, scene: SceneMapper) -> None:
     """Write the submaps and the object map to the requested files, which the SLAM node reads.
 
-    A file is not written if there is no such map.
+    A file is not written if there is no such map, or if it is empty.
     """
     if command.submaps_path is not None:
         submaps = scene.export_since(command.submaps_since)

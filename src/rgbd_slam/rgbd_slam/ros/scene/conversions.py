@@ -42,10 +42,11 @@ class SceneMaps(NamedTuple):
 
     cloud: ColoredCloud
     header: Header  # with the map frame
-    grid: Grid | None = None  # None: no floor is known
+    grid: Grid | None = None  # None: no floor is known, or the grid is not published now
     grid_header: Header | None = None  # with the level frame of the grid, or with the map frame
     grid_height_m: float = 0.0  # z of the grid in the frame of its header
-    # The changed cells of the grid; None: no cell has changed, or its size or origin has.
+    # The changed cells of the grid; None: no cell has changed, its size, origin or resolution has,
+    # or it is the first grid.
     patch: GridPatch | None = None
     # (4, 4) pose of the level frame; None: unchanged, or the grid is in the map frame.
     T_map_level: FloatArray | None = None
@@ -75,7 +76,7 @@ def labels_to_msg(maps: SceneMaps) -> LabelInfo | None:
 
 
 def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:
-    """Return the transform of the level frame of the grid; None if it has not changed."""
+    """Return the transform of the level frame; None if it has not changed, or there is none."""
     if maps.T_map_level is None or maps.grid_header is None:
         return None
     stamp_ns = conversions.stamp_from_msg(maps.header.stamp)
@@ -120,7 +121,7 @@ def occupancy_to_msg(
 def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
     """Return the message of the changed part of the grid.
 
-    None is returned if no cell has changed, or if the size or the origin of the grid has changed.
+    None is returned if there is no patch; see `SceneMaps.patch`.
     """
     patch = maps.patch
     if patch is None:
@@ -139,7 +140,7 @@ def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
 def tracked_objects_to_msg(
     objects: tuple[TrackedObject, ...], header: Header
 ) -> TrackedObjectArray:
-    """Return the message of all tracks, in the frame of the header."""
+    """Return the message of the tracks, in the frame of the header."""
     return TrackedObjectArray(header=header, objects=[_object_to_msg(item) for item in objects])
 
 

@@ -40,7 +40,7 @@ class ClearScene(NamedTuple):
 
 
 class Subscribed(NamedTuple):
-    """Names of the topics that have subscribers; messages are made only for these."""
+    """Names of the topics that have subscribers, without /tf_static; see `SceneOutputs`."""
 
     topics: frozenset[str] = frozenset()
 
@@ -62,14 +62,14 @@ class SavedObjects(NamedTuple):
 class SceneExport(NamedTuple):
     """The maps of the scene for a file, relative to keyframes that are saved with them."""
 
-    submaps: SubmapExport | None  # None: the dense map is off or empty
-    objects: ObjectMapState | None  # None: the object map is off or empty
+    submaps: SubmapExport | None  # None: the dense map is off or empty, or there is no scene
+    objects: ObjectMapState | None  # None: the object map is off or empty, or there is no scene
 
 
 class SceneCommand(NamedTuple):
-    """Requests files or objects; `CommandResult` follows.
+    """Requests files, a list of objects, or that an object is removed; `CommandResult` follows.
 
-    All earlier messages are processed before it.
+    Earlier messages are processed before it, but earlier requests may still wait for their images.
     """
 
     number: int = -1  # identifies the command in its result; `SceneProcess` sets it
@@ -120,7 +120,7 @@ class CommandResult(NamedTuple):
     success: bool
     text: str  # a message for the user, or the error
     objects: tuple[MapObject, ...] = ()  # those that the command's `query` describes
-    stamp_ns: int = 0  # of the latest image in the dense map or the object map; 0: none yet
+    stamp_ns: int = 0  # of the latest image that was used; 0: none yet, or the command failed
 
 
 SceneReport = Output | CommandResult | ViewChange

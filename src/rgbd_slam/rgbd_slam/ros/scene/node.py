@@ -52,13 +52,13 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 # color of one image differ less, and those of two images at 30 Hz more.
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict on its objects
-# Chosen: largest share of the time that is spent on publishing maps and on fusing submaps again
-# that corrections have deformed. The rest is for new images, however large the map is.
+# Chosen: largest share of the time that is spent on publishing dense map and grid, and on fusing
+# submaps again that corrections have deformed. The rest is left for new images.
 _MAX_SHARE = 0.25
 # Chosen: number of fused images without a floor from which this is reported. They take several
 # seconds, in which a robot sees its floor.
 _MAX_IMAGES_WITHOUT_FLOOR = 30
-_CAPACITY = 60  # chosen: number of images that wait for their pose; 2 s at 30 Hz
+_CAPACITY = 60  # chosen: messages of a kind that wait for the others of an image; 2 s at 30 Hz
 
 
 class SceneNode(Node):
@@ -82,8 +82,8 @@ class SceneNode(Node):
         self._camera: CameraModel | None = None
         self._outputs = SceneOutputs(self._report, setup)
         self._masks = NavigationMasks(setup.navigation)
-        self._stamp_ns = 0  # of the latest image in the scene; 0: none yet
-        self._rest_until_s = 0.0  # monotonic time from which the maps may be published again
+        self._stamp_ns = 0  # of the latest image that was used for a scene; 0: none yet
+        self._rest_until_s = 0.0  # monotonic time from which dense map and grid may be published
         self._num_fused = 0  # number of images fused into the dense map of this scene
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
@@ -216,7 +216,7 @@ class SceneNode(Node):
         self._diagnostics.report_problem('stamps', self._matcher.gap)
 
     def _map_image(self, match: Match) -> None:
-        """Add one image, with its pose and its objects, to the maps for which it was requested."""
+        """Use an image for the maps for which it was requested; publish tracks and objects."""
         request, depth, color, objects_msg = match.values
         if self._scene is None:
             return

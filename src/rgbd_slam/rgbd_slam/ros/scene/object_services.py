@@ -58,7 +58,10 @@ class ObjectServices:
 
 
 def query_from_msg(request: Any) -> ObjectQuery:
-    """Return the query of a request of hoid_msgs/FindObjects, without checking its values."""
+    """Return the query of a request of hoid_msgs/FindObjects, without checking its values.
+
+    An empty state means objects that are present, and a radius of 0 means objects anywhere.
+    """
     state = request.state or FindObjects.Request.PRESENT
     if request.radius == 0:
         return ObjectQuery(request.class_name, state=state)

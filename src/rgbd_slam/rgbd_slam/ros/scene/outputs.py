@@ -1,4 +1,4 @@
-"""All topics of the scene: three tables of topics, and the class that publishes them.
+"""All topics of the scene: four tables of topics, and the class that publishes them.
 
 A topic is added as one row of a table. The scene process makes the messages of all rows, and the
 SLAM node creates their publishers.
@@ -56,7 +56,8 @@ class OutputTopic(NamedTuple):
 
 
 # `to_msg` is called with (objects: tuple[TrackedObject, ...], header: Header) after each image
-# that is used to track objects, if the topic has subscribers.
+# that is used to track objects, if the topic has subscribers. When a scene is discarded after an
+# image, it is called for this table and the next two even without subscribers, with empty values.
 OBJECT_OUTPUTS = (
     OutputTopic(
         topics.TRACKED_OBJECTS, TrackedObjectArray, qos.OUTPUT, conversions.tracked_objects_to_msg
@@ -66,8 +67,9 @@ OBJECT_OUTPUTS = (
         topics.TRACKED_OBJECT_MARKERS, MarkerArray, qos.OUTPUT, conversions.markers_to_msg
     ),
 )
-# `to_msg` is called with (objects: tuple[MapObject, ...], header: Header) after each image that is
-# used for the object map, and after a correction of the map, if the topic has subscribers.
+# `to_msg` is called with (objects: tuple[MapObject, ...], header: Header) if the topic has
+# subscribers: after each image that is used for the object map, and after other changes of the map
+# once per `dense.publish_period_s`, or when subscribers join or leave.
 OBJECT_MAP_OUTPUTS = (
     OutputTopic(
         topics.OBJECT_MAP, Detection3DArray, qos.LATCHED, object_map_messages.object_map_to_msg
@@ -79,9 +81,10 @@ OBJECT_MAP_OUTPUTS = (
         object_map_messages.object_map_markers_to_msg,
     ),
 )
-# `to_msg` is called with (maps: SceneMaps) at most once per `dense.publish_period_s`, if the maps
-# have changed and a topic of the table has subscribers. The cloud and its labels are made only if
-# they have subscribers themselves; all other messages are made if any of the others has some.
+# `to_msg` is called with (maps: SceneMaps) once per `dense.publish_period_s`, or when subscribers
+# join or leave, if the maps have changed and a topic of the table has subscribers. The cloud and
+# its labels are made only if they have subscribers themselves; all other messages are made if any
+# of the others has some. After each publication, a pause keeps time for images.
 MAP_OUTPUTS = (
     OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, conversions.serialized_cloud),
     OutputTopic(topics.CLOUD_LABELS, LabelInfo, qos.LATCHED, conversions.labels_to_msg),
@@ -92,7 +95,8 @@ MAP_OUTPUTS = (
     ),
 )
 # `to_msg` is called with (masks: NavigationMasks, header: Header, resolve: Callable[[str], str]),
-# at most once per `NavigationConfig.period_s`; `resolve` returns the full name of a topic.
+# once per `NavigationConfig.period_s` and when a scene ends, if the topic has subscribers;
+# `resolve` returns the full name of a topic.
 MASK_OUTPUTS = (
     OutputTopic(
         topics.KEEP_OUT_MASK,
@@ -175,7 +179,7 @@ class SceneOutputs:
         return frozenset(wanted)
 
     def publish_objects(self, objects: tuple[TrackedObject, ...], stamp_ns: int) -> None:
-        """Publish the tracks of people and objects after an image with this stamp."""
+        """Publish the tracks after an image with this stamp, on topics that have subscribers."""
         wanted = [output for output in OBJECT_OUTPUTS if output.name in self.subscribed]
         self._publish(wanted, objects, header_to_msg(stamp_ns, self.frame))
 
@@ -199,7 +203,7 @@ class SceneOutputs:
             self._publish(wanted, scene.mapped_objects(), header)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
-        """Publish the topics that are due: the cloud and, once a floor is known, the grid."""
+        """Publish the topics that are due: cloud, labels and, once a floor is known, the grid."""
         due = self.due
         self._outdated -= due
         header, cloud = header_to_msg(stamp_ns, self.frame), scene.cloud()
@@ -228,8 +232,7 @@ class SceneOutputs:
     def clear(self, stamp_ns: int) -> None:
         """Publish empty maps and no tracks, because the scene was discarded.
 
-        Nothing is published if `stamp_ns`, the stamp of the latest image in the scene, is 0:
-        nothing has been published then.
+        Nothing is published if `stamp_ns`, the stamp of the latest image that was used, is 0.
         """
         if stamp_ns == 0:
             return

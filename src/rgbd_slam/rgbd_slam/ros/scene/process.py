@@ -1,10 +1,11 @@
 """The SLAM node's handle of the scene process, a child process that is replaced when it dies.
 
 The scene process receives camera images by topics, and only their poses from the SLAM node, so
-that the tracker copies no image and never waits. It sends back the messages to publish, and the
-changes of the list of images that its dense map is made of. The files of these images are in a
-folder that both processes use. After a process has died, a new one makes the dense map again from
-these images.
+that the tracker copies no image and does not wait for the maps. It sends back the messages to
+publish, and the changes of the list of images that its dense map is made of. The files of these
+images are in a folder that both processes use. After a process has died, a new one makes the dense
+map again from these images and from loaded maps. After three deaths in a row within 20 s of the
+start, no new one is started.
 """
 
 from __future__ import annotations
@@ -46,11 +47,12 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 T = TypeVar('T')
 
-_MAX_WAITING = 30  # chosen: largest number of requests in the queue; 2 s at the default rates
+# Chosen: number of queued messages from which requests are dropped; 2 s at the default rates.
+_MAX_WAITING = 30
 # Time limit for a command. Chosen: more than rebuilding the dense map takes, for which it waits.
 _RESULT_S = 20.0
 _IDLE_S = 60.0  # time limit for one wait for a report; it has no effect, as waits are repeated
-# Chosen: a process that ends within this time [s] after its start, so often in a row, is not
+# Chosen: the third process in a row that ends within this time [s] after its start is not
 # replaced.
 _SOON_S, _MAX_SOON = 20.0, 3
 _ENDED = 'the process of the dense map has ended; ask again'
@@ -72,11 +74,13 @@ class _State:
 class SceneProcess:
     """Starts the scene process, sends messages to it, and replaces it when it dies.
 
+    After three early deaths in a row it is not replaced; messages are then lost.
+
     Args:
         setup: Parameters of the scene process.
         on_output: Called with each message to publish, in a thread of this object.
-        on_end: Called when the process has died, in the same thread. Arguments: how it ended, and
-            whether a new process was started.
+        on_end: Called when the process has died before `close`, in the same thread. Arguments: how
+            it ended, and whether a new process was started.
     """
 
     def __init__(
@@ -117,9 +121,9 @@ class SceneProcess:
     ) -> None:
         """Send a message that changes the scene.
 
-        If the process dies, the process that replaces it is sent the parameters, keyframes, images
-        and saved maps again. Tracks are lost, and so are changes of the object map since it was
-        last loaded or saved. A process that keeps ending soon after its start is not replaced.
+        If the process dies, the process that replaces it is sent the parameters, keyframes, saved
+        maps and reported images again; `_restore_state` says what is lost. A process that keeps
+        ending soon after its start is not replaced.
         """
         with self._lock:
             match message:
@@ -158,7 +162,9 @@ class SceneProcess:
     ) -> Callable[[], SceneExport]:
         """Request dense map and object map, relative to keyframes that are saved with them.
 
-        A process that replaces this one is given the object map that was received last.
+        The process corrects the scene by these keyframes first. A process that replaces it is
+        given the object map that was received last, unless the scene was discarded after the
+        request.
 
         Args:
             keyframes: These keyframes.
@@ -201,6 +207,9 @@ class SceneProcess:
         Args:
             submaps: The dense map.
             keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
+
+        Raises:
+            OSError: The file cannot be written.
         """
         path = self._folder.path / f'loaded-{next(self._numbers)}.npz'
         submaps.write(path)
@@ -224,10 +233,10 @@ class SceneProcess:
         self._num_cleared += 1
 
     def await_result(self, number: int) -> CommandResult:
-        """Wait until a command is completed, and return its result.
+        """Wait until a command is completed, and return its result; call it once per command.
 
         Raises:
-            InputError: The command failed, the process has ended, or it takes too long.
+            InputError: The command failed, the process has ended, or it takes more than 20 s.
         """
         try:
             result = self._results[number].get(timeout=_RESULT_S)
@@ -242,7 +251,7 @@ class SceneProcess:
         return result
 
     def close(self) -> None:
-        """End the process; kill it if it does not end by itself."""
+        """End the process, killing it if it does not end by itself, and delete its files."""
         with self._lock:
             self._is_closed = True
         self._worker.close()
@@ -293,7 +302,9 @@ class SceneProcess:
     def _restore_state(self) -> None:
         """Send a new process the parameters, keyframes, images and saved maps of its predecessor.
 
-        Tracks are lost, and so are changes of the object map since it was last loaded or saved.
+        Tracks, counted crossings and waiting requests are lost, and so are changes of the object
+        map since it was last loaded or requested, and images that the predecessor had not
+        reported.
         """
         self._worker.send(self._state.dense)
         self._worker.send(self._state.subscribed)

@@ -24,7 +24,10 @@ class GridPatch(NamedTuple):
 
 
 class SteadyGrid:
-    """Extends grids to a larger size, which never shrinks while the resolution is the same."""
+    """Extends grids to a size that never shrinks until `clear`, while the resolution is the same.
+
+    `place` extends a grid, and `take_patch` stores the extended grid as the one to cover next.
+    """
 
     def __init__(self) -> None:
         self._last: Grid | None = None
@@ -36,6 +39,8 @@ class SteadyGrid:
     def place(self, grid: Grid) -> Grid:
         """Return the grid extended by unknown cells, so that its borders are at multiples of 2 m.
 
+        (With a resolution that does not divide 2 m, they are at multiples of a whole number of
+        cells, about 2 m.)
         The extended grid also covers the grid of the last call of `take_patch`, unless the
         resolution has changed.
         """

@@ -31,7 +31,7 @@ def mask_to_msg(mask: Mask, header: Header) -> OccupancyGrid:
 
 
 def filter_info_to_msg(kind: FilterType, mask_topic: str, header: Header) -> CostmapFilterInfo:
-    """Return how Nav2 is to read a mask.
+    """Return the message that tells Nav2 the topic of a mask and how to scale its values.
 
     Args:
         kind: The kind of the filter.
