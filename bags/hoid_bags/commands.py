@@ -53,7 +53,11 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def convert_command(args: argparse.Namespace) -> None:
-    """Convert a TUM folder to a bag, and print the summary of the bag."""
+    """Convert a TUM folder to a bag, and print the summary of the bag.
+
+    Raises:
+        HoidError: An option is invalid, or the conversion fails; see `convert`.
+    """
     config = ConvertConfig(
         rgb=args.rgb,
         depth=args.depth,
@@ -86,8 +90,8 @@ def info_command(args: argparse.Namespace) -> None:
     With `--repair`, the bag is repaired first, and the summary is that of the repaired bag.
 
     Raises:
-        InputError: The bag cannot be read; or it is damaged, and the summary of its readable part
-            was printed before.
+        InputError: The bag cannot be read or repaired; or it is damaged, and the summary of its
+            readable part was printed before.
     """
     bag = repair(args.bag) if args.repair else args.bag
     summary = summarize(bag, sizes=args.bandwidth)
@@ -151,7 +155,11 @@ def add_play_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def play_command(args: argparse.Namespace) -> None:
-    """Play a bag; the space bar pauses it on a terminal."""
+    """Play a bag; the space bar pauses and continues it if stdin is a terminal.
+
+    Raises:
+        HoidError: An option is invalid, or the bag cannot be played completely; see `play`.
+    """
     from hoid_bags.live.play import play  # needs ROS, which convert and info do not
 
     config = PlayConfig(
@@ -201,7 +209,11 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def record_command(args: argparse.Namespace) -> None:
-    """Record topics until Ctrl-C or the end of `--duration`, and print the number of messages."""
+    """Record topics until Ctrl-C or the end of `--duration`, and print the number of messages.
+
+    Raises:
+        HoidError: An option is invalid, or nothing can be recorded; see `record`.
+    """
     from hoid_bags.live.record import RESULT_TOPICS, record  # needs ROS
 
     count = record(

@@ -98,6 +98,7 @@ def convert(
     Raises:
         InputError: The recording or one of its files cannot be used, or the bag exists already or
             cannot be written. No part of the new bag remains.
+        MessageError: An image cannot be encoded.
         ConfigError: A list of the recording contains a file name that no file can have.
     """
     config = config or ConvertConfig()

@@ -65,7 +65,7 @@ def decode_color(data: bytes, name: object) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG; an error begins with `name`.
 
     Raises:
-        InputError: The data is truncated, no PNG or JPEG, or too large.
+        InputError: The data is truncated, no PNG or JPEG, too large, or cannot be decoded.
     """
     return cast('ByteArray', _decode(data, COLOR_READ_FLAGS, name))
 
@@ -76,7 +76,7 @@ def decode_depth(data: bytes, name: object) -> DepthUnits:
     An error begins with `name`.
 
     Raises:
-        InputError: The data is truncated, no image, or an image of another kind.
+        InputError: The data is truncated, no image, too large, or an image of another kind.
     """
     image = _decode(data, cv2.IMREAD_UNCHANGED, name)
     if image.dtype != np.uint16 or image.ndim != 2:

@@ -89,7 +89,8 @@ def read_imu_file(path: Path) -> ImuRecording:
     Six numbers are wx wy wz [rad/s] and ax ay az [m/s^2]. Three are those of one sensor, as in
     TUM's `accelerometer.txt`. Comments at the start or the name of the file state which sensor; if
     they do not, the numbers are accelerations if their mean has about the length of gravity. The
-    first line decides between three and six; further numbers of a line are ignored.
+    first line decides between three and six; further numbers of a line are ignored. The samples
+    are in order of time, each stamp once; rows that are not usable are left out.
 
     Raises:
         InputError: The file cannot be read, the first stamp is no time, or no line is usable.

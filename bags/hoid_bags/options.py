@@ -119,7 +119,8 @@ def open_recording(
 
     Raises:
         InputError: The recording or the camera file cannot be read.
-        ConfigError: The depth units are not positive.
+        ConfigError: The depth units are not positive, or a TUM folder lists a file with an
+            impossible name.
     """
     topics, camera = chosen_topics(args), chosen_camera(args)
     found = open_sequence(

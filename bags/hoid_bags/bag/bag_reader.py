@@ -266,7 +266,7 @@ def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    """Return the files of a folder that contain messages.
+    """Return the files of a folder that contain messages, by the endings of their names.
 
     If a file exists both compressed and uncompressed, only the uncompressed one is returned.
     """

@@ -1,4 +1,7 @@
-"""Message types without ROS: the types of Jazzy, and all types whose .msg file is installed."""
+"""Message types without ROS: the types of Jazzy, and those with a .msg file.
+
+Such files are searched for in installed packages and in the source folder of this suite.
+"""
 
 from __future__ import annotations
 

@@ -61,6 +61,7 @@ class ColorEncoder:
         Raises:
             InputError: The file cannot be read, is truncated or no image, or has another size than
                 the camera.
+            MessageError: The image cannot be encoded as JPEG.
         """
         data = read_image_bytes(listed.path)
         image_bgr = decode_color(data, listed.path)
@@ -100,6 +101,7 @@ class DepthEncoder:
         Raises:
             InputError: The file cannot be read, is truncated or no 16-bit gray image, or has
                 another size than the camera.
+            MessageError: The image cannot be encoded as PNG.
         """
         data = read_image_bytes(listed.path)
         units = decode_depth(data, listed.path)

@@ -57,9 +57,12 @@ class ImageHead(NamedTuple):
 
 
 def image_head(data: bytes, topic: BagTopic) -> ImageHead:
-    """Return kind and size of an image; raise MessageError if the message is not an image.
+    """Return kind and size of an image from its message, without decoding the image.
 
     A raw mono16 image is depth only if the topic's name contains depth, stereo or disparity.
+
+    Raises:
+        MessageError: The data is no message of the topic's type.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:

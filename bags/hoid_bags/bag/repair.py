@@ -24,8 +24,8 @@ def repair(path: Path) -> Path:
             its name and `_repaired`. The suffix of a file is left out.
 
     Raises:
-        InputError: The recorder still runs, nothing can be read, or the new bag exists already or
-            cannot be written.
+        InputError: The recorder still runs, nothing can be read, the definition of a message type
+            is unknown, or the new bag exists already or cannot be written.
     """
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
     if scratch is None:

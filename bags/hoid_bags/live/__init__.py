@@ -1,4 +1,4 @@
 """Playing bags on topics and recording topics into bags.
 
-This is the only part of `hoid_bags` that needs ROS.
+Modules of this package import rclpy, which no other part of `hoid_bags` does.
 """

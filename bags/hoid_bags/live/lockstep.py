@@ -30,7 +30,7 @@ class LockstepGate:
         """Return whether a message must wait for the odometry of the previous frame.
 
         It must if it is a color image of a pair, and both images of the previous pair have been
-        published.
+        published and have neither been answered nor given up.
         """
         is_out = self._pending_ns is not None and self._last_depth_ns >= self._pending_depth_ns
         return is_out and self._partner_ns(message) is not None

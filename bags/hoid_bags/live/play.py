@@ -54,7 +54,7 @@ def play(
     min_subscribers: Mapping[str, int] | None = None,
     show_progress: bool = False,
 ) -> None:
-    """Play a bag to its end, or until a KeyboardInterrupt.
+    """Play a bag to its end or for the configured time; with `loop`, until a KeyboardInterrupt.
 
     Args:
         path: The bag.
@@ -69,7 +69,8 @@ def play(
 
     Raises:
         InputError: The bag can be played only in part or not at all, a message type is unknown, or
-            the subscribers or the odometry of lockstep are missing.
+            the subscribers of `min_subscribers` or the odometry of lockstep are missing.
+        MessageError: A message is too short for the header of its type (with `loop` or lockstep).
         ConfigError: The namespace is not a valid name.
     """
     config = config or PlayConfig()
@@ -90,7 +91,7 @@ def play(
 
 
 class Player:
-    """Publishes the messages of a bag when they are due, and /clock in between.
+    """Publishes the messages of a bag when they are due, and /clock in between if configured.
 
     Args:
         node: Node whose publishers are used.
@@ -166,7 +167,7 @@ class Player:
     def run(self, *, show_progress: bool) -> None:
         """Publish all messages, each when it is due, and wait until they are received.
 
-        The wait is at most two seconds for each topic.
+        The wait is at most two seconds for each topic. With the option `loop`, there is no end.
 
         Args:
             show_progress: Whether to draw a progress bar on stderr, if that is a terminal.
@@ -174,6 +175,8 @@ class Player:
         Raises:
             InputError: The bag is damaged (see `PlaybackPlan.messages`), or in lockstep there has
                 been no odometry at all.
+            MessageError: A message is too short for the header of its type (with `loop` or
+                lockstep).
         """
         plan, config = self._plan, self._config
         span_s = (plan.end_ns - plan.start_ns) / NS_PER_S

@@ -1,4 +1,4 @@
-"""Schedule of a playback, without ROS: messages in order of time, and the clock it follows."""
+"""Schedule of a playback, without ROS: messages with due times, and the clock it follows."""
 
 from __future__ import annotations
 
@@ -80,6 +80,8 @@ class PlaybackPlan:
 
     def messages(self, *, loop: bool) -> Iterator[ScheduledMessage]:
         """Yield the messages in order of time; with `loop`, the bag is repeated without end.
+
+        In an MCAP file without chunks, the order is that of the file.
 
         In each repetition, an offset is added to the log times, and to the stamp of each message
         whose type begins with a header. Stamps inside other messages, such as those of /tf, stay

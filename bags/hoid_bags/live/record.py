@@ -40,7 +40,7 @@ RESULT_TOPICS = (
 # Chosen: until a new publisher is discovered, up to three images are lost; topics with
 # transient-local durability lose nothing.
 _DISCOVERY_PERIOD_S = 0.1
-_FLUSH_PERIOD_S = 0.5  # chosen: a killed recorder loses no more than the messages of this time
+_FLUSH_PERIOD_S = 0.5  # chosen: a killed recorder loses about the messages of this time
 _QUEUE_DEPTH = 100  # chosen: about three seconds of images
 
 
@@ -55,8 +55,8 @@ def record(
 ) -> int:
     """Record topics for a time or until a KeyboardInterrupt; return the number of messages.
 
-    If the process is killed, a hidden folder remains with all messages except those of the last
-    half second; `repair` turns it into a bag.
+    If the process is killed, a hidden folder remains with all messages except those of about the
+    last half second; `repair` turns it into a bag.
 
     Args:
         bag: Folder of the bag, which is created.

@@ -60,6 +60,8 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
     """Return the QoS profile with which to publish a topic of a bag.
 
+    Reliability, durability and depth are those of the profile in the bag.
+
     Args:
         qos: Profile in the bag; None: a reliable and volatile profile is returned.
     """
