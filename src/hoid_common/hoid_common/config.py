@@ -37,7 +37,7 @@ class ParamSpec:
     choices: tuple[str, ...] = ()  # the only values of a string; empty = any
     read_only: bool = True  # True: the parameter cannot change while the node runs
     expert: bool = False  # True: a node declares the parameter only with `expert:=true`
-    is_internal: bool = False  # True: the parameter is set from Python only, not by ROS
+    is_internal: bool = False  # True: it is no ROS parameter (see `param`)
 
 
 class Param(NamedTuple):
@@ -62,7 +62,8 @@ def param(
     """Declare a parameter as a field of a `Config`.
 
     Args:
-        default: A bool, int, float, str or tuple of strings; values must have the same type.
+        default: A bool, int, float, str or tuple of strings; values must have the same type, but
+            an int is accepted for a float.
         description: Text of `ros2 param describe` and of the reference page: what the parameter
             does, its unit and, for a user parameter, when to change it.
         minimum: Least value of a number, inclusive.
@@ -91,11 +92,11 @@ def section(config: type[C], *, expert: bool = False) -> C:
 
 @dataclass(frozen=True)
 class Config:
-    """Base of all configurations. The constructor checks the type and range of every value.
+    """Base of all configurations. The constructor checks the value of every parameter.
 
     Raises:
         ConfigError: A value has another type than its default, is out of range, or is none of the
-            choices.
+            choices. (An int is accepted for a float.)
     """
 
     def __post_init__(self) -> None:

@@ -6,7 +6,7 @@ _HEAD_CHARS, _TAIL_CHARS = 600, 300
 
 
 class HoidError(Exception):
-    """Base of all errors that a user can cause and correct.
+    """Base of the suite's own errors, most of which a user can cause and correct.
 
     Its text is printable and of limited length, even when it quotes a hostile file or message.
     """
@@ -34,7 +34,7 @@ class ConfigError(HoidError):
 
 
 class MessageError(HoidError):
-    """A message cannot be used, such as one with inconsistent array lengths or image sizes."""
+    """A message or its content, such as an image, cannot be used."""
 
 
 class ModelError(HoidError):
@@ -46,4 +46,4 @@ class NoModelError(ModelError):
 
 
 class MapFileError(HoidError):
-    """A map file is truncated, corrupt, of another format or of another version."""
+    """A map file cannot be read, written or used."""

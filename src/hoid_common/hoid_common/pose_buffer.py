@@ -1,6 +1,7 @@
 """Interpolation between timestamped poses, such as those of wheel odometry.
 
-tf2's buffer does the same where ROS is installed; the wheels of rclpy come without tf2.
+tf2's buffer serves the same purpose where ROS is installed, but does not extrapolate. The wheels
+of rclpy come without tf2.
 """
 
 from __future__ import annotations

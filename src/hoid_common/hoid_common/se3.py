@@ -6,7 +6,8 @@ then translation in m, as in GTSAM's `Pose3`. Quaternions are (4,) in the order 
 ROS. Functions with a shape such as (..., 4, 4) accept any number of leading axes.
 
 The formulas are those of Barfoot, "State Estimation for Robotics" (2017), chapter 7. No function
-checks its input: a matrix that is no rigid transform gives a meaningless result, not an error.
+checks its input: except in `orthonormalized`, a matrix that is no rigid transform gives a
+meaningless result.
 """
 
 from __future__ import annotations
@@ -105,6 +106,9 @@ def orthonormalized(T: FloatArray) -> FloatArray:
 
     Rounding errors make a chain of products drift away from SO(3); this removes the drift. The
     nearest rotation in the Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
+
+    Raises:
+        numpy.linalg.LinAlgError: A rotation contains NaN or infinity.
     """
     u, _, vt = np.linalg.svd(T[..., :3, :3])
     u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]

@@ -1,7 +1,8 @@
 """Synchronization of several message streams by their stamps, as message_filters does in ROS.
 
-Unlike message_filters' `ApproximateTime`, a match is emitted as soon as no better one can follow,
-without waiting for the next message. message_filters is also missing from the wheels of rclpy.
+Unlike message_filters' `ApproximateTime`, a match is emitted as soon as no better one is expected,
+often without waiting for the next message. message_filters is also missing from the wheels of
+rclpy.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import numpy as np
 
 from hoid_common.values import IntArray
 
-# Chosen: a stamp that is older than its predecessor by this much means that time started anew, as
-# when a bag is played in a loop or a clock is set. Messages in flight are never reordered by 1 s.
+# A stamp that is older than its predecessor by this much means that time started anew, as when a
+# bag is played in a loop or a clock is set. Chosen far above any reordering of messages in flight.
 RESTART_NS = 1_000_000_000
 # Chosen: a color image that equals an earlier one counts as repeated by the driver if the earlier
 # one is not older than this. Otherwise the camera is at rest: simulators render equal images then.
@@ -54,8 +55,8 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
     """Return one line about the gap between two streams that do not match, and what to do.
 
     Args:
-        gap_ns: Stamp of an item of the second stream, minus the stamp of the item of the first
-            stream that it is nearest to. For several items it is the median of these differences.
+        gap_ns: Stamp of the second stream's item that is nearest to an item of the first stream,
+            minus the stamp of that item. For several items it is the median of the differences.
         slop_ns: Largest difference of stamps within a match.
         first: Name of the first stream.
         second: Name of the second stream.
@@ -84,8 +85,9 @@ def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
         depth_ns: (B,) stamps of depth images, increasing.
 
     Returns:
-        The text; empty if there are too few images (30 of each are needed), or if the offset of
-        the images that belong together is not constant or less than a fifth of the period.
+        The text; empty if there are too few images (30 of each are needed, and two depth images
+        before and after at least 15 of the color images), or if the offset of the images that
+        belong together is not constant or less than a fifth of the period.
     """
     if min(len(color_ns), len(depth_ns)) < _MIN_IMAGES:
         return ''
@@ -121,7 +123,10 @@ class Match(NamedTuple):
 
 @dataclass
 class StreamCounts:
-    """Numbers of items of a stream that were matched, or dropped for one of three reasons."""
+    """Numbers of items of a stream that were matched, or dropped for one of three reasons.
+
+    Items that `StampMatcher.reset` drops are not counted.
+    """
 
     matched: int = 0
     unmatched: int = 0  # dropped without a match
@@ -132,12 +137,13 @@ class StreamCounts:
 class StampMatcher:
     """Matches each item of the reference stream with the nearest in time of every other stream.
 
-    A match is complete as soon as no stream is expected to have a nearer partner. That is the case
-    if the stream has an item that is not older than the reference item, if the stream's next item,
-    after its shortest period so far, would not be nearer, or if the reference stream has advanced
-    by more than `slop_ns`. A reference item is dropped if a stream that is not optional has no
-    item within `slop_ns` but a later one. The result depends only on the stamps and on the order
-    of arrival.
+    A match is complete as soon as every stream (for optional ones see `optional`) has an item
+    within `slop_ns` of the reference item, and none is expected to have a nearer one. A stream is
+    not expected to have a nearer one if it has an item that is not older than the reference item,
+    if its next item, after its shortest period so far, would not be nearer, or if the reference
+    stream has advanced by more than `slop_ns`. A reference item is dropped if a stream that is not
+    optional has no item within `slop_ns` but a later one. The result depends only on the stamps
+    and on the order of arrival.
 
     Args:
         names: Names of the streams. The first one is the reference: each of its items takes part
@@ -175,7 +181,7 @@ class StampMatcher:
 
     @property
     def mismatch(self) -> str:
-        """Return one line while no items match, or probably the wrong ones do; else ''.
+        """Return one line while items do not match, or probably the wrong ones do; else ''.
 
         It is the text of `gap` or of `constant_offset_text` for the first two streams.
         """
@@ -186,7 +192,7 @@ class StampMatcher:
         """Return the text of `offset_text` for the first two streams; empty while items match.
 
         There is a text if each of the last 15 items of the reference stream had no match. Items
-        that were dropped before the second stream had any item do not count.
+        that were dropped while the second stream had no item yet do not count.
         """
         if len(self._gaps_ns) < _NUM_GAPS:
             return ''
@@ -276,7 +282,8 @@ class StampMatcher:
     def _note_gap(self, stamp_ns: int) -> None:
         """Store the stamp of the second stream's nearest item minus that of a reference item.
 
-        Nothing is stored if the second stream has had no item.
+        The nearest one is that of the waiting items and the newest item. Nothing is stored if the
+        second stream has had no item.
 
         Args:
             stamp_ns: Stamp of a reference item that has no match.

@@ -1,12 +1,12 @@
 """The value types that processing stages exchange: camera, frame, detections, features, verdicts.
 
-A verdict says whether an object or feature is dynamic. All types are immutable dataclasses without
-ROS; `hoid_common.ros.conversions` converts them to and from messages. Conventions
-(docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)` with the
-origin at the center of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2 exclusive;
-stamps are integer nanoseconds since the epoch of the recording's clock. The optical frame of a
-camera has x to the right, y down, z forward (REP 103). Index letters: i frame or keyframe, j map
-point, k feature.
+A verdict says whether an object or feature is dynamic. The types are frozen dataclasses and an
+enumeration, without ROS; `hoid_common.ros.conversions` converts those that messages carry.
+Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)`
+with the origin at the center of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2
+exclusive; stamps are integer nanoseconds since the epoch of the recording's clock. The optical
+frame of a camera has x to the right, y down, z forward (REP 103). Index letters: i frame or
+keyframe, j map point, k feature.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ class CameraModel:
         """Return the undistorted pixels (N, 2) of pixels (N, 2) in the raw image.
 
         A camera with the same K and without lens distortion would see the same points there.
-        If this camera has no lens distortion, the argument itself is returned.
+        If this camera has no lens distortion, or N is 0, the argument itself is returned.
         """
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
@@ -174,8 +174,9 @@ class CameraModel:
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distorted coordinates (N,), (N,) of normalized image coordinates (z = 1).
 
-        The formula is OpenCV's camera model. `cv2.projectPoints` gives the same result, but takes
-        17 times as long, because it computes the Jacobians too.
+        The formula is OpenCV's camera model without a tilt of the sensor. `cv2.projectPoints`, or
+        that of `cv2.fisheye`, gives the same result, but takes 17 times as long, because it
+        computes the Jacobians too.
         """
         xy, r2 = x * y, x * x + y * y
         if self.is_fisheye:
@@ -300,8 +301,8 @@ class FeatureVerdicts:
     """
 
     stamp_ns: int  # of the image, as in its `Features`
-    # (N,) True: the feature lies on a moving object and must be removed. A received message in
-    # which no feature is dynamic has (0,).
+    # (N,) True: the feature lies on a moving object and must be removed. An empty array means that
+    # no feature does.
     is_dynamic: BoolArray
 
 
@@ -326,21 +327,22 @@ class DynamicObject:
     class_name: str  # such as 'cup'; UNKNOWN for a moving region without a detection
     box_xyxy_px: tuple[float, float, float, float]  # left, top, right, bottom in the full image
     score: float  # confidence of the detection, in [0, 1]
-    track_id: int  # the same for the same object over time; -1 when the strategy does not track
+    track_id: int  # the same for the same object over time; -1 when the object is not tracked
     reason: Reason  # why it is dynamic or static
     overlap_ratio: float = 0.0  # share of the object's box that a person's box covers, in [0, 1]
     # Absolute difference between the depths of the object and of this person; NaN if unknown.
     depth_gap_m: float = NAN
-    # Center of the object in the camera's optical frame; NaN if depth is missing.
+    # Center of the object in the camera's optical frame; NaN if depth or camera is unknown.
     center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)
-    size_m: tuple[float, float] = (NAN, NAN)  # width and height of the box, at its center's depth
+    # Width and height of the box at the object's depth; NaN if depth or camera is unknown.
+    size_m: tuple[float, float] = (NAN, NAN)
     # Velocity relative to the world, along the axes of the camera's optical frame; NaN unless the
-    # object is MOVING.
+    # object is MOVING and its velocity is known.
     velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)
 
     @property
     def is_dynamic(self) -> bool:
-        """Return whether the filter removes the features on the object."""
+        """Return whether the filter classifies the object as dynamic."""
         return self.reason is not Reason.STATIC
 
 
@@ -369,7 +371,10 @@ class Trajectory:
 
     @staticmethod
     def joined(parts: Iterable[Trajectory]) -> Trajectory:
-        """Return the concatenation of trajectories, in the given order; empty without any part."""
+        """Return the concatenation of trajectories; empty without any part.
+
+        The parts must be in order of time, since they are not sorted.
+        """
         each = [Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4))), *parts]
         stamps_ns = np.concatenate([part.stamps_ns for part in each])
         return Trajectory(stamps_ns, np.concatenate([part.T_world_camera for part in each]))

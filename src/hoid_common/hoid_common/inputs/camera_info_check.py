@@ -78,7 +78,8 @@ class CameraInfoCheck:
     def check_image(self, size_px: tuple[int, int]) -> None:
         """Count an image; raise MessageError if its size is not that of the calibration in use.
 
-        Before the first calibration, the image is not counted, and its size is only stored.
+        Before the first calibration, the image is not counted, and its size is only stored. Also
+        updates `problem`.
 
         Args:
             size_px: Width and height of the image.

@@ -29,7 +29,8 @@ class Logger(Protocol):
 class InputLog:
     """Logs the problems of a node's inputs with exponential back-off.
 
-    An input is also logged when it arrives for the first time, or again after it was missing.
+    An input is also logged when it arrives for the first time, or again after it was logged as
+    missing, except for an occasional one.
 
     Args:
         logger: Receives the lines.
@@ -55,7 +56,8 @@ class InputLog:
         Args:
             now_s: Steady time.
             watches: All inputs.
-            missing: Text by topic of each missing input; all of them are logged in one line.
+            missing: Text by topic of each missing input. Those for which `is_cause` returns True
+                are logged in one line.
             others: Text by kind of each other problem; each is logged in a line of its own.
         """
         causes = {topic: text for topic, text in missing.items() if self._is_cause(topic)}
@@ -71,7 +73,10 @@ class InputLog:
         self._log_arriving([w for w in watches if w.num_received and w.topic not in missing])
 
     def _log_arriving(self, watches: Sequence[InputWatch]) -> None:
-        """Log the inputs that arrive for the first time, or again after they were missing."""
+        """Log the inputs that arrive for the first time, or again after they were logged missing.
+
+        Occasional inputs, and those for which `is_cause` returns False, are not logged.
+        """
         new = [w for w in watches if not w.is_occasional and w.topic not in self._arriving]
         self._arriving |= {watch.topic for watch in new}
         texts = [f'{w.what} on {w.topic}' for w in new if self._is_cause(w.topic)]

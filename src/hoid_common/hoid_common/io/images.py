@@ -95,7 +95,7 @@ def decode_color(image: RawImage) -> ByteArray:
 
     Raises:
         MessageError: The encoding is another one; the image is empty, too large, or of a size that
-            its encoding does not allow; or the data is too short for the size.
+            its encoding does not allow; or `step` or the data is too short for the size.
     """
     if image.encoding not in _COLOR:
         raise MessageError(
@@ -126,8 +126,9 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
             numbers, 1 for floats).
 
     Raises:
-        MessageError: The encoding is another one, the image is empty or too large, the data is too
-            short for the size, or the unit is wrong (see `check_depth_unit`).
+        MessageError: The encoding is none of DEPTH_ENCODINGS, the image is empty or too large,
+            `step` or the data is too short for the size, or the unit is wrong (see
+            `check_depth_unit`).
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
@@ -193,7 +194,7 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
     """Return the field `data` of a compressedDepth message, without loss.
 
     Args:
-        depth_mm: (H, W) uint16 depth in mm.
+        depth_mm: (H, W) uint16 depth in mm, not empty.
 
     Raises:
         MessageError: OpenCV cannot encode the image.
@@ -211,10 +212,10 @@ def compressed_depth_of_png(png: bytes) -> bytes:
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
-    """Return the JPEG of a (H, W, 3) uint8 BGR image; quality in [1, 100].
+    """Return the JPEG of a (H, W, 3) uint8 BGR image that is not empty; quality in [1, 100].
 
     Raises:
-        MessageError: OpenCV cannot encode the image.
+        MessageError: OpenCV cannot encode the image, such as one with a side above 65,500 px.
     """
     ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:

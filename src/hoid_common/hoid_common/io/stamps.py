@@ -64,7 +64,7 @@ def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
 
     The longest part is the one with the most stamps.
 
-    Time starts anew where a stamp is a second older than the newest one so far, as when a
+    Time starts anew where a stamp is at least a second older than the newest one so far, as when a
     simulator restarts or a bag is played again into a recording.
     """
     given = np.asarray(stamps_ns, np.int64)

@@ -71,8 +71,9 @@ def read_numbers(
 
     The result is in order of time, with each stamp once; it is empty if the file has no rows.
 
-    Motion-capture systems write rows of NaN or zeros while they do not see their target. Such rows
-    are left out with a warning.
+    Rows are left out with a warning if the stamp is invalid, if there are fewer numbers or one
+    that is not finite, or if `problem` returns a text. Motion-capture systems write rows of NaN or
+    zeros while they do not see their target.
 
     Args:
         path: The file.

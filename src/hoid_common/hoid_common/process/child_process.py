@@ -1,7 +1,8 @@
 """Child processes that exchange messages with their parent and end with it.
 
 A `ChildWorker` runs a function in a child process. It sends messages to the child and receives
-reports through two pipes, which two threads serve, so that neither process blocks on the other.
+reports through two pipes, which two threads of the parent serve, so that the parent does not block
+when it sends, and the child does not block until its reports are read.
 
 Starting an interpreter with all imports keeps two cores busy for a second. The children of a
 process that has called `preload` are forked from a copy of it instead, which takes milliseconds:
@@ -55,7 +56,7 @@ _has_server = Event()
 
 
 def preload(*modules: str) -> None:
-    """Import modules, and start a fork server from which all later children are forked.
+    """Import modules, and start a fork server from which later `ChildWorker`s fork their children.
 
     The server is a copy of this process at the time of the call. It ends when this process and all
     children have ended. Call this before anything exists that must not be forked, such as threads.
@@ -104,7 +105,8 @@ def start_child(process: BaseProcess) -> None:
     """Start a process in which SIGINT is blocked from the beginning.
 
     Ctrl-C sends SIGINT to all processes of a terminal, but only the parent must react to it: it
-    ends its children in order.
+    ends its children in order. Signal handlers of this process run after the start (see
+    `signal_handlers_deferred`).
     """
     with _sigint_blocked(), signal_handlers_deferred():
         process.start()
@@ -147,7 +149,10 @@ class ChildWorker(Generic[Message, Report]):
         return self._to_send.qsize()
 
     def send(self, message: Message) -> None:
-        """Queue a message for the child; it is lost when the child has ended."""
+        """Queue a message for the child; it is lost when the child has ended.
+
+        Another thread pickles the message later, so that it must not be changed afterwards.
+        """
         self._to_send.put(message)
 
     @property

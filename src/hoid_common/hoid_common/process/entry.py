@@ -29,14 +29,16 @@ REFUSAL_PAUSE = 'HOID_REFUSAL_PAUSE_S'
 """Environment variable: time (s) that a node waits before it ends with EXIT_CONFIG.
 
 `ros2 launch` restarts a node after a fixed delay. Without the pause, a node that cannot start
-would keep a whole processor core busy by its attempts. No value means no pause.
+would keep a whole processor core busy by its attempts. If the variable is not set, there is no
+pause.
 """
 
 
 def start(module: str) -> NoReturn:
     """Import a node's module, run its `main`, and exit with the status that `main` returns.
 
-    If the process may not open enough files, it ends at once with EXIT_CONFIG, without a pause.
+    If `main` returns EXIT_CONFIG, the process first waits for the time in REFUSAL_PAUSE. If the
+    process may not open enough files, it ends with EXIT_CONFIG at once.
 
     Until `main` installs its own handlers, SIGINT ends the process with status 130. SIGINT is also
     unblocked, because a parent may block it while the interpreter starts. From here on, output

@@ -1,4 +1,4 @@
-"""System limits that must be high enough for a process, checked before it starts."""
+"""System limits that must be high enough for a process, checked at its start."""
 
 from __future__ import annotations
 

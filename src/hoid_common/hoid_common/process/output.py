@@ -1,4 +1,4 @@
-"""Output that nobody reads: it is dropped and counted, and never blocks the process.
+"""Output that nobody reads: it does not block the process; its oldest lines are dropped.
 
 A process that writes to a full pipe, or to a terminal that was stopped by Ctrl-S, blocks until
 somebody reads. The console handler of ROS does so while it holds Python's interpreter lock, so
@@ -38,6 +38,10 @@ def relay_output(*, terminals: bool = True) -> None:
     While nobody reads, the last 256 KiB wait; older lines are dropped, and their number is written
     as soon as somebody reads again. Output to regular files is left as it is, and so is output
     that a parent process relays already. Call this before threads exist, because it forks.
+
+    At exit, this process waits up to one second until the rest has been read. The environment gets
+    a variable by which child processes find that their output is relayed and, if a terminal is
+    relayed, RCUTILS_COLORIZED_OUTPUT=1 unless it is set.
 
     Args:
         terminals: Whether output to a terminal is relayed too. This process then sees a pipe in
@@ -93,6 +97,8 @@ def _flush() -> None:
 
 def _finish(relay: int, finish: int, owner: int) -> None:
     """Wait at exit until the relay has written everything, or has waited one second to do so.
+
+    This happens in the process `owner` only, not in processes that it has forked.
 
     The relay gets a message, because its pipe does not end while children of this process, which
     have inherited it, live on.
@@ -210,7 +216,8 @@ class _Channel:
     def write(self) -> None:
         """Write waiting output, up to PIPE_BUF bytes, as far as the stream takes it at once.
 
-        A note about dropped lines is written first. After an error the stream counts as dead.
+        A note about dropped lines is written first. If the stream takes nothing at once, the
+        function pauses for 50 ms; after any other error the stream counts as dead.
         """
         if self._num_lost:
             note = f'[{self._num_lost} lines of output were dropped: nobody read them in time]\n'

@@ -76,7 +76,7 @@ def clean_shared_memory() -> None:
 def _segment_mb() -> float:
     """Return the segment size in MB (2^20 bytes) that the profile of Fast DDS configures.
 
-    It is 0 if no profile configures one, or if another middleware is used.
+    It is 0 if no readable profile configures one, or if another middleware is used.
     """
     if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
         return 0.0

@@ -15,14 +15,15 @@ TERMINATION_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 FAILURE_SIGNAL = signal.SIGUSR1
 """Signal that ends a node because another process failed: its map is kept (decision 046)."""
 NODE_END_SIGNALS = (signal.SIGINT, *TERMINATION_SIGNALS, FAILURE_SIGNAL)
-"""All signals that end a node."""
+"""The signals that a node handles by ending in order."""
 
 
 def interrupt_on_termination() -> None:
     """Make the first SIGTERM, SIGHUP or SIGQUIT raise KeyboardInterrupt.
 
     Later ones are ignored, so that they do not interrupt the clean-up: a shell that is closed
-    sends SIGHUP twice. Signals that were ignored at the start, as by `nohup`, stay ignored.
+    sends SIGHUP twice. Signals that were ignored at the start, as by `nohup`, stay ignored. After
+    SIGHUP, output to the terminal is discarded.
     """
     for sign in TERMINATION_SIGNALS:
         if signal.getsignal(sign) is not signal.SIG_IGN:

@@ -17,7 +17,7 @@ _set_time = TimeSource.clock_callback
 
 
 def ignore_negative_clock_times() -> None:
-    """Make all nodes of this process ignore messages on /clock with a negative time."""
+    """Make all nodes of this process ignore negative times on /clock, with a warning."""
     TimeSource.clock_callback = _set_valid_time
 
 

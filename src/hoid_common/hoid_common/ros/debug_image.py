@@ -1,4 +1,4 @@
-"""Publishers of debug images and masked images, which are made only for subscribers."""
+"""Publishers of debug images and masked images, which publish only for subscribers."""
 
 from __future__ import annotations
 

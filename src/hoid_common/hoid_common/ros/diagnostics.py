@@ -41,7 +41,8 @@ class Diagnostics:
     """Publishes the status of a node once a second.
 
     The level is ERROR while a severe problem exists, WARN while another problem exists, an input
-    is missing or loses messages, or simulated time has not begun, and OK otherwise.
+    is missing or loses messages, or simulated time has not begun, and OK otherwise. Problems are
+    also logged, with the limits of `InputLog`, `set_problem` and `report`.
     """
 
     def __init__(self, node: Node) -> None:
@@ -71,7 +72,8 @@ class Diagnostics:
     ) -> InputWatch:
         """Begin to report missing and lost messages of a topic, and return the watch for it.
 
-        The subscription must call `record_message` of the watch for each message.
+        The subscription must call `record_message` of the watch for each message, and
+        `record_loss` for lost ones.
 
         Args:
             topic: Full name of the topic.
@@ -100,8 +102,9 @@ class Diagnostics:
     def set_problem(self, name: str, text: str, *, severe: bool = False) -> None:
         """Publish a problem until `clear_problem` is called with its name.
 
-        It is logged when it is new. If it comes and goes, at least five seconds lie between two of
-        its log lines, and the interval doubles with each line up to five minutes.
+        It is logged when it is new, but not when only its text changes. If it comes and goes, at
+        least five seconds lie between two of its log lines, and the interval doubles with each
+        line up to five minutes.
 
         Args:
             name: Name of the problem.
@@ -225,7 +228,10 @@ class Diagnostics:
 
 
 def _transport_profile() -> str:
-    """Return the path of the Fast DDS profile for images; empty with another middleware."""
+    """Return the path of the Fast DDS profile that this process uses, or else should use.
+
+    It is empty with another middleware, or if neither the environment nor the package has one.
+    """
     if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
         return ''
     if given := os.environ.get(_PROFILE):

@@ -1,6 +1,6 @@
 """Publisher and listeners of transforms on /tf and /tf_static.
 
-tf2_ros has the same classes where ROS is installed, but is missing from the wheels of rclpy.
+tf2_ros has similar classes where ROS is installed, but is missing from the wheels of rclpy.
 """
 
 from __future__ import annotations
@@ -58,7 +58,8 @@ def listen_to_transforms(
         topic: Name of the topic.
         profile: Quality of service of the subscription.
         what: The transforms in the plural, such as "static transforms".
-        take: Function that is called with each edge of the frame tree. It may raise MessageError.
+        take: Function that is called with each edge of the frame tree, whose frame names have no
+            leading slashes. It may raise MessageError.
         diagnostics: Diagnostics of the node.
     """
 
@@ -91,10 +92,10 @@ class StaticFrameListener:
 
 
 class FrameListener:
-    """Finds the transform between two frames at a time, as tf2's `lookup_transform` does.
+    """Finds the transform between two frames at a time, like tf2's `lookup_transform`.
 
-    It serves scripts and examples that run without tf2. A malformed message raises MessageError in
-    the callback of the subscription.
+    It serves scripts and examples that run without tf2. A malformed transform raises MessageError
+    in the callback of the subscription.
     """
 
     def __init__(self, node: Node) -> None:
@@ -115,6 +116,9 @@ class FrameListener:
             a: Name of the frame to which points are mapped.
             b: Name of the frame in which points are given.
             stamp_ns: The time.
+
+        Raises:
+            MessageError: There are more than 1000 frames.
         """
         poses = ((*edge, buffer.at(stamp_ns)) for edge, buffer in self._moving.items())
         known = [(parent, child, T) for parent, child, T in poses if T is not None]

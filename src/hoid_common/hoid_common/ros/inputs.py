@@ -69,8 +69,8 @@ class Inputs:
 
         Args:
             callback: Function that is called with each message; `conversions.depth_from_msg`
-                converts it. The parameter `depth_offset_s` has been subtracted from its stamp. The
-                function may raise HoidError.
+                converts it. The parameter `depth_offset_s` has been subtracted from its stamp,
+                which stays at least 0. The function may raise HoidError.
         """
         offset_ns = round(self._config.depth_offset_s * NS_PER_S)
 
@@ -88,10 +88,11 @@ class Inputs:
         """Subscribe to the camera_info of the color images.
 
         The name of the images' topic decides whether they are rectified (see `camera_from_info`).
+        If that is doubtful, the diagnostics show a problem.
 
         Args:
-            callback: Function that is called with the camera and the header of each message, whose
-                frame name is valid in TF. It may raise HoidError.
+            callback: Function that is called with the camera and the header of each valid message;
+                the frame name in the header is valid in TF. It may raise HoidError.
         """
 
         def on_camera_info(msg: CameraInfo) -> None:
@@ -177,7 +178,10 @@ class Inputs:
 
 
 class _Input:
-    """The subscription of an input. With `auto` it is reliable while all publishers offer that.
+    """The subscription of an input.
+
+    With `auto` it is reliable until a publisher offers less, and then best effort until the topic
+    has no publisher.
 
     Args:
         node: Node that subscribes.
@@ -223,7 +227,7 @@ class _Input:
 
     def _request_best_effort(self) -> None:
         def restore(info: Any) -> None:
-            if info.current_count == 0:  # the publisher that offered less has ended
+            if info.current_count == 0:  # no publisher is left that could offer less
                 self._node.destroy_subscription(subscription)
                 self._request_reliable()
 
@@ -265,7 +269,10 @@ class _Input:
             self._on_bytes(data)
 
     def _repeat_last(self) -> None:
-        """Process the latest message again, which the node dropped if it was not active yet."""
+        """Process the latest message again, which the node dropped if it was not active yet.
+
+        This is done only if a publisher keeps its last message for late subscribers.
+        """
         if self._has_latched and self._last is not None:
             self._on_bytes(self._last[0])
 
@@ -301,7 +308,8 @@ def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
     """Return the message that serialized bytes contain; an Image as `conversions.ReceivedImage`.
 
     Raises:
-        MessageError: The bytes are no message of this type, or more than 2 MB without an image.
+        MessageError: The bytes are no message of this type, or are more than 2 MB and the type is
+            not that of an image.
     """
     if len(data) > _MAX_BYTES and type_ not in _IMAGES:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')

@@ -88,7 +88,7 @@ def suite_node(
     """Return the launch action that starts a package's node with the common launch arguments.
 
     The whole launch ends when the node refuses its first start, or when it fails without
-    `respawn`.
+    `respawn`. Before that, a running SLAM node gets FAILURE_SIGNAL, so that its map is kept.
 
     Args:
         context: Context of the launch.
@@ -177,9 +177,9 @@ def _ending_launch(
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
     """Return the handler for the exit of a node, which ends the launch after a failure.
 
-    With `respawn`, only a node that refuses its first start ends the launch; without it, every
-    exit with a status other than 0 does. These are the rules of `hoid nodes --restart` (decision
-    046).
+    Before the launch ends, a running SLAM node gets FAILURE_SIGNAL. With `respawn`, only a node
+    that refuses its first start ends the launch; without it, every exit with a status other than 0
+    does. These are the rules of `hoid nodes --restart` (decision 046).
     """
     has_run = False
 

@@ -83,7 +83,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Start processing messages."""
+        """Start processing messages, and call the functions in `on_activation`."""
         self.is_active = True
         for function in self.on_activation:
             function()

@@ -29,7 +29,7 @@ class _NodeHandler(logging.Handler):
 
 
 def bridge_logging(node: Node) -> None:
-    """Forward Python log records of this process to a node's logger, from its log level on.
+    """Forward Python log records of this process to a node's logger, from its present level on.
 
     A node that was bridged before gets no more records.
     """

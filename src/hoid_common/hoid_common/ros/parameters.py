@@ -3,8 +3,9 @@
 The node must be made with `automatically_declare_parameters_from_overrides=True`. Only then can
 overrides of parameters that do not exist, such as misspelled names, be found.
 
-Expert parameters are declared only when `expert` is true. An empty list has no type in ROS, so
-that its parameter has the value of a list of one empty string, `['']`.
+Expert parameters are declared only when `expert` is true, or if the config has no parameter of
+this name. An empty list has no type in ROS, so that its parameter has the value of a list of one
+empty string, `['']`.
 """
 
 from __future__ import annotations
@@ -53,11 +54,14 @@ class AcceptsEmptyLists(Node):
 class Parameters(Generic[C]):
     """Declares the parameters of a node, and updates its config when they are set.
 
+    Given parameters without effect (unknown ones, and expert parameters that are not declared) are
+    logged.
+
     Args:
         node: Node that gets the parameters.
         defaults: The config whose fields become parameters.
-        on_change: Function that is called with the new config after parameters were set at run
-            time.
+        on_change: Function that is called with the new config after parameters that were set at
+            run time have changed it.
         approve: Function that is called with the new config before parameters are set at run time.
             It raises ConfigError to reject them. Types and ranges have been checked before.
 

@@ -38,8 +38,9 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     or ROS rejects the arguments, the error is printed in one line, and the status is EXIT_CONFIG.
     After a HoidError of a running node it is EXIT_FAILED. Other errors are raised.
 
-    The function also changes the whole process: OpenCV uses one thread, and glibc keeps freed
-    memory.
+    The function also changes the whole process: OpenCV uses one thread, glibc keeps freed memory,
+    negative times on /clock are ignored, and SIGALRM ends the process 10 s after the node began to
+    end (see `limit_exit_time`).
 
     Args:
         make_node: Constructor of the node.
@@ -101,8 +102,8 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
 def is_end_asked_for() -> bool:
     """Return whether the node is being destroyed because it was asked to end.
 
-    The result is False if the node is destroyed after an error, or if FAILURE_SIGNAL has come,
-    which means that another process has failed.
+    Call this in `destroy_node`. The result is False if the node is destroyed after an error, or if
+    FAILURE_SIGNAL has come, which means that another process has failed.
     """
     return sys.exc_info()[0] is None and not _failure.is_set()
 
@@ -110,7 +111,7 @@ def is_end_asked_for() -> bool:
 class _Interrupt:
     """Makes the first signal that ends a node raise KeyboardInterrupt, until `_handle` is called.
 
-    `came` states whether one has come; `is_node_made` is set by `_run`.
+    `came` states whether one has raised it; `is_node_made` is set by `_run`.
     """
 
     def __init__(self) -> None:

@@ -23,6 +23,8 @@ class Stamped(NamedTuple):
 class Synchronizer:
     """Calls a function for each match of messages, and counts the dropped ones in diagnostics.
 
+    While messages do not match, or probably the wrong ones do, the diagnostics show a problem.
+
     Args:
         matcher: Matcher of the streams, whose names also appear in the diagnostics, such as
             "color" and "depth".

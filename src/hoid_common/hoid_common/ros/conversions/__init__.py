@@ -1,7 +1,7 @@
-"""Conversions between messages and values, by pairs of functions `x_from_msg` and `x_to_msg`.
+"""Conversions between messages and values, by functions `x_from_msg` and `x_to_msg`.
 
-The functions `x_from_msg` raise MessageError with one line that names the wrong field. The
-functions `x_to_msg` take a Header, because every output has the stamp and frame of its image.
+A function `x_from_msg` that cannot use a message raises MessageError with one line that says what
+is wrong. Functions `x_to_msg` for the results of an image take the Header of the image.
 """
 
 from hoid_common.io.camera_info import camera_from_info as camera_from_msg

@@ -1,6 +1,6 @@
 """Conversion of point clouds, with or without color and labels: sensor_msgs/PointCloud2.
 
-sensor_msgs_py has the same functions, but is missing from the wheels of rclpy.
+sensor_msgs_py has similar functions, but is missing from the wheels of rclpy.
 """
 
 from __future__ import annotations

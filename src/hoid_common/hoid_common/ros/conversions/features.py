@@ -65,7 +65,7 @@ def features_to_msg(
     image_size_px: tuple[int, int],
     counts: FeatureCounts = FeatureCounts(),  # noqa: B008 (immutable)
 ) -> FeaturesMsg:
-    """Return the Features message of the features of an image.
+    """Return the Features message of an image; if all `may_seed` are True, that field is empty.
 
     Args:
         features: The features that the filter has kept.
@@ -93,7 +93,7 @@ def features_to_msg(
 
 
 def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
-    """Return the verdicts in a message; `is_dynamic` is (0,) when no feature is dynamic.
+    """Return the verdicts in a message; an empty array, by which none is dynamic, stays empty.
 
     Raises:
         MessageError: There are more verdicts than an image can have features.

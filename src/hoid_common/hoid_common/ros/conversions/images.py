@@ -14,7 +14,7 @@ from hoid_common.values import ByteArray, Float32Array
 def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image.
 
-    See `io.images.decode_color` for the encodings and errors.
+    See `io.images.decode_color` and `decode_compressed_color` for the encodings and errors.
     """
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_color(msg.data)
@@ -42,7 +42,7 @@ def depth_from_msg(
 ) -> Float32Array:
     """Return the (H, W) float32 depth in m, 0 = no reading.
 
-    See `io.images.decode_depth` for the argument `units_per_m` and the errors.
+    See `io.images.decode_depth` and `decode_compressed_depth` for `units_per_m` and the errors.
     """
     if isinstance(msg, CompressedImage):
         return images.decode_compressed_depth(msg.format, msg.data, units_per_m)

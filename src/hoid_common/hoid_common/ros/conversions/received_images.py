@@ -35,7 +35,7 @@ class ReceivedImage(NamedTuple):
     encoding: str
     is_bigendian: int
     step: int
-    data: ByteArray  # (step * height,)
+    data: ByteArray  # (step * height,); its length is not checked
 
 
 def image_from_cdr(serialized: bytes) -> ReceivedImage:

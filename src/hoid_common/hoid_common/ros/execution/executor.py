@@ -188,10 +188,14 @@ class SteadyExecutor(SingleThreadedExecutor):
     def spin_ready(self) -> bool:
         """Run all ready callbacks, one message of each subscription, without waiting.
 
-        Coroutines that await a future do not continue here, but only when the executor spins.
+        Coroutines that await a future do not continue here, but only when the executor spins. An
+        error of a callback is raised.
 
         Returns:
             Whether any callback was ready.
+
+        Raises:
+            ExternalShutdownException: ROS was shut down.
         """
         with self._at_work:
             return not self._is_shutdown and self._run_ready(0)
@@ -248,7 +252,8 @@ class SteadyExecutor(SingleThreadedExecutor):
 
         Returns:
             Each ready entity with the method that takes a message, request or event from it;
-            empty after the time limit, or if the executor was shut down.
+            empty after the time limit, if the executor was woken or shut down, or if an entity is
+            being destroyed.
 
         Raises:
             ExternalShutdownException: ROS was shut down.

@@ -1,4 +1,4 @@
-"""A publisher of large messages, which are made only while somebody subscribes.
+"""A publisher of large messages, which need not be made while nobody subscribes.
 
 rclpy holds Python's interpreter lock while it publishes: 10 to 80 ms for a cloud of 20 MB, in
 which no other thread of the node runs. Serialized messages are therefore given to rcl itself.
