@@ -1,8 +1,9 @@
 """C++ kernels for the loops in which NumPy is measured to be too slow (docs/architecture.md).
 
-The kernels work on NumPy arrays. A wrong dtype or shape raises a TypeError, an invalid value a
-ValueError. Arrays that are not contiguous are copied, except arrays that a kernel changes: these
-must be contiguous. Arguments of type `NDArray[Any]` may have any real dtype.
+The kernels work on NumPy arrays. A wrong dtype or shape raises a TypeError; an invalid value that
+a kernel checks raises a ValueError. Arrays that are not contiguous are copied, except arrays that
+a kernel changes: these must be contiguous. Arguments of type `NDArray[Any]` may have any real
+dtype.
 """
 
 from hoid_native._native import (

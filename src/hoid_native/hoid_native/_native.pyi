@@ -24,7 +24,7 @@ def fast_corners(
     Args:
         levels: L gray images (H_l, W_l) uint8, the finest first.
         steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
-        threshold: least contrast of a corner in gray levels, from 1 to 254.
+        threshold: contrast in gray levels that a corner must exceed, from 1 to 254.
         border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
 
     Raises:
@@ -69,8 +69,8 @@ def subpixel_offsets_px(
     Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
 
     The peak is the maximum of the quadratic fitted to the signed FAST scores of the corner's pixel and
-    its 8 neighbors (docs/decisions/008). Offsets are within [-0.5, 0.5]; they are 0 if the quadratic
-    has no maximum.
+    its 8 neighbors (docs/decisions/008). Offsets are clamped to [-0.5, 0.5]; they are 0 if the
+    quadratic has no maximum.
 
     Args:
         image_gray: (H, W) uint8 image.
@@ -126,9 +126,9 @@ class ObservationGraph:
     """
     Stores which keyframes observe which map points, and how many points two keyframes share.
 
-    Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of a call depends
-    on the observations concerned and not on the size of the map, except for `edges` and
-    `path_length_m`. A row number out of range raises a ValueError.
+    Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of most calls
+    depends on the observations concerned and not on the size of the map. Except in the table of
+    `points_of`, a number in an array that is out of range raises a ValueError.
     """
 
     def __init__(self) -> None: ...
@@ -140,6 +140,8 @@ class ObservationGraph:
     ) -> None:
         """
         Add N observations: keyframe i observes point j in its feature k.
+
+        They must not have been added before, which is not checked.
 
         Args:
             i: (N,) rows of keyframes.
@@ -219,11 +221,11 @@ class ObservationGraph:
 
         Args:
             i: row of the keyframe.
-            rows: (N,) rows of all keyframes that share points with it, ascending.
-            shared: (N,) numbers of shared points.
+            rows: (N,) rows of all keyframes that share points with it, ascending, each once.
+            shared: (N,) numbers of shared points, at least 1.
 
         Raises:
-            ValueError: Lengths differ, or the rows do not ascend.
+            ValueError: Lengths differ, a row is out of range, or the rows are not sorted.
         """
 
     def neighbors(self, i: int, min_shared: int = 1) -> hoid_native.results.Neighbors:
@@ -297,9 +299,11 @@ class ObservationGraph:
         """
         Return the (P,) ascending rows of the points that at least one of some keyframes observes.
 
+        What they observe is read from a table, not from the stored observations.
+
         Args:
             point_of_feature: (K, F) int32 row of the point that each feature of each keyframe observes, or
-                -1.
+                -1. The values are not checked.
             keyframes: (N,) rows of keyframes in `point_of_feature`.
         """
 
@@ -421,7 +425,7 @@ def match_along_segments(
     Args:
         segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
         octave_radius_px: (L,) largest distance between a segment and a feature, by the octave of the
-            feature.
+            feature. It must not decrease with the octave.
         queries: octave limits and descriptors of the queries.
         candidates: features of the image, of which u_right is not used.
         threshold: limits of the descriptor distances.
@@ -437,8 +441,8 @@ def distinctive_descriptors(
     """
     Return the (G,) int64 row, for each group, of the descriptor that represents the group best.
 
-    This descriptor has the smallest median distance to the others in its group, as in
-    ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
+    This descriptor has the smallest median distance to the descriptors of its group, itself included,
+    as in ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
 
     Args:
         descriptors: (M, 32) uint8 descriptors, sorted by group. Of a group, only the last 8 are used.
@@ -547,8 +551,8 @@ def optimize_pose(
     unless `joint_noise` is on. Outliers are identified on (u, v, u_right) after each of three rounds
     (Mur-Artal and Tardos, T-RO 2017). The information of the result has the unit of `inv_sigma2` and
     includes the prior. With fewer than four matches and no prior, the initial pose is returned, with
-    the identity as its information. With fewer than four inliers after a round and no prior, the
-    pose of that round is returned.
+    the identity as its information and all matches as inliers. With fewer than four inliers after a
+    round and no prior, the pose of that round is returned.
 
     Args:
         camera: camera model of the image, with its measured noise.
@@ -562,7 +566,7 @@ def optimize_pose(
         T_camera_map: (4, 4) initial pose of the map in the camera frame.
         prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
         prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
-            first; None: no prior.
+            first; None: no prior. It is added to the information of the matches as it is.
 
     Raises:
         ValueError: Lengths differ, or the prior is incomplete or not finite.
@@ -580,8 +584,9 @@ def evaluate_matches(
     Return how well each of N matches fits a pose.
 
     The squared errors of pixel and disparity, each divided by its measured variance, are truncated at
-    `gates.mono` and at 3.841 (MSAC, Torr and Zisserman, CVIU 2000). Therefore the sum over all matches
-    can be compared between poses that have different outliers.
+    `gates.mono` and at 3.841 (MSAC, Torr and Zisserman, CVIU 2000); with `joint_noise`, that of
+    (u, v, u_right) at the limit of outliers. Therefore the sum over all matches can be compared
+    between poses that have different outliers.
 
     Args:
         camera: camera model of the image, with its measured noise.
@@ -619,9 +624,8 @@ def most_biasing_region(
             beyond 3.841 are not used.
         points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
-            applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
-            own, which the camera states, unless `joint_noise` is on.
+        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The disparity
+            u - u_right has a variance of its own, which the camera states.
         T_camera_map: (4, 4) pose fitted to all matches.
         noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
 
@@ -666,7 +670,7 @@ def adjust_bundle(
         iterations: largest number of iterations in each round.
 
     Raises:
-        ValueError: Lengths differ, or an index is out of range.
+        ValueError: Lengths differ, or an index or `num_free` is out of range.
         MemoryError: The dense system of the optimized cameras does not fit in memory.
     """
 
@@ -769,10 +773,10 @@ def person_depths_m(
     """
     Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-    A layer is a range of depth as thick as a torso (0.4 m). The person is the nearest layer of the
-    readings in the middle of the box that has almost as many of them as the fullest layer. If the
-    depth of the person in an earlier image is known, only readings near this depth are used, unless
-    there are few of them.
+    A layer is a range of depth as thick as a torso (0.4 m). The depth is the median of the nearest
+    layer of the readings in the middle of the box that has at least 60 % as many of them as the
+    fullest layer. Readings from 10 m on are not used. If the depth of the person in an earlier image
+    is known, only readings near this depth are used, unless there are few of them.
 
     Args:
         depth_m: (H, W) float32 depth; 0 or NaN = no reading.
@@ -860,7 +864,8 @@ def depth_segments(
     """
     Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
-    A depth jump is a difference of more than 0.02 m plus 3 % of the depth within 3x3 pixels.
+    A depth jump is a difference of at least 0.02 m plus 3 % of the depth within 3x3 pixels. Pixels
+    without a reading count as depth 0, so that there is a jump beside them.
 
     Args:
         depth_m: (H, W) float32 depth; 0 = no reading.
@@ -985,7 +990,8 @@ def score_poses(
     """
     Return the (M, 2) weights of the points that each pose explains, summed for two sets of weights.
 
-    A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit it does not count.
+    A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit, or nearer than 0.1 m
+    in front of the camera, it does not count.
 
     Args:
         camera: camera model of the image. Its `disparity_noise_px` is in units of `pixel_px` here; the
@@ -998,7 +1004,7 @@ def score_poses(
         weights: (N, 2) two weights of each point.
 
     Raises:
-        ValueError: Lengths differ, or the noise or the limit is not positive.
+        ValueError: Lengths differ, or `pixel_px` or the limit is not positive.
     """
 
 def align_triples(

@@ -35,14 +35,14 @@ class Observations(NamedTuple):
 
 
 class Neighbors(NamedTuple):
-    """The N keyframes that observe some of the same map points as a given keyframe."""
+    """The N keyframes that share enough map points with a given keyframe."""
 
     rows: NDArray[np.int64]  # (N,) rows of keyframes
     shared: NDArray[np.int64]  # (N,) numbers of common map points
 
 
 class Edges(NamedTuple):
-    """E pairs of keyframes that observe some of the same map points."""
+    """E pairs of keyframes that share enough map points."""
 
     first: NDArray[np.int64]  # (E,) row of one keyframe
     second: NDArray[np.int64]  # (E,) row of the other keyframe, which is larger
@@ -53,7 +53,8 @@ class PoseFit(NamedTuple):
     """A camera pose fitted to N matches of map points."""
 
     T_camera_map: NDArray[np.float64]  # (4, 4)
-    inliers: NDArray[np.bool_]  # (N,) flags of the matches that agree with the pose
+    # (N,) flags of the matches that agree with the pose; all True if there were too few matches.
+    inliers: NDArray[np.bool_]
     # (6, 6) inverse covariance of the pose, as a left twist with the rotation first; the identity
     # if there were too few matches.
     information: NDArray[np.float64]
@@ -63,7 +64,7 @@ class MatchEvaluation(NamedTuple):
     """How well each of N matches fits a pose."""
 
     # (N,) squared errors of pixel and disparity, each divided by its measured variance and
-    # truncated at its limit, added up.
+    # truncated at its limit, added up (see `evaluate_matches` for `joint_noise`).
     cost: NDArray[np.float64]
     inliers: NDArray[np.bool_]  # (N,) flags of the matches that pass the outlier test
 

@@ -1,5 +1,5 @@
-// NumPy arrays as arguments and results. An argument has the kernel's dtype and shape and is
-// contiguous, or a TypeError is raised.
+// NumPy arrays as arguments and results. An argument of another dtype or shape than the kernel's
+// raises a TypeError. One that is not contiguous is copied.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -122,7 +122,7 @@ if it is less than 32 px wide or high without the border.
 Args:
     levels: L gray images (H_l, W_l) uint8, the finest first.
     steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
-    threshold: least contrast of a corner in gray levels, from 1 to 254.
+    threshold: contrast in gray levels that a corner must exceed, from 1 to 254.
     border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
 
 Raises:
@@ -153,8 +153,8 @@ Raises:
 Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
 
 The peak is the maximum of the quadratic fitted to the signed FAST scores of the corner's pixel and
-its 8 neighbors (docs/decisions/008). Offsets are within [-0.5, 0.5]; they are 0 if the quadratic
-has no maximum.
+its 8 neighbors (docs/decisions/008). Offsets are clamped to [-0.5, 0.5]; they are 0 if the
+quadratic has no maximum.
 
 Args:
     image_gray: (H, W) uint8 image.

@@ -161,13 +161,15 @@ void bind_graph(nb::module_& module)
   nb::class_<ObservationGraph>(module, "ObservationGraph", R"(
 Stores which keyframes observe which map points, and how many points two keyframes share.
 
-Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of a call depends
-on the observations concerned and not on the size of the map, except for `edges` and
-`path_length_m`. A row number out of range raises a ValueError.)")
+Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of most calls
+depends on the observations concerned and not on the size of the map. Except in the table of
+`points_of`, a number in an array that is out of range raises a ValueError.)")
     .def(nb::init<>())
     .def(
       "observe", &observe, "i"_a, "k"_a, "j"_a, R"(
 Add N observations: keyframe i observes point j in its feature k.
+
+They must not have been added before, which is not checked.
 
 Args:
     i: (N,) rows of keyframes.
@@ -216,11 +218,11 @@ Replace the stored numbers of points that a keyframe shares with other keyframes
 
 Args:
     i: row of the keyframe.
-    rows: (N,) rows of all keyframes that share points with it, ascending.
-    shared: (N,) numbers of shared points.
+    rows: (N,) rows of all keyframes that share points with it, ascending, each once.
+    shared: (N,) numbers of shared points, at least 1.
 
 Raises:
-    ValueError: Lengths differ, or the rows do not ascend.)")
+    ValueError: Lengths differ, a row is out of range, or the rows are not sorted.)")
     .def(
       "neighbors", &neighbors, "i"_a, "min_shared"_a = 1, R"(
 Return the keyframes that share points with a keyframe, by the numbers stored last.
@@ -267,9 +269,11 @@ Args:
       "points_of", &points_of, "point_of_feature"_a, "keyframes"_a, R"(
 Return the (P,) ascending rows of the points that at least one of some keyframes observes.
 
+What they observe is read from a table, not from the stored observations.
+
 Args:
     point_of_feature: (K, F) int32 row of the point that each feature of each keyframe observes, or
-        -1.
+        -1. The values are not checked.
     keyframes: (N,) rows of keyframes in `point_of_feature`.)");
   module.def(
     "move_points", &move_points, "motions"_a, "which"_a, "position_m"_a.noconvert(),

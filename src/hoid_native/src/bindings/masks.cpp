@@ -108,10 +108,10 @@ Raises:
   module.def("person_depths_m", &person_depths_m, "depth_m"_a, "boxes_xyxy_px"_a, "known_m"_a, R"(
 Return the (N,) depths (m) of the people in boxes; NaN without a reading.
 
-A layer is a range of depth as thick as a torso (0.4 m). The person is the nearest layer of the
-readings in the middle of the box that has almost as many of them as the fullest layer. If the
-depth of the person in an earlier image is known, only readings near this depth are used, unless
-there are few of them.
+A layer is a range of depth as thick as a torso (0.4 m). The depth is the median of the nearest
+layer of the readings in the middle of the box that has at least 60 % as many of them as the
+fullest layer. Readings from 10 m on are not used. If the depth of the person in an earlier image
+is known, only readings near this depth are used, unless there are few of them.
 
 Args:
     depth_m: (H, W) float32 depth; 0 or NaN = no reading.

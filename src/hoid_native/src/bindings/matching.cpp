@@ -194,7 +194,7 @@ Return one-to-one matches of queries and features near image segments (of epipol
 Args:
     segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
     octave_radius_px: (L,) largest distance between a segment and a feature, by the octave of the
-        feature.
+        feature. It must not decrease with the octave.
     queries: octave limits and descriptors of the queries.
     candidates: features of the image, of which u_right is not used.
     threshold: limits of the descriptor distances.
@@ -205,8 +205,8 @@ Raises:
     "distinctive_descriptors", &distinctive_descriptors, "descriptors"_a, "starts"_a, R"(
 Return the (G,) int64 row, for each group, of the descriptor that represents the group best.
 
-This descriptor has the smallest median distance to the others in its group, as in
-ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
+This descriptor has the smallest median distance to the descriptors of its group, itself included,
+as in ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
 
 Args:
     descriptors: (M, 32) uint8 descriptors, sorted by group. Of a group, only the last 8 are used.

@@ -173,7 +173,8 @@ void bind_segments(nb::module_& module)
   module.def("depth_segments", &depth_segments, "depth_m"_a, "cell_px"_a, R"(
 Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
-A depth jump is a difference of more than 0.02 m plus 3 % of the depth within 3x3 pixels.
+A depth jump is a difference of at least 0.02 m plus 3 % of the depth within 3x3 pixels. Pixels
+without a reading count as depth 0, so that there is a jump beside them.
 
 Args:
     depth_m: (H, W) float32 depth; 0 = no reading.
@@ -289,7 +290,8 @@ void bind_motion(nb::module_& module)
     "points_m"_a, "measured_px"_a, "weights"_a, R"(
 Return the (M, 2) weights of the points that each pose explains, summed for two sets of weights.
 
-A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit it does not count.
+A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit, or nearer than 0.1 m
+in front of the camera, it does not count.
 
 Args:
     camera: camera model of the image. Its `disparity_noise_px` is in units of `pixel_px` here; the
@@ -302,7 +304,7 @@ Args:
     weights: (N, 2) two weights of each point.
 
 Raises:
-    ValueError: Lengths differ, or the noise or the limit is not positive.)");
+    ValueError: Lengths differ, or `pixel_px` or the limit is not positive.)");
   module.def("align_triples", &align_triples, "from_m"_a, "to_m"_a, "triples"_a, R"(
 Return the (M, 4, 4) rigid transforms T_to_from that align triples of points with least squares.
 

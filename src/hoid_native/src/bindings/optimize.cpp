@@ -206,8 +206,8 @@ Pixels and the disparity u - u_right are independent measurements with separate 
 unless `joint_noise` is on. Outliers are identified on (u, v, u_right) after each of three rounds
 (Mur-Artal and Tardos, T-RO 2017). The information of the result has the unit of `inv_sigma2` and
 includes the prior. With fewer than four matches and no prior, the initial pose is returned, with
-the identity as its information. With fewer than four inliers after a round and no prior, the
-pose of that round is returned.
+the identity as its information and all matches as inliers. With fewer than four inliers after a
+round and no prior, the pose of that round is returned.
 
 Args:
     camera: camera model of the image, with its measured noise.
@@ -221,7 +221,7 @@ Args:
     T_camera_map: (4, 4) initial pose of the map in the camera frame.
     prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
     prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
-        first; None: no prior.
+        first; None: no prior. It is added to the information of the matches as it is.
 
 Raises:
     ValueError: Lengths differ, or the prior is incomplete or not finite.)");
@@ -231,8 +231,9 @@ Raises:
 Return how well each of N matches fits a pose.
 
 The squared errors of pixel and disparity, each divided by its measured variance, are truncated at
-`gates.mono` and at 3.841 (MSAC, Torr and Zisserman, CVIU 2000). Therefore the sum over all matches
-can be compared between poses that have different outliers.
+`gates.mono` and at 3.841 (MSAC, Torr and Zisserman, CVIU 2000); with `joint_noise`, that of
+(u, v, u_right) at the limit of outliers. Therefore the sum over all matches can be compared
+between poses that have different outliers.
 
 Args:
     camera: camera model of the image, with its measured noise.
@@ -261,9 +262,8 @@ Args:
         beyond 3.841 are not used.
     points_m: (N, 3) map points in the map frame.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
-        applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
-        own, which the camera states, unless `joint_noise` is on.
+    inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The disparity
+        u - u_right has a variance of its own, which the camera states.
     T_camera_map: (4, 4) pose fitted to all matches.
     noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
 
@@ -296,7 +296,7 @@ Args:
     iterations: largest number of iterations in each round.
 
 Raises:
-    ValueError: Lengths differ, or an index is out of range.
+    ValueError: Lengths differ, or an index or `num_free` is out of range.
     MemoryError: The dense system of the optimized cameras does not fit in memory.)");
 }
 

@@ -42,14 +42,16 @@ struct Poses
 };
 
 // Keyframes (i), their features (k) and points (j) are numbered by row. Observations are added one
-// by one, while the numbers of shared points change only by `connect` and `set_neighbors`.
+// by one, while the numbers of shared points change only by `connect`, `set_neighbors` and
+// `clear`.
 class ObservationGraph
 {
 public:
   // Add observations: keyframe i[n] observes point j[n] in its feature k[n].
   void observe(const int64_t* i, const int64_t* k, const int64_t* j, int count);
 
-  // Remove observations. Throws std::invalid_argument if one of them does not exist.
+  // Remove observations. Throws std::invalid_argument if one of them does not exist; those before
+  // it are removed nevertheless.
   void unobserve(const int64_t* i, const int64_t* k, const int64_t* j, int count);
 
   // Remove all observations and connections.

@@ -71,7 +71,7 @@ struct Objects
 // Write 1 for each pixel of a depth image that shows a dynamic object, and 0 for the others.
 //
 // To an object belong the regions that lie mostly in its area and near its depth, and the gaps
-// without readings between them. It may extend beyond its area by a tenth of the area's side
+// without readings beside them. It may extend beyond its area by a tenth of the area's side
 // (decision 010), because boxes cut off hands. Parts of a region further outside belong to a surface
 // that the object touches, such as a desk under a hand. If the regions fill little of the area of a
 // detected object, the object has merged with its surroundings; then every pixel of the area near

@@ -1,4 +1,4 @@
-// A set of the pixels of an image: one bit per pixel, which fits the level-1 cache.
+// A set of the pixels of an image: one bit per pixel, so that it stays in a fast cache.
 #pragma once
 
 #include <algorithm>

@@ -45,7 +45,7 @@ struct Windows
 struct Segments
 {
   const double* ends_px;           // (queries, 4) u, v of both ends; NaN: no segment
-  const double* octave_radius_px;  // largest distance of a feature of each octave
+  const double* octave_radius_px;  // largest distance of a feature of each octave, not decreasing
 };
 
 // One-to-one matches in order of queries: query, feature, Hamming distance.
@@ -64,7 +64,7 @@ Pairs match_along_segments(
   const Segments& segments, const QueryConstraints& queries, const Candidates& candidates,
   const MatchThreshold& threshold);
 
-// Return the row of each group's descriptor with the smallest median distance to the others, as
+// Return the row of each group's descriptor with the smallest median distance to all of them, as
 // ORB-SLAM's ComputeDistinctiveDescriptors. Only the last 8 rows of a group are compared. Groups
 // are consecutive and not empty.
 std::vector<int64_t> distinctive_descriptors(

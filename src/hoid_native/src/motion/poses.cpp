@@ -12,9 +12,9 @@ namespace hoid::motion {
 
 namespace {
 
-constexpr double kMinDepthM = 0.1;  // chosen: below the range of any depth camera
-// Norm of the cross product (twice the area) below which three points count as on a line,
-// numerically.
+constexpr double kMinDepthM = 0.1;  // chosen: nearer than most depth cameras measure
+// Norm of the cross product (two thirds of the triangle's area) below which three points count as
+// on a line, numerically.
 constexpr double kMinCrossM2 = 1e-9;
 
 // The columns of an (N, 3) array, contiguous for vector instructions.

@@ -9,7 +9,7 @@ namespace hoid::motion {
 
 namespace {
 
-constexpr float kMinDepthM = 0.1F;  // chosen: below the range of any depth camera
+constexpr float kMinDepthM = 0.1F;  // chosen: nearer than most depth cameras measure
 
 // Reprojects the pixels of the current view into the earlier one, a row at a time.
 class Reprojection

@@ -59,7 +59,8 @@ PoseFit optimize_pose(
 
 struct MatchEvaluation
 {
-  // Squared errors of pixel and disparity over their variances, each truncated at its limit.
+  // Squared errors of pixel and disparity over their variances, each truncated at its limit; with
+  // `joint_noise`, that of (u, v, u_right), truncated at the outlier limit.
   std::vector<double> cost;
   std::vector<uint8_t> inliers;
 };

@@ -137,7 +137,8 @@ ALWAYS_INLINE Weights weights_of(
 }
 
 // Return the squared error of an observation normalized by the measured noise; pixel and disparity
-// are truncated at their gates. Without residuals (`e` null, behind the camera): both gates.
+// are truncated at their gates (kJoint: their sum at its gate). Without residuals (`e` null,
+// behind the camera): the gates.
 template <bool kJoint>
 ALWAYS_INLINE double truncated_cost(
   const StereoParams& camera, const Gates& gates, const Observation& seen, const double* e)
