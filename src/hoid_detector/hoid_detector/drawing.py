@@ -29,7 +29,7 @@ def draw_detections(image_bgr: ByteArray, detections: Detections) -> ByteArray:
         cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), color, 2)
         text = f'{name} {score:.2f}'
         (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
-        top = max(y1, height + 4)  # keeps the label inside the picture
+        top = max(y1, height + 4)  # keeps the label below the top edge
         cv2.rectangle(picture, (x1, top - height - 4), (x1 + width + 2, top), color, cv2.FILLED)
         cv2.putText(picture, text, (x1 + 1, top - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _TEXT_BGR, 1)
     return picture

@@ -17,8 +17,8 @@ class NewestWins(Generic[T, R]):
 
     Args:
         work: Function that processes an item. It runs in the worker thread.
-        wake: Function that is called in the worker thread after each item. It must make the owner
-            call `finish` in the owner's thread.
+        wake: Function that is called after each item, usually in the worker thread. It must make
+            the owner call `finish` in the owner's thread.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -63,7 +63,10 @@ class NewestWins(Generic[T, R]):
             self._running = None
 
     def close(self) -> None:
-        """Discard the waiting item, wait for the running item to end, and end the thread."""
+        """Discard the waiting item, wait for the running item to end, and end the thread.
+
+        No item may be offered afterwards.
+        """
         self._waiting = None
         self._pool.shutdown()
 

@@ -76,7 +76,10 @@ class DetectorNode(ManagedNode):
             self.diagnostics.set_problem('provider', warning)
 
     def pause(self) -> None:
-        """Discard the waiting image and the result of the running detection."""
+        """Discard the waiting image, and wait for the running detection, which is still published.
+
+        That image gets no debug image and is not counted.
+        """
         self._worker.clear()
 
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:

@@ -46,8 +46,8 @@ class OnnxDetector:
         config: Parameters of the detector.
 
     Raises:
-        ModelError: The model cannot be read, one of its outputs contains no finite number, its
-            layout is unknown, its class names are unknown or contain no name of people, or the
+        ModelError: The model cannot be read or run, one of its outputs contains no finite number,
+            its layout is unknown, its class names are unknown or contain no name of people, or the
             file `class_names_file` cannot be read.
         ConfigError: `classes` contains a class that the model lacks, or `providers` an unknown
             provider.

@@ -42,7 +42,8 @@ def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[st
             is required.
 
     Raises:
-        ModelError: No class has one of these names.
+        ModelError: No class has one of these names or is called `person`, although a class of
+            people is required.
     """
     synonyms = {name.casefold() for name in person_names}
     found = tuple(PERSON if name.strip().casefold() in synonyms else name for name in names)

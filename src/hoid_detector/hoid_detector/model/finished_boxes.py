@@ -94,7 +94,7 @@ def order_in_name(name: str, num_columns: int) -> Order | None:
     """Return the order of columns that the name of an output states.
 
     The result is None if the name does not state box, score and class, or if its order has another
-    number of columns.
+    number of columns. For the output of YOLO-NAS, the number of columns is not checked.
     """
     if name.endswith(_YOLO_NAS):
         return ('batch', 'xyxy', 'score', 'class')

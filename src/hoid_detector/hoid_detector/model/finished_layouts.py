@@ -73,6 +73,9 @@ def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
 
     The names of the outputs state the order of the columns. The second value, the number of
     classes, is None, since the outputs do not show it.
+
+    Raises:
+        ModelError: The names do not state an order, or the test image does not fit it.
     """
     order = _order_in_names(probe)
     if order is None:
@@ -104,6 +107,9 @@ def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, in
     taken. Without either, all known orders with this number of columns are possible, and the
     decoder excludes those that do not fit. The second value, the number of classes, is None, since
     the outputs do not show it.
+
+    Raises:
+        ModelError: The output is no table, or no order fits the outputs for the test image.
     """
     num_columns = probe.table.shape[-1]
     stated = order or order_in_name(probe.names[0], num_columns)

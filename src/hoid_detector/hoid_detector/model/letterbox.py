@@ -48,7 +48,10 @@ class Placement(NamedTuple):
     height_px: int
 
     def boxes_to_image(self, boxes_xyxy_px: Float32Array, *, clip: bool = True) -> Float32Array:
-        """Return boxes (N, 4) in image pixels; with `clip`, they are limited to the image."""
+        """Return boxes (N, 4), given in pixels of the network input, in pixels of the image.
+
+        With `clip`, they are limited to the image.
+        """
         offset = np.array([self.left_px, self.top_px] * 2, np.float32)
         scale = np.array([self.scale_x, self.scale_y] * 2, np.float32)
         limit = np.array([self.image_width_px, self.image_height_px] * 2, np.float32)
@@ -57,7 +60,7 @@ class Placement(NamedTuple):
 
 
 class Letterbox:
-    """Converts images to network inputs; each call reuses the same buffer."""
+    """Converts images to network inputs; a call may overwrite the result of the one before."""
 
     def __init__(self, preprocessing: Preprocessing, dtype: type[np.number[Any]]) -> None:
         self._preprocessing = preprocessing
@@ -71,7 +74,7 @@ class Letterbox:
     ) -> tuple[NDArray[np.number[Any]], Placement]:
         """Return the network input (1, 3, H, W) and the placement of the image in it.
 
-        The next call overwrites the returned array.
+        A later call may overwrite the returned array.
         """
         height, width = image_bgr.shape[:2]
         place = placement((width, height), size_wh, self._preprocessing.placement)

@@ -65,6 +65,7 @@ def find_model(requested: str | None = None) -> Path:
             downloaded file has another digest than the known model.
         NoModelError: The default model, or a requested known model, is not found and cannot be
             downloaded.
+        ConfigError: A path begins with `~`, and the home folder is not known.
     """
     if requested:
         return _named(requested, 'detector model')

@@ -82,7 +82,8 @@ class Probe:
     def num_before_classes(self) -> int | None:
         """Return the number of channels before the class scores; None if the output is no grid.
 
-        It is 4 for a box alone, and 5 for a box and objectness.
+        It is 4 for a box alone, and 5 for a box and objectness. If the class names give another
+        number, the result is None too.
 
         Without class names, models with COCO's 80 classes are recognized. Others are assumed to
         have no objectness where the channels come before the anchors, as YOLOv8 exports them.
