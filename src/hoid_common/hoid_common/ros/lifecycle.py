@@ -18,9 +18,10 @@ _PROBLEM, _SHARED_MEMORY = 'configuring', 'shared memory'
 class ManagedNode(AcceptsEmptyLists, LifecycleNode):
     """Base class of the suite's nodes, a lifecycle node that processes messages only while active.
 
-    Publishers and subscriptions exist during the node's whole life. A subclass loads its models
-    and files in `configure` and drops its state in `clean_up`. The node makes no bond with a
-    lifecycle manager: set `bond_timeout` of Nav2's lifecycle manager to 0.
+    This holds for the subscriptions of `Inputs`, not for transforms and services. Publishers and
+    subscriptions exist during the node's whole life. A subclass loads its models and files in
+    `configure` and drops its state in `clean_up`. The node makes no bond with a lifecycle manager:
+    set `bond_timeout` of Nav2's lifecycle manager to 0.
     """
 
     def __init__(self, name: str) -> None:

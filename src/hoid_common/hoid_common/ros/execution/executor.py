@@ -145,12 +145,13 @@ class ThreadCallbackGroup(CallbackGroup):
 
 
 class SteadyExecutor(SingleThreadedExecutor):
-    """A SingleThreadedExecutor that rebuilds its wait set only when a node's entities change.
+    """A SingleThreadedExecutor that keeps its wait set while the nodes' entities stay the same.
 
     SingleThreadedExecutor collects the entities of all nodes and builds a wait set before every
     callback, and wakes itself once more after it, which takes longer than most callbacks. This
-    class keeps the wait set until a node reports a change of its entities, and runs all ready
-    callbacks after each wait. Coroutines that await a future are left to SingleThreadedExecutor.
+    class keeps the wait set until it is woken, as by a change of a node's entities, and runs all
+    ready callbacks after each wait. Coroutines that await a future are left to
+    SingleThreadedExecutor.
     """
 
     _rare_period_ns = _RARE_PERIOD_NS
