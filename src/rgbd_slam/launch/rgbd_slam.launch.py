@@ -2,7 +2,7 @@
 
 ros2 launch rgbd_slam rgbd_slam.launch.py base_frame:=base_link
 
-How discovery is kept to one computer is said in hoid_bringup's hoid.launch.py.
+hoid_bringup's hoid.launch.py explains how discovery is kept to one computer.
 """
 
 from __future__ import annotations

@@ -44,11 +44,12 @@ class LateVerdicts:
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
         """Return whether verdicts call features of a keyframe dynamic.
 
-        The result is False for an image that is no keyframe, and for a keyframe that had verdicts
-        before. Verdicts on an image that has not arrived yet are stored for `filtered`.
+        The result is False for an image that is none of the latest 60 keyframes without a verdict;
+        a keyframe has its verdict from this call on. Verdicts on an image that has not arrived yet
+        are stored for `filtered`.
 
         Raises:
-            MessageError: The keyframe has another number of features.
+            MessageError: Features are called dynamic, but the keyframe has another number of them.
         """
         stamp_ns, num = verdicts.stamp_ns, len(verdicts.is_dynamic)
         if stamp_ns > self._newest_ns:

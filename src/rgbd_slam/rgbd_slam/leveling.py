@@ -21,8 +21,9 @@ _LEVEL_SIGMA_RAD, _LEVEL_AFTER_NS = np.deg2rad(0.5), 30 * NS_PER_S
 class Leveling:
     """Turns the map frame with each new measurement of gravity, so that its z axis points up.
 
-    The frame is kept from the measurement on whose standard deviation is below 0.5 degrees, or
-    which is more than 30 s later than the first one.
+    Measurements with a standard deviation above 3 degrees are not used. The frame is kept from the
+    measurement on whose standard deviation is below 0.5 degrees, or which is more than 30 s later
+    than the first used one.
 
     Args:
         frames: The frames of the robot, of which the map frame is turned.
@@ -40,7 +41,7 @@ class Leveling:
         Once gravity is known well enough, the frame is fixed, and the IMU stops measuring gravity.
 
         Args:
-            result: The pose of the image; without a tracked pose, nothing is turned.
+            result: The result of the image; without a tracked pose, nothing is turned.
             is_in_main_map: Whether this pose is in the main map; if it is not, nothing is turned.
         """
         if self._imu is None:

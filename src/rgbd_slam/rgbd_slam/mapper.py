@@ -105,7 +105,7 @@ class Mapper:
         retract_observations(self.map, verdicts)
 
     def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map, and index its places; see `restore`.
+        """Load a saved map (`restore`), and index its places if closing loops is switched on.
 
         Args:
             state: The saved map.
@@ -132,7 +132,10 @@ class Mapper:
         self.loops = loops
 
     def poll(self) -> bool:
-        """Apply a finished global adjustment to the map; return whether there was one."""
+        """Apply a finished global adjustment to the map; return whether one was applied.
+
+        An adjustment that was requested while it ran is started.
+        """
         return self._closer.poll()
 
     @property
@@ -203,9 +206,9 @@ class Mapper:
     def _add_depth_points(self, i: int, limit_m: float) -> None:
         """Create points from features with depth that observe no point yet, the nearest first.
 
-        All such features nearer than `limit_m` become points. If keyframe `i` then has fewer
-        points nearer than this than `keyframes.min_new_points`, the nearest of the other features
-        fill up this number.
+        All such features nearer than `limit_m` that may create points become points. If keyframe
+        `i` then has fewer points nearer than this than `keyframes.min_new_points`, the nearest of
+        the other features fill up this number.
         """
         keyframes = self.map.keyframes
         n = int(keyframes.num_features[i])

@@ -80,15 +80,22 @@ class RgbdSlamNode(ManagedNode):
         self.begin(autostart=config.autostart)
 
     def configure(self) -> None:
-        """Read the map file to start with, if one is configured."""
+        """Read the map file to start with, if one is configured; see `SessionLifecycle.configure`.
+
+        Raises:
+            HoidError: The map cannot be used, and there is no checkpoint to resume.
+        """
         self._lifecycle.configure()
 
     def clean_up(self) -> None:
-        """Discard the map and the camera info."""
+        """Discard the map, its checkpoint and the camera info."""
         self._lifecycle.clean_up()
 
     def destroy_node(self) -> None:
-        """End the node's threads and processes, then the node."""
+        """End the node's threads and processes, then the node.
+
+        The checkpoint is deleted if an operator or launch has ended the node.
+        """
         self._map_outputs.close()
         self._map_services.close()
         self._lifecycle.close(is_asked_for=is_end_asked_for())

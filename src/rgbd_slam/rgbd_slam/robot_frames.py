@@ -1,8 +1,9 @@
 """Converts camera poses in the core's map to poses in the frames of a robot (REP 103, REP 105).
 
-The core's map frame is the optical frame of the first camera pose. A robot's map frame has its
-z axis up and is level with the base at the start. Without a base frame, the camera is assumed to
-be level when it starts, until an accelerometer has measured gravity (`RobotFrames.level`).
+The core's map frame is the optical frame of the first camera pose, as long as no saved map has
+replaced the map. A robot's map frame has its z axis up and is level with the base at the start, or
+is that of the saved map. Without a base frame, the camera is assumed to be level when it starts,
+until an accelerometer has measured gravity (`RobotFrames.level`).
 """
 
 from __future__ import annotations
@@ -74,7 +75,8 @@ class RobotFrames:
     Args:
         T_base_camera: (4, 4) pose of the camera's optical frame on the robot. None if no base
             frame is configured; the camera's optical frame is then used as the base frame.
-        planar: Whether the base moves in the plane z = 0 only and does not tilt.
+        planar: Whether the base moves in the plane z = 0 only and does not tilt. It has no effect
+            without a base frame.
     """
 
     def __init__(self, T_base_camera: FloatArray | None = None, *, planar: bool = False) -> None:
@@ -102,9 +104,9 @@ class RobotFrames:
         Args:
             stamp_ns: Stamp of the image.
             T_map_camera: (4, 4) pose in the core's map.
-            T_odom_camera: (4, 4) pose in the odometry frame of the core, which is not the frame
-                odom of the result (see `TrackingResult`), and which corrections of the map do not
-                change.
+            T_odom_camera: (4, 4) pose in the odometry frame of the core, which is the optical
+                frame of the camera at the start of the session and not the frame odom of the
+                result. Corrections of the map do not change it.
             covariance: (6, 6) covariance of T_map_camera, as a small motion in the camera frame,
                 rotation first [rad^2, m^2].
             image_covariance: (6, 6) part of this covariance whose errors differ from image to

@@ -42,7 +42,7 @@ class LoadedMap(NamedTuple):
 class MapPoses(NamedTuple):
     """Copied poses of the K keyframes of the main map in order of insertion, in the core's frame.
 
-    The core's map frame is the optical frame of the first camera pose.
+    `RobotFrames.T_map_core` leads from the core's map frame to the robot's map frame.
     """
 
     map_id: int | None  # id of the main map; None: it is the only map
@@ -54,11 +54,11 @@ class MapPoses(NamedTuple):
 class PointRows(NamedTuple):
     """Copied positions of R successive rows of the table of map points, in the core's map frame.
 
-    The core's map frame is the optical frame of the first camera pose.
+    `RobotFrames.T_map_core` leads from the core's map frame to the robot's map frame.
     """
 
     position_m: Float32Array  # (R, 3), without meaning in rows that are not shown
-    is_shown: BoolArray  # (R,) whether the row holds a point of the main map
+    is_shown: BoolArray  # (R,) whether the row holds a point of the map to be shown
     is_last: bool  # True: these are the last rows of the table
 
 
@@ -73,7 +73,7 @@ class RobotMap:
     """Reads the map of `slam` in the robot's map frame (REP 105, z up), and replaces it.
 
     Args:
-        slam: The running SLAM; its map frame is the optical frame of the first camera pose.
+        slam: The running SLAM, whose poses are in the core's map frame.
         frames: Where the camera is mounted on the robot.
         camera: The camera.
         config: Parameters of the camera and its features.
@@ -174,18 +174,21 @@ class RobotMap:
     def trajectory(self, kind: str) -> Trajectory:
         """Return the camera poses T_map_camera of a kind: `final`, `online` or `keyframes`.
 
-        Online poses are those that were published. Final poses follow from the current map. Call
-        `slam.map.finish` before, so that they follow from the map after its last adjustment.
+        Online poses are those that were estimated when the frames arrived, in the present map
+        frame. Final poses follow from the current map. Call `slam.map.finish` before, so that they
+        follow from the map after its last adjustment.
 
         Raises:
             ConfigError: There is no such kind.
+            InputError: The file of old poses cannot be read.
         """
         return Trajectory.joined(self.trajectory_parts(kind))
 
     def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the poses of `trajectory` in parts that any thread may iterate over.
 
-        For the kind `final`, the map counts as changed (`take_change`).
+        The iteration raises InputError if the file of old poses cannot be read. For the kind
+        `final`, the map counts as changed (`take_change`).
 
         Raises:
             ConfigError: There is no such kind.
@@ -196,7 +199,7 @@ class RobotMap:
         return map(self._frames.cameras, self._slam.trajectory.parts(kind))
 
     def export(self) -> MapFile:
-        """Copy the map for a file, without dense map and object map; this takes a few ms.
+        """Copy the map for a file, without dense map and object map (0.04 ms per keyframe).
 
         Raises:
             ConfigError: There is no map.
@@ -256,6 +259,8 @@ class RobotMap:
 
     def load(self, content: MapFile, *, keep: bool = False, extend: bool = True) -> LoadedMap:
         """Load a saved map between two images; the map frame becomes that of the saved map.
+
+        With `keep`, this is the case only once a recognized place has merged the two maps.
 
         Args:
             content: The saved map.

@@ -18,7 +18,7 @@ _FLOOR_POINTS = 50_000  # chosen: as many as the scene mapper uses
 
 
 def saved_objects(content: MapFile) -> tuple[MapObject, ...]:
-    """Return the objects of a map file, in its map frame; the result is empty if it has none.
+    """Return the confirmed objects of a map file by id, in its map frame; empty without any.
 
     If the file contains several maps, only objects of the one with most keyframes are returned.
     The boxes of furniture reach down to the floor of the dense map, if there is one.

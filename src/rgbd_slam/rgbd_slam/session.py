@@ -97,13 +97,20 @@ class SlamSession:
         self.slam.map.mapper.close()
 
     def process(self, features: Features) -> Processed:
-        """Call `track` and then `learn` for one image, and return all results of the image."""
+        """Call `track` and then `learn` for one image, and return all results of the image.
+
+        It raises the errors of both.
+        """
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> Tracked:
         """Return the estimated pose of one image. Call `learn` before tracking the next one.
 
         While the session is paused, the image is ignored, and there is no pose.
+
+        Raises:
+            MessageError: A feature has an octave beyond the configured number of octaves.
+            MapperStoppedError: The mapping process has ended for good or does not respond.
         """
         self._dropped.add(features.stamp_ns)
         if self.is_paused:
@@ -116,6 +123,9 @@ class SlamSession:
         """Learn from a tracked image, which may become a keyframe; return all its results.
 
         They include the request to the scene mapper, if the scene mapper needs the image.
+
+        Raises:
+            MapperStoppedError: The mapping process has ended for good or does not respond.
         """
         if tracked.result is None:
             return Processed(self._status(SlamState.PAUSED), None)
@@ -132,11 +142,11 @@ class SlamSession:
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
         """Remove the observations of a keyframe's features that turned out to be dynamic.
 
-        Verdicts on an image that has not arrived yet are applied when it is tracked, and those on
-        an image that is no keyframe are ignored.
+        Verdicts on an image that has not arrived yet are applied when it is tracked. Those on an
+        image that is no keyframe, or that had verdicts before, are ignored.
 
         Raises:
-            MessageError: The keyframe with this stamp has another number of features.
+            MessageError: Features are called dynamic, but the keyframe has another number of them.
         """
         if self._late.changes_keyframe(verdicts):
             self.slam.map.mapper.retract(verdicts)

@@ -95,7 +95,7 @@ class RgbdSlam:
         self._off_map = OffMapWatch(config.tracking.min_inliers)
 
     def process(self, features: Features) -> TrackingResult:
-        """Call `track` and then `learn`, and return the result; raises the errors of `track`."""
+        """Call `track` and then `learn`, and return the result; it raises the errors of both."""
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> TrackingResult:
@@ -103,9 +103,11 @@ class RgbdSlam:
 
         First, the changes that the mapper has finished are applied to the map. A lost camera is
         relocalized; the very first frame, and one after a loss (`NewMapPolicy`), starts a new map.
+        A copy of the last tracked image only gets a predicted pose (`RepeatedImages`).
 
         Raises:
             MessageError: A feature has an octave beyond the configured number of octaves.
+            MapperStoppedError: The mapping process has ended for good or does not respond.
         """
         repetition, original = self._repeated.add(features), self._tracked
         if (
@@ -121,6 +123,9 @@ class RgbdSlam:
         """Update estimates and trajectory from a tracked frame; insert it if it is a keyframe.
 
         Returns the result of `track`, with `is_keyframe` and `stage_ms` completed.
+
+        Raises:
+            MapperStoppedError: The mapping process has ended for good or does not respond.
         """
         tracking = result.to_learn
         if tracking is None:  # lost, or the first frame of a map
@@ -218,7 +223,7 @@ class RgbdSlam:
     ) -> TrackingResult:
         """Return the predicted pose of an image that repeats the last tracked one.
 
-        Nothing is learned from the copy.
+        The pose is added to the trajectory. Nothing is learned from the copy.
 
         Args:
             original: The result of the last tracked image.

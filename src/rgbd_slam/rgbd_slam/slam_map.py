@@ -21,15 +21,15 @@ from rgbd_slam.processes.mapper_process import MapperProcess
 class SlamMap:
     """The tracker's copy of the map (`atlas`) and the mapper that extends it (`mapper`).
 
-    The mapper's changes are applied to this copy only during a method call (`update`, or one that
-    calls it), so that the caller decides between which two frames the map changes.
+    A mapper in a process of its own changes this copy only during a method call (`update`, or one
+    that calls it), so that the caller decides between which two frames the map changes.
 
     Args:
         atlas: The map, still empty.
         camera: The camera with the configured noise.
         config: Parameters of the core.
-        on_redirects: Called by `update` with the keyframes that were removed since the last call;
-            each redirect gives the parent that replaces a removed keyframe.
+        on_redirects: Called by each `update` with the keyframes, if any, that were removed since
+            the last call; each redirect gives the parent that replaces a removed keyframe.
         background: True: the mapper runs in a process of its own, as on a robot. False: each
             keyframe is mapped before `insert` returns, so that runs repeat bit for bit.
     """
@@ -76,6 +76,9 @@ class SlamMap:
         """Send a keyframe to the mapper, and apply the changes that the mapper has finished.
 
         The keyframe is in `atlas.pending` until the mapper has inserted it.
+
+        Raises:
+            MapperStoppedError: As in `update`.
         """
         self.mapper.insert(request)
         self.update()
@@ -85,6 +88,10 @@ class SlamMap:
 
         Removed keyframes are passed to `on_redirects`. If a saved map has replaced the map, the
         function that `begin_load` was given is called.
+
+        Raises:
+            MapperStoppedError: The mapping process has ended for good, does not respond, or a
+                saved map could not be restored.
         """
         self.mapper.update()
         self._on_redirects(self.atlas.redirects.take())
@@ -101,7 +108,11 @@ class SlamMap:
         """Wait until every inserted keyframe is mapped and global adjustment has ended.
 
         The last global adjustment is repeated first if keyframes have been added since then; see
-        `LoopCloser.settle`.
+        `LoopCloser.settle`. If an adjustment does not end within a time limit, a warning is logged
+        and it is not awaited.
+
+        Raises:
+            MapperStoppedError: As in `update`.
         """
         self.mapper.finish()
         self.update()
@@ -120,11 +131,13 @@ class SlamMap:
         """Begin to replace the map by a saved one; return the uid of its first keyframe.
 
         Tracking continues in the old map meanwhile, without new keyframes. Another thread must
-        call `loading.restore` with that uid; an `update` then exchanges the maps.
+        call `loading.restore` with that uid; an `update` then exchanges the maps. A mapper in this
+        process exchanges them before this call returns.
 
         Args:
             loading: The saved map.
-            on_loaded: Called by that `update` with the (K,) uids of the saved keyframes.
+            on_loaded: Called by the `update` after the exchange, or the one that makes it, with
+                the (K,) uids of the saved keyframes.
         """
         first_uid = self.take_uids(len(loading))
         uids = first_uid + np.arange(len(loading))
@@ -141,6 +154,9 @@ class SlamMap:
             state: The saved map.
             keep: True: keep the running map beside the saved one until a recognized place merges
                 the two. False: discard the running map.
+
+        Raises:
+            MapperStoppedError: As in `update`.
         """
         first_uid = self.take_uids(len(state))
         self.mapper.load(state, first_uid, keep=keep)

@@ -32,7 +32,9 @@ class SlamStats:
     # Of the main map; before the first keyframe is inserted, the number of pending keyframes.
     num_keyframes: int
     num_map_points: int  # of the main map
-    num_maps: int = 0  # more than one only after a loss, until the maps are merged
+    # More than one after a loss, or after a saved map was loaded beside the running one, until the
+    # maps are merged.
+    num_maps: int = 0
     num_loops: int = 0  # closed loops
     num_merges: int = 0  # merged maps
     num_relocalizations: int = 0

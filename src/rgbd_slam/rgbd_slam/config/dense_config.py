@@ -128,7 +128,8 @@ class DenseConfig(Config):
     carve_margin_m: ClassVar[float] = 0.05
     # Not tuned: a voxel is published only if its hits are at least this share of the images that
     # measured static surface near it. A hit is an image that measured the surface within half a
-    # voxel. Images that see through the voxel are not in this number, but remove hits.
+    # voxel plus the standard deviation of depth. Images that see through the voxel are not in this
+    # number, but remove hits.
     min_hit_share: ClassVar[float] = 0.5
     # Number of images that must agree before a voxel is published. A larger number removes noise
     # and passers-by, and shows surfaces later (not tuned).

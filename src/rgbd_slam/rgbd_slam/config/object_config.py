@@ -55,9 +55,9 @@ class ObjectTrackerConfig(Config):
     # or gone from its place of rest) keeps its track, so that it is recognized when it is put down
     # elsewhere.
     forget_taken_s: ClassVar[float] = 60.0
-    # Distance beyond which an object counts as moved. Farther from its place of rest, it becomes
-    # handled and, once put down, MOVED instead of AT_REST. Farther from where it last stood still,
-    # it counts as still being carried.
+    # Distance beyond which an object counts as moved. Farther from its place of rest, an object
+    # that the filter calls dynamic becomes handled and, once put down, MOVED instead of AT_REST.
+    # Farther from where it last stood still, it counts as still being carried.
     moved_m: ClassVar[float] = 0.12
     # Distance over the floor up to which a person can handle an object (m). A larger value marks
     # more objects near people as handled (chosen: the reach of an arm and a step).

@@ -35,8 +35,8 @@ class IndexConfig(Config):
     )
     # Not tuned: largest number of features of a keyframe or image that are indexed or looked up.
     max_features: ClassVar[int] = 400
-    # Not tuned: number of indexed descriptors with the same key beyond which the key is ignored as
-    # too common.
+    # Not tuned: number of descriptors with the same key in one segment of the index beyond which
+    # the key is ignored there as too common.
     max_bucket: ClassVar[int] = 200
     # Not tuned; ORB-SLAM3's strict limit is 50 (ORBmatcher.cc, TH_LOW).
     max_hamming: ClassVar[int] = 40  # largest distance of two matching descriptors [bits]
@@ -50,7 +50,7 @@ class VerificationConfig(Config):
     of docs/results/places_and_loops.md, one with repeated identical furniture among them.
     """
 
-    max_candidates: ClassVar[int] = 3  # places that are verified for one image
+    max_candidates: ClassVar[int] = 3  # largest number of places that are verified for one image
     min_votes: ClassVar[int] = 10  # matching features that make a keyframe a candidate
     max_hamming: ClassVar[int] = 60  # largest distance of two matching descriptors [bits]
     # A place is rejected if more than this share of the points in view is contradicted: all depth

@@ -14,7 +14,7 @@ from rgbd_slam.inertial.gyro_integral import rotation_vector
 # in the bias of the gyro turns the attitude by 0.15 degrees. A prior that rests on the last image
 # alone does harm: if the rotation of that image is wrong, the prior holds on to it.
 _AVERAGING_S = 0.5
-_LEAST_S = 0.1  # chosen: with fewer images, the attitude is that of the last one
+_LEAST_S = 0.1  # chosen: before images of this time, no filtered attitude is given
 _SPREAD_S = 1.0  # chosen: time over which the spread of the tracked rotations is measured
 _INITIAL_SPREAD_RAD = np.deg2rad(0.5)  # chosen: of the rotations of blurred images
 _CORRELATED = 4.0  # chosen: factor of the variance, as errors of tracking last for some images
@@ -71,6 +71,8 @@ class AttitudeFilter:
 
     def sigma_rad(self, bias_sigma_radps: float) -> float:
         """Return the standard deviation of the filtered attitude about each axis.
+
+        At least one image must have been added.
 
         Args:
             bias_sigma_radps: Standard deviation of the bias of the gyro.

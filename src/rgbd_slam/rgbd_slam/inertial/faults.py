@@ -49,7 +49,10 @@ def fault_of_samples(gyro: SampleBuffer, image_ns: int, offset_ns: int) -> GyroF
 
 
 def fault_of_fit(fit: GyroFit) -> GyroFault | None:
-    """Return a fault that the comparison with the tracked rotation shows, or None."""
+    """Return a fault that the comparison with the tracked rotation shows, or None.
+
+    While the camera hardly turns, no fault is noticed.
+    """
     if fit.signal_radps < _MIN_SIGNAL_RADPS:
         return None
     if fit.is_mirrored:
@@ -64,8 +67,9 @@ def fault_of_fit(fit: GyroFit) -> GyroFault | None:
 def fault_of_recent_rates(recent: RecentRates) -> GyroFault | None:
     """Return a fault that the rates of the last 2 s show, or None.
 
-    Only another unit is noticed so early. If the rates and the tracked rotation disagree in
-    another way, the tracked rotation may be wrong as well, as in a blur.
+    Only another unit is noticed so early, and only while the camera turns. If the rates and the
+    tracked rotation disagree in another way, the tracked rotation may be wrong as well, as in a
+    blur.
     """
     is_turning = recent.signal_radps > _MIN_SIGNAL_RADPS
     if is_turning and _is_in_degrees(recent.scale, recent.correlation):

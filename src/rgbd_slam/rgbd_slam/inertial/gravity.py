@@ -28,7 +28,9 @@ _HALF_NS = NS_PER_S // 4  # chosen: between the images of a triple
 _EPOCH_NS = NS_PER_S // 10  # chosen: between the centers of successive triples
 _KEPT_NS = 30 * NS_PER_S  # chosen: the tracked rotation drifts by about 1 degree in this time
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: the rotation is interpolated over shorter steps only
-_MIN_EPOCHS = 10  # chosen: triples before a direction is given, 1.5 s after the first image
+# Chosen: triples before a direction is given, somewhat more than a second after the first image;
+# and the fewest samples of a triple.
+_MIN_EPOCHS = 10
 _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 degrees; not tuned
 # Chosen: standard deviations of the acceleration of one triple of images, of the length of gravity
 # (the scale of cheap sensors is off by 2 %), and of the bias of an accelerometer that its driver

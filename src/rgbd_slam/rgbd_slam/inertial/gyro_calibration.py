@@ -81,8 +81,8 @@ class GyroCalibration:
     def add(self, first_ns: int, second_ns: int, R_first_second: FloatArray) -> None:
         """Add the tracked rotation (3, 3) of the camera between two images.
 
-        Rotations over more than 0.2 s are ignored. If the stamps go back, all earlier rotations
-        are dropped.
+        Rotations over more than 0.2 s, and those whose stamps do not increase, are ignored. If
+        `second_ns` is earlier than in the last call, all earlier rotations are dropped.
         """
         if self._windows_ns and second_ns < self._windows_ns[-1][1]:
             self._windows_ns, self._vectors_rad = [], []  # the stamps have started again

@@ -106,7 +106,8 @@ class RateIntegral:
     def over(self, first_ns: IntArray, second_ns: IntArray, offset_s: float) -> FloatArray:
         """Return the (M, 3) integrals [rad] over windows that start and end later by an offset.
 
-        Rates outside the samples count as zero; `covers` tests for this.
+        Rates outside the samples count as zero; `covers` tests for this. There must be at least
+        one sample.
         """
         times_s = _seconds(np.stack([first_ns, second_ns]) - self._origin_ns) + offset_s
         ends = interpolated(times_s.ravel(), self._times_s, self._sums_rad)

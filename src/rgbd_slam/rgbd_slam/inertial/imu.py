@@ -105,7 +105,8 @@ class Imu:
         """Learn from the tracked motion (4, 4) of the camera between two images.
 
         Every 0.5 s, or every 2 s once the time offset is known, the motion is compared with the
-        samples, which updates `fit`, `fault` and `up`.
+        samples, which updates `fit`, `fault` and `up`. A sensor that is switched off or has sent
+        no sample is left out.
         """
         has_gyro = bool(self._config.gyro and len(self._gyro))
         has_accelerometer = bool(self._needs_up and len(self._accelerometer))
@@ -124,9 +125,9 @@ class Imu:
     def rotation(self, first_ns: int, second_ns: int) -> MeasuredRotation | None:
         """Return how the camera has turned between the stamps of two images.
 
-        None is returned if samples are missing or saturated, and until the tracked motion has
-        shown how the gyro is mounted and that it is right. The first saturation is reported by
-        `take_news`.
+        None is returned if samples are missing or saturated, while the gyro has a `fault`, and
+        until the tracked motion has shown how the gyro is mounted and that it is right. The first
+        saturation is reported by `take_news`.
         """
         fit = self.fit
         if fit is None or self.fault is not None or not self._is_mounting_known:
@@ -160,7 +161,10 @@ class Imu:
         return UNKNOWN_BIAS_RADPS if self.fit is None else self.fit.bias_sigma_radps
 
     def mount(self, mounting: Mounting) -> None:
-        """Use a mounting that has become known; one that was given before is kept."""
+        """Use the rotation of a mounting that has become known, but not its `offset_s`.
+
+        A mounting that was given before is kept instead.
+        """
         if self._mounting is None:
             self._mounting = mounting
 

@@ -50,7 +50,8 @@ def read_kalibr(path: Path) -> Mounting:
     time to add to a stamp of an image to get the stamp of the IMU.
 
     Raises:
-        InputError: The file cannot be read, or an entry is missing or no rigid transform.
+        InputError: The file cannot be read, `T_cam_imu` is missing or has no rotation, or
+            `timeshift_cam_imu` is no finite number.
     """
     content = read_yaml(path)
     entry = content.get(_CAMERA) if isinstance(content, dict) else None

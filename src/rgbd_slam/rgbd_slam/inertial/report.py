@@ -14,7 +14,7 @@ from rgbd_slam.inertial.imu import Imu
 class ImuReport:
     """The calibration of an IMU, with the names of `summary.json`.
 
-    A value is None if it is not known.
+    A value is None if it is not known; `fault` is '' if there is none.
     """
 
     time_offset_ms: float | None = None  # by which its stamps are later than those of the images

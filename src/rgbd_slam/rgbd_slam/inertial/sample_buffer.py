@@ -32,7 +32,8 @@ class SampleBuffer:
         self._stamps_ns = np.empty(_INITIAL_CAPACITY, np.int64)
         self._values = np.empty((_INITIAL_CAPACITY, 3))
         self._first = self._end = 0
-        self.num_late = 0  # samples that were dropped because newer ones had arrived before
+        # Samples that were dropped because one as new or newer had arrived before.
+        self.num_late = 0
         self.num_gaps = 0  # pauses between successive samples that are longer than `GAP_NS`
 
     def __len__(self) -> int:

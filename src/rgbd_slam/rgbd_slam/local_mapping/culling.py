@@ -64,8 +64,10 @@ def _around(atlas: Atlas, i: int) -> IntArray:
 
 
 def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: float) -> None:
-    """Remove neighbors of keyframe `i` whose close points are nearly all observed by three others.
+    """Remove neighbors of keyframe `i` whose close points are nearly all seen by three others.
 
+    A neighbor shares at least 15 points with keyframe `i`. It is removed if more than the share
+    `redundant_share` of its close points are observed by at least three other keyframes.
     An observation counts if its octave is at most one above the octave in which the neighbor
     itself observes the point. If hardly any point is close, as in a hall, all points are
     considered. The root of a map stays, because it defines the frame of the map.

@@ -22,8 +22,8 @@ _OBLIQUE_RADIUS_PX = 4.0
 def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Fuse points of keyframe `i` and of its neighbors that project to the same features.
 
-    Where a point of one keyframe matches a feature of another one that observes no point, this
-    feature observes the point from then on.
+    Where a point of one keyframe matches a feature of another one that observes no point and may
+    create one, this feature observes the point from then on.
     """
     neighbors = atlas.covisible(i, limit=config.neighbors)
     for neighbor in neighbors.tolist():
@@ -36,6 +36,8 @@ def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: Mapp
 
 def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig) -> None:
     """Search points in a keyframe; observe them there, or fuse them with the points it observes.
+
+    A feature that observes no point and may not create one (`may_seed`) is left as it is.
 
     Args:
         atlas: The map.

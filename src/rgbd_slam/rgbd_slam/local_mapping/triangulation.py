@@ -1,8 +1,9 @@
 """Triangulation of new points from two keyframes (decision 009).
 
 As in the local mapping of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017), features without a point
-are matched along epipolar lines. A match becomes a point if both rays meet in front of the
-cameras at a sufficient angle, and the point reprojects to both features.
+are matched along epipolar lines. A match becomes a point if the point lies in front of both
+cameras and reprojects to both features. The point is where both rays meet or, if the angle between
+them is too small, where a depth reading places it.
 """
 
 from __future__ import annotations
@@ -128,7 +129,8 @@ def epipolar_segments(
         views: The two keyframes.
         k: (N,) features of the first keyframe.
         camera: The camera.
-        min_depth_m: Smallest depth of a point in either camera.
+        min_depth_m: Smallest depth of a point in the second camera and, for features without a
+            depth reading, in the first.
     """
     depth = views.first.depth_m[k].astype(np.float64)
     near = np.where(depth > 0, (1 - _DEPTH_SHARE) * depth, min_depth_m)

@@ -86,7 +86,7 @@ def closed_poses(
         atlas: The map.
         region: The keyframes whose poses are corrected.
         loops: All closed loops; a loop has no effect if one of its keyframes is neither in the
-            region nor at its border.
+            region nor at its border, or if both are in the same group (`keyframe_groups`).
         min_shared: Number of shared points from which two keyframes are connected by an edge.
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).

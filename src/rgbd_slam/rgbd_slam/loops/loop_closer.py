@@ -151,7 +151,10 @@ class LoopCloser:
             self._detector.index_places()
 
     def poll(self) -> bool:
-        """Apply a finished global adjustment to the map; return whether there was one."""
+        """Apply a finished global adjustment to the map; return whether one was applied.
+
+        An adjustment that was requested while it ran is started.
+        """
         return self._adjuster.poll()
 
     @property
@@ -164,8 +167,9 @@ class LoopCloser:
 
         The repetition covers the part of that map around its newest keyframe, or the whole map if
         it has at most 1,000 keyframes. Waits up to `limit_s` for a global adjustment that is
-        running; if it does not end, nothing is repeated. Waits as long again for the repetition,
-        which then continues in the background.
+        running. If it does not end, or another one was requested meanwhile and begins now, nothing
+        is repeated. Waits as long again for the repetition, which then continues in the
+        background.
         """
         self._adjuster.poll(limit_s)
         if self._has_grown and not self._adjuster.is_running:

@@ -66,8 +66,8 @@ class LoopDetector:
 
         The place is outside the neighborhood of the keyframe, or in another map. Places that are
         verified but not confirmed are remembered, so that later keyframes may confirm them; they
-        are all forgotten once a place is confirmed. The drift of a confirmed loop is remembered as
-        well.
+        are all forgotten once a place is confirmed. The drift of a confirmed loop within a map is
+        remembered as well.
         """
         keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
@@ -98,7 +98,7 @@ class LoopDetector:
         """Return the rows of the keyframes that are no loop candidates for the one in row `i`.
 
         These are the keyframe, its neighbors, the neighbors of its neighbors, and recent
-        keyframes.
+        keyframes of its map.
         """
         keyframes = self._atlas.keyframes
         is_recent = keyframes.uid > keyframes.uid[i] - _RECENT

@@ -209,9 +209,9 @@ class Reader:
             lengths: The lengths of the named axes of each section that the archive has.
 
         Raises:
-            MapFileError: The archive would unpack to a size that no map has, has other members
-                than the arrays of these sections, or an array has another size, type or shape than
-                declared.
+            MapFileError: The archive would unpack to a size that no map has, its members are not
+                exactly the arrays of these sections and the manifest, or an array has another
+                size, type or shape than declared, or Boolean values other than 0 and 1.
         """
         if self._unpacked > self._limit:
             raise MapFileError(

@@ -4,8 +4,8 @@ A checkpoint is a folder with segments, to which only new and changed rows are a
 index (decision 042). The modification time of the index is the stamp of the last image that was
 tracked in its map, on the camera's clock. It shows whether the map fits the images that a new node
 receives: the stamps of a running camera are later by the time for which no node was running. Those
-of a recording that is played again are earlier, and those of another recording differ by more than
-ten minutes.
+of a recording that is played again are earlier, and those of another recording usually differ by
+more than ten minutes.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class CheckpointFolder:
         """Return the checkpoint, or None if there is none.
 
         Raises:
-            MapFileError: It is damaged, or of another version.
+            MapFileError: It cannot be read, is damaged, or is of another version.
         """
         if not self._index.exists():
             return None

@@ -56,7 +56,8 @@ class IndexedKeyframes(Record):
     stamp_ns: Annotated[IntArray, column('i8', 'keyframes')]
     T_map_camera: Annotated[FloatArray, column('f8', 'keyframes', 4, 4)]  # core's map frame
     map_id: Annotated[IntArray, column('i8', 'keyframes')]
-    parent_uid: Annotated[IntArray, column('i8', 'keyframes')]  # in the spanning tree
+    # In the spanning tree; -1 for the root of a map.
+    parent_uid: Annotated[IntArray, column('i8', 'keyframes')]
     num_features: Annotated[IntArray, column('i8', 'keyframes')]
     first_feature: Annotated[IntArray, column('i8', 'keyframes')]  # row in segment `features`
     first_state: Annotated[IntArray, column('i8', 'keyframes')]  # row in segment `states`

@@ -1,7 +1,8 @@
 """File names in service requests: plain names in one folder, each kind of file with its ending.
 
-Only this module accepts a file name from a request, and only it writes such a file: in a scratch
-folder first, then renamed, so that an existing file is replaced by a complete one or not at all.
+Only this module accepts a file name from a request. It also writes these files, except for maps
+(`map_file.save`): in a scratch folder first, then renamed, so that an existing file is replaced by
+a complete one or not at all.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
 
     Raises:
         InputError: The name contains a slash or characters that cannot be printed, begins with a
-            dot, is too long, has the ending of another kind of file, or is that of a symbolic
-            link; or the folder cannot be created.
+            dot, is too long, has an ending that this kind of file does not have, or is that of a
+            symbolic link; or the folder cannot be created.
         ConfigError: `directory` begins with `~`, and the home folder is not known.
     """
     _check_name(name, directory)

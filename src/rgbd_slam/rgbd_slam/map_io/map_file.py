@@ -50,8 +50,8 @@ class MapFile(NamedTuple):
         The pixels of the features, which are undistorted, are replaced by those at which this
         camera sees the same rays, and their octaves by those at which it sees the same details.
         Pixels far outside the image and octaves that do not exist are replaced by the nearest
-        allowed ones (`MapState.in_camera`). If it is the camera of the map, the map is returned
-        unchanged.
+        allowed ones (`MapState.in_camera`). The dense map and the object map stay as they are. If
+        it is the camera of the map, the map is returned unchanged.
 
         Args:
             camera: The camera.

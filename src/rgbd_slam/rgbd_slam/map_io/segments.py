@@ -52,7 +52,8 @@ class Segment:
         A record without rows adds no chunk.
 
         Raises:
-            FileNotFoundError: Somebody has deleted the file since the last `sync`.
+            FileNotFoundError: The folder is missing, or somebody has deleted the file since the
+                last `sync`.
             OSError: The rows cannot be written; the valid part of the segment is as before.
         """
         first, count = self.num_rows, num_rows(record)

@@ -28,10 +28,11 @@ _OBLIQUE_RADIUS_PX = 4.0
 class LocalMap(NamedTuple):
     """The reference keyframe of a frame, and the map points that the frame may show.
 
-    These are all points of those keyframes that share most observed points with the frame.
+    These are usually all points of those keyframes that share most observed points with the frame;
+    `find_local_map` states the exceptions.
     """
 
-    reference_uid: int  # the keyframe that shares most points with the frame
+    reference_uid: int  # the keyframe that shares most points with the frame, if one shares any
     points: IntArray  # (P,) rows
 
 
@@ -41,8 +42,8 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
     Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
     not depend on the size of the map. If the mapper has not inserted the last reference keyframe
     yet, or has removed it, its nearest ancestor in the map takes its place. If there is no such
-    ancestor, the local map is empty. If no candidate observes any of the points, because that
-    ancestor has another view, all keyframes that observe some are candidates. If no keyframe
+    ancestor, the local map is empty. If no candidate observes any of the points, for example as
+    that ancestor has another view, all keyframes that observe some are candidates. If no keyframe
     observes any, the reference keyframe stays the last one, and the local map has only the points
     of this keyframe or of the ancestor in its place.
 

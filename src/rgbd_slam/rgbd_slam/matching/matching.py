@@ -74,7 +74,7 @@ def match_by_projection(
         queries: The map points to search.
         frame: The frame with N features.
         max_distance: Largest Hamming distance of a match [bits].
-        ratio: Largest ratio of the best to the second best distance; 1.0: no ratio test.
+        ratio: Largest ratio of these two distances; 1.0: no ratio test.
         free: (N,) mask of the features that may be matched; None: all of them.
     """
     pairs = hoid_native.match_by_projection(
@@ -98,7 +98,8 @@ def match_by_descriptor(
         descriptors: (Q, 32) descriptors to search.
         frame: The frame.
         max_distance: Largest Hamming distance of a match [bits].
-        ratio: Largest ratio of the best to the second best distance in the same octave.
+        ratio: Largest ratio of the best to the second best distance, if the features of both are
+            in the same octave; 1.0: no ratio test.
     """
     if min(len(descriptors), len(frame)) < _NUM_NEAREST:
         return Matches(*np.empty((3, 0), np.int64))
@@ -126,7 +127,8 @@ def _best_matches(
         distance: (C,) Hamming distances of the candidate pairs [bits].
         octave: (N,) octaves of all features.
         max_distance: Largest distance of a match.
-        ratio: Largest ratio of the best to the second best distance in the same octave.
+        ratio: Largest ratio of the best to the second best distance, if the features of both are
+            in the same octave; 1.0: no ratio test.
     """
     order = np.argsort(q * (2 * _MAX_HAMMING) + distance, kind='stable')
     q, k, distance = q[order], k[order], distance[order]

@@ -17,10 +17,12 @@ class KeyframePoses(NamedTuple):
     poses relative to the map frame are unknown.
     """
 
-    version: int  # of the map; increases with every change
+    # Of the map. It increases with the changes that a mapper in another process sends; with a
+    # mapper in this process it stays the same.
+    version: int
     uids: IntArray  # (N,)
     map_ids: IntArray  # (N,)
-    main_map: int  # id of the map with most keyframes
+    main_map: int  # id of the map with most keyframes; of equal ones, the lowest id
     T_map_camera: FloatArray  # (N, 4, 4)
 
     @property

@@ -17,8 +17,8 @@ NO_POINT = -1
 
 _INITIAL_CAPACITY = 32
 _INITIAL_FEATURES = 1024
-# Chosen: if the table has more rows than this, the columns of features are in a file instead of in
-# memory. Those of 1,000 keyframes take 60 MB.
+# Chosen: if the table has more rows than this, the columns of features, except the column of the
+# observed points, are in a file instead of in memory. Those of 1,000 keyframes take 60 MB.
 _MEMORY_ROWS = 1024
 _ROWS_AT_ONCE = 64  # chosen: keyframes that are stored at once; their columns fit the cache
 # Chosen: number of new keyframes after which the operating system may take back the memory of the
@@ -127,8 +127,8 @@ class KeyframeTable(SoaTable):
     def release_memory(self) -> None:
         """Let the operating system take the memory of the features of a large map.
 
-        They are read from the file again when they are used. The features of a map of at most
-        1024 rows have no file and stay in memory.
+        They are read from the file again when they are used. Features without a file stay in
+        memory: those of a map of at most 1024 rows, and those for which no file could be made.
         """
         for column in self._on_disk.values():
             column.release_memory()
@@ -155,7 +155,10 @@ class KeyframeTable(SoaTable):
         self.put_features(i, frame)
 
     def put_features(self, i: int, frame: Frame) -> None:
-        """Copy the features of a frame into row `i`, without changing observations."""
+        """Copy the features of a frame into row `i`.
+
+        The row's observations, stamp and number of features stay as they are.
+        """
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))

@@ -17,7 +17,10 @@ _MAX_REMEMBERED = 4096
 
 
 class Redirect(NamedTuple):
-    """A removed keyframe and its parent, to which poses relative to the keyframe now refer."""
+    """A removed keyframe and its parent, to which poses relative to the keyframe now refer.
+
+    A keyframe that was requested and is never inserted counts as removed.
+    """
 
     uid: int  # of the removed keyframe
     parent_uid: int  # of its parent in the spanning tree, which may have been removed later
@@ -101,7 +104,7 @@ class Redirects:
                 del self._removed[next(iter(self._removed))]
 
     def take(self) -> tuple[Redirect, ...]:
-        """Return the redirects of the keyframes removed since the last call."""
+        """Return the redirects that were added since the last call."""
         redirects, self._to_take = tuple(self._to_take), []
         return redirects
 

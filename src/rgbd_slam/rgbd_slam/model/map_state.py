@@ -1,7 +1,7 @@
 """A saved map: only the data from which everything else can be derived.
 
-Keyframes and points are identified by their rows here. Keyframes are sorted by the order of their
-creation.
+Keyframes and points are identified by their rows here. Keyframes are sorted by their uids in the
+map from which they were copied.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def restore(
 
     Args:
         atlas: The running map.
-        state: The saved map, made with the same camera.
+        state: The saved map, made with the same camera; it has at least one keyframe.
         camera: The camera.
         first_uid: The uid of the first saved keyframe; None: the next unused one.
         keep: True: keep the running map beside the saved one, with higher map ids. False: remove

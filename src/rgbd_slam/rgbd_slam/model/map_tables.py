@@ -60,11 +60,13 @@ class MapTables:
         # yet, by uid, the oldest first.
         self.pending: dict[int, PendingKeyframe] = {}
         self._graph = ObservationGraph()
-        self._has_copies = False  # whether a change was ever sent
+        self._has_copies = False  # whether there are copies that receive the changes
         self._moves: list[Move] = []  # since the last change was sent
 
     def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
         """Return the (N,) rows of keyframes that share points with `i`, most shared points first.
+
+        The shared points are those that `Atlas.update_connections` counted last.
 
         Args:
             i: Row of the keyframe.
@@ -74,7 +76,10 @@ class MapTables:
         return self._graph.neighbors(i, min_shared).rows[:limit]
 
     def edges(self) -> Edges:
-        """Return all pairs of keyframes that share points, sorted by first and second row."""
+        """Return all pairs of keyframes that share points, sorted by first and second row.
+
+        The shared points are those that `Atlas.update_connections` counted last.
+        """
         return self._graph.edges()
 
     def points_of(self, keyframes: IntArray) -> IntArray:
@@ -199,9 +204,10 @@ class MapTables:
         return self.version - 1
 
     def whole(self) -> MapChange:
-        """Return the change that makes an empty atlas equal to this one.
+        """Return the change that gives an empty atlas the keyframes and points of this one.
 
-        All feature states count as sent afterwards.
+        It contains no redirects and no pending keyframes. All feature states count as sent
+        afterwards.
         """
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
         features = self._features_since(0)

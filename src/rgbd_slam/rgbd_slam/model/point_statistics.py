@@ -26,12 +26,13 @@ class PointStatistics(NamedTuple):
 def point_statistics(
     keyframes: KeyframeTable, points: PointTable, seen: Observations, octave_scale: FloatArray
 ) -> PointStatistics:
-    """Return the statistics of all observed points, as ORB-SLAM's MapPoint derives them.
+    """Return the statistics of all observed points, nearly as ORB-SLAM's MapPoint derives them.
 
     `max_distance_m` is the largest distance at which some octave can detect the point: its
     distance in the reference keyframe times the scale of the octave in which it was observed
     there. If the reference keyframe does not observe the point any more, the keyframe of its first
-    observation becomes the reference keyframe.
+    observation in `seen` becomes the reference keyframe. The descriptor is one of the last eight
+    observations in `seen`: the one with the least median distance to them.
 
     Args:
         keyframes: The keyframes.

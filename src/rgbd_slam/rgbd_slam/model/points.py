@@ -49,7 +49,8 @@ class PointTable(SoaTable):
         self.num_stereo: IntArray = np.zeros(n, np.int64)  # of these, with a depth reading
         self.num_visible: IntArray = np.zeros(n, np.int64)  # frames that should show it
         self.num_found: IntArray = np.zeros(n, np.int64)  # frames in which it was found
-        self.first_keyframe_uid: IntArray = np.zeros(n, np.int64)  # keyframe that created it
+        # The keyframe that created the point; for a loaded point, its reference keyframe.
+        self.first_keyframe_uid: IntArray = np.zeros(n, np.int64)
         # The keyframe whose octave and distance determine the range of distances.
         self.reference_keyframe_uid: IntArray = np.zeros(n, np.int64)
         self.map_id: IntArray = np.zeros(n, np.int64)
@@ -58,7 +59,10 @@ class PointTable(SoaTable):
 
 
 class PointTally(NamedTuple):
-    """The points that a frame should show and those found in it; no point occurs twice."""
+    """The points that a frame should show, and those found in it.
+
+    A point occurs at most once in each of the two arrays.
+    """
 
     visible: IntArray  # (V,) rows of the points that should be visible
     found: IntArray  # (M,) rows of the points that were found
@@ -76,7 +80,7 @@ class PointCounts(NamedTuple):
 class PointTallies:
     """Counts how often points were visible and found since the last call of `take`.
 
-    The memory does not grow with the number of frames.
+    The counts are stored by point and not by frame.
 
     Args:
         points: The points of the map.

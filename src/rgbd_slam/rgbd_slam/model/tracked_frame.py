@@ -20,7 +20,7 @@ class TrackedFrame:
     frame: Frame
     T_map_camera: FloatArray  # (4, 4), by the map at the time of tracking
     points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
-    point_uids: IntArray  # (N,)
+    point_uids: IntArray  # (N,); without meaning where `points` is NO_POINT
     reference_uid: int  # the reference keyframe, which may be pending
     T_reference_camera: FloatArray  # (4, 4)
 
@@ -74,7 +74,8 @@ def tracked_keyframe(
     Args:
         frame: The frame that became the keyframe.
         atlas: The map.
-        uid: Uid of the keyframe; it observes no point while it is pending.
+        uid: Uid of the keyframe, whose pose must be known. While it is not in the map, as when it
+            is pending, it observes no point.
         unseen: (N,) mask of features whose observations are left out, although the map has them.
     """
     i, T_map_camera = atlas.keyframes.index_of(uid), atlas.pose(uid)

@@ -83,8 +83,11 @@ class TrajectoryRecorder:
         """Return T_map_camera (4, 4) of the `n`-th frame by the current map; None if unknown.
 
         It is in the frame of the map of its reference keyframe, which need not be the main map. It
-        is unknown if the reference keyframe was removed long ago: only the latest one or two
-        thousand removed keyframes are searched.
+        is unknown while the reference keyframe is pending, and if it was removed long ago: only
+        the latest one or two thousand removed keyframes are searched.
+
+        Raises:
+            InputError: The file of old poses cannot be read.
         """
         frame = self._frames[n]
         row, T_map_reference = self._reference(frame)
@@ -96,6 +99,9 @@ class TrajectoryRecorder:
         """Replace the final pose of frame `n`; its online pose stays as it was published.
 
         The pose must be known (see `pose`).
+
+        Raises:
+            InputError: The file of old poses cannot be read.
         """
         frame = self._frames[n]
         _, T_map_reference = self._reference(frame)
@@ -128,7 +134,11 @@ class TrajectoryRecorder:
             self._removed.append(redirect)
 
     def online(self) -> Trajectory:
-        """Return the poses as they were published when each frame was tracked."""
+        """Return the poses T_map_camera as they were estimated when each frame arrived.
+
+        Raises:
+            InputError: The file of old poses cannot be read.
+        """
         return Trajectory.joined(self.parts('online'))
 
     def final(self) -> Trajectory:
@@ -136,14 +146,19 @@ class TrajectoryRecorder:
 
         Frames of other maps are left out unless links connect these maps with the main one,
         because without a link the poses of these maps are unknown. Frames are also left out if
-        neither their reference keyframe nor an ancestor of it exists any more.
+        neither their reference keyframe nor an ancestor of it exists any more, and while their
+        reference keyframe is pending.
+
+        Raises:
+            InputError: The file of old poses cannot be read.
         """
         return Trajectory.joined(self.parts('final'))
 
     def parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the trajectory of a kind (`final`, `online` or `keyframes`) in parts.
 
-        Any thread may iterate over the parts while frames are added.
+        Any thread may iterate over the parts while frames are added. If the file of old poses
+        cannot be read, the iteration raises InputError.
 
         Raises:
             ConfigError: There is no such kind.

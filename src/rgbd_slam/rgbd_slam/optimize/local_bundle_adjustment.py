@@ -20,8 +20,9 @@ def local_bundle_adjustment(
 ) -> None:
     """Adjust a keyframe, the keyframes that share most points with it, and their points.
 
-    The keyframe is in row `i`. The root of a map, and other keyframes that observe these points,
-    keep their poses. Nothing is adjusted if there is no such keyframe, or if no pose may change.
+    The keyframe is in row `i`. The root of a map keeps its pose, and so do up to `fixed_window`
+    other keyframes that observe these points. Nothing is adjusted if there is no keyframe that
+    keeps its pose, or none whose pose may change.
     The result is written to the map, and observations that are outliers are removed from it.
     """
     free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])

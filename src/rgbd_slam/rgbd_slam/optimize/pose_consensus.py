@@ -150,6 +150,9 @@ class PoseConsensus:
     ) -> Consensus:
         """Return the pose that the well-observed points support, starting from an initial one.
 
+        If too few matches are of well-observed points, all matches decide. If the consensus is
+        switched off (`enabled`), it is the pose that fits all matches best.
+
         Args:
             problem: N matches.
             is_well_observed: (N,) mask of the matches whose points several keyframes have seen.
@@ -189,7 +192,8 @@ class PoseConsensus:
     def _competing_hypotheses(self, deciding: PoseProblem, fit: _Hypothesis) -> list[_Hypothesis]:
         """Return the poses of the distant and of the near half of the deciding matches.
 
-        A half that is consistent with `fit`, the pose of all deciding matches, is left out.
+        A half that is consistent with `fit`, the pose of all deciding matches, is left out. There
+        are no such poses if there are fewer than 20 deciding matches.
         """
         if len(deciding) < 2 * _MIN_HALF:
             return []
@@ -230,7 +234,8 @@ class PoseConsensus:
     ) -> tuple[_Hypothesis, ViewRegion] | None:
         """Return the pose refitted without the most biasing region, and this region.
 
-        None is returned if no region biases the pose.
+        None is returned if no region biases the pose, if there are few deciding matches, or if the
+        search is switched off.
 
         An object that moves slowly fits the pose of all matches nearly as well as the static
         scene, so that residuals do not show it. When its matches are left out, however, the pose
@@ -365,7 +370,10 @@ def _noise_scale(cost: FloatArray) -> float:
 
 
 def _competing_motion(best: _Hypothesis, other: _Hypothesis | None) -> CompetingMotion | None:
-    """Return the motion between two hypotheses; None if it is noise or has no supporters."""
+    """Return the motion between two hypotheses; None if it is noise or has no supporters.
+
+    It is also None if there is no second hypothesis.
+    """
     if other is None:
         return None
     twist = se3.log(other.T_camera_map @ se3.inverse(best.T_camera_map))

@@ -28,7 +28,8 @@ def with_residual_noise(
 ) -> tuple[StereoCamera, BundleProblem]:
     """Return the camera and the problem with the noise that the residuals of a solution show.
 
-    The camera has the measured noise of depth, the problem that of pixels.
+    The camera has the measured noise of depth, the problem that of pixels. Noise of which fewer
+    than 500 observations are suitable stays as it is.
     """
     residual = _residuals_px(camera, problem, solution)
     seen = np.bincount(problem.point[~solution.outliers], minlength=problem.points_m.shape[1])

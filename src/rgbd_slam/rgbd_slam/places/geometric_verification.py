@@ -60,8 +60,10 @@ class PlaceEvidence(NamedTuple):
 
     # Sum over the observable points of the probability that an image finds the point.
     num_expected: float
-    found_share: float  # number of observable points that were found, divided by num_expected
-    # Share of the points in view that were not found and behind which all depth readings lie.
+    # Number of observable points that were found, divided by num_expected (by 1 if that is less).
+    found_share: float
+    # Share of the points in view that were not found and behind which all depth readings near them
+    # lie.
     contradicted_share: float
 
 

@@ -65,7 +65,8 @@ class HashIndex:
     def update(self, atlas: Atlas) -> None:
         """Add the new keyframes of a map, and remove those that are no longer in it.
 
-        Only features that observe map points are indexed.
+        Of a new keyframe, the features that observe map points now are indexed; if these are more
+        than `max_features`, evenly spaced ones. Later observations are not added.
         """
         keyframes = atlas.keyframes
         rows = keyframes.indices()
@@ -97,8 +98,8 @@ class HashIndex:
     def query(self, descriptors: ByteArray) -> PlaceVotes:
         """Return the keyframes that match descriptors (N, 32) of an image, with most votes first.
 
-        Keyframes with equal votes are sorted by uid. If there are more than `max_features`
-        descriptors, evenly spaced ones are looked up.
+        Keyframes with equal votes are sorted by ascending uid. If there are more than
+        `max_features` descriptors, evenly spaced ones are looked up.
         """
         self._insert_pending()
         descriptors = self._thinned(descriptors)

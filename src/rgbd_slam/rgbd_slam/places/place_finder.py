@@ -68,7 +68,7 @@ class PlaceFinder:
 
         The index is updated first. The keyframes are at most `max_candidates`, the most similar
         first. A keyframe is left out if it has fewer than `min_votes` votes, or shares at least 15
-        points with a more similar one.
+        points with a more similar one that is returned.
 
         Args:
             descriptors: (N, 32) descriptors of the image.
@@ -108,6 +108,7 @@ class PlaceFinder:
     def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
         """Return the place of a frame near a given pose in the main map; None if none is found.
 
+        A place found by the index may also be ambiguous, as in `locate`; then None is returned.
         First, map points are searched where the given pose predicts them, which works if the pose
         is accurate to one or two degrees. If that fails, the place index is queried, but only for
         keyframes near the given pose, because other places may look the same. The pose that is
@@ -130,7 +131,9 @@ class PlaceFinder:
         return place if is_near_hint else None
 
     def _unambiguous_place(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
-        """Return the verified place with most inliers; None if another place has about as many.
+        """Return the verified place with most inliers; None if there is none or it is ambiguous.
+
+        It is ambiguous if another place has about as many inliers (`_are_ambiguous`).
 
         Args:
             frame: The frame.

@@ -29,8 +29,8 @@ _DEPTH_TOLERANCE_SHARE = 0.12
 class Visibility(NamedTuple):
     """Which of N points in the view of an image could be found in it, and which it contradicts."""
 
-    # (N,) there are features near the point's pixel, and not all of their depth readings lie in
-    # front of the point, which would be occluded then.
+    # (N,) there are features near the point's pixel; if some of them have depth readings, not all
+    # of these lie in front of the point, which would be occluded then.
     observable: BoolArray
     # (N,) there are at least two depth readings near the point's pixel, and all lie behind it.
     contradicted: BoolArray
@@ -63,7 +63,7 @@ def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
     """Return the (N,) probabilities that a frame finds each point if the point is in its view.
 
     Of the earlier frames with the point in view, it is the share that found the point, with a
-    Beta(1, 3) prior: 1/4 for a new point (chosen, not tuned).
+    Beta(1, 3) prior, whose mean is 1/4 (chosen, not tuned).
 
     Args:
         points: The table of map points.

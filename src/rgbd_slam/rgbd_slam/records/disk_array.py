@@ -21,13 +21,13 @@ Array = NDArray[Any]
 
 
 class DiskArray:
-    """An array of rows in an anonymous temporary file that is mapped into memory.
+    """An array of rows that `grow` moves to an anonymous temporary file, mapped into memory.
 
     The space on the disk is reserved before it is used, because a mapped file ends the process
     with SIGBUS on a full disk. Where it cannot be reserved, the array stays in memory.
 
     Args:
-        rows: The first rows (N, ...), which are copied.
+        rows: The first rows (N, ...). They are `array` itself until `grow` copies them.
     """
 
     def __init__(self, rows: Array) -> None:
@@ -62,6 +62,9 @@ class DiskArray:
         """Replace the rows from row `first` on by `rows`.
 
         Writing to the file takes half the time of filling its mapped pages one by one.
+
+        Raises:
+            OSError: The file cannot be written.
         """
         if self._file is None or self._map is None:
             self.array[first : first + len(rows)] = rows

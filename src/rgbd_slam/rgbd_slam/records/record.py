@@ -54,7 +54,11 @@ class Record:
     def of(cls, arrays: Mapping[str, Array]) -> Self:
         """Return the record that holds arrays, given by field name.
 
-        The arrays are converted to the declared types. Arrays of other names are ignored.
+        The arrays are converted to the declared types; their shapes are not checked. Arrays of
+        other names are ignored.
+
+        Raises:
+            KeyError: The array of a declared field is missing.
         """
         return cls(
             **{

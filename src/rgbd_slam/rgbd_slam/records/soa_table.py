@@ -35,8 +35,9 @@ class SoaTable:
     """
 
     columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
-    fixed: ClassVar[tuple[str, ...]] = ()  # of these, columns that never change in a living row
-    local: ClassVar[tuple[str, ...]] = ('version', 'born')  # of these, columns that are not sent
+    fixed: ClassVar[tuple[str, ...]] = ()  # of these, columns that are sent of new rows only
+    # Of these, columns that are not in the rows that are sent.
+    local: ClassVar[tuple[str, ...]] = ('version', 'born')
     wide: ClassVar[tuple[str, ...]] = ()  # of these, integers that do not fit into 32 bits
 
     def __init__(self, capacity: int) -> None:
@@ -74,7 +75,8 @@ class SoaTable:
     def allocate(self, count: int, version: int, first_uid: int | None = None) -> IntArray:
         """Give uids to the lowest empty rows, and return these (count,) rows in ascending order.
 
-        The rows depend only on which rows are empty, so that runs are repeatable.
+        The rows depend only on which rows are empty, so that runs are repeatable. The other
+        columns keep what these rows held before.
 
         Args:
             count: Number of rows.

@@ -54,8 +54,9 @@ class DroppedFrameCounter:
     def add(self, stamp_ns: int) -> None:
         """Add the stamp of the next image, and count the images that are missing before it.
 
-        After a stamp that is not later than the last one, or a gap of more than a second, the
-        period of the stream is measured anew; the number of dropped images is kept.
+        Nothing is counted until the period of the stream is known, from five intervals. After a
+        stamp that is not later than the last one, or a gap of more than a second, the period is
+        measured anew; the number of dropped images is kept.
         """
         last_ns, self._last_ns = self._last_ns, stamp_ns
         if last_ns is None or not 0 < stamp_ns - last_ns <= _PAUSE_NS:

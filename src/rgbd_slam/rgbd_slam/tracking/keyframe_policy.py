@@ -17,8 +17,8 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 
 # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations from which a point of the
 # reference keyframe counts as confirmed (an observation with depth counts twice); the second
-# number is that in a map of at most two keyframes. In such a map, `reference_share` is replaced by
-# the share that ORB-SLAM3 uses for a map of one keyframe.
+# number is that while all maps together have at most two keyframes. `reference_share` is then
+# replaced by the share that ORB-SLAM3 uses for a map of one keyframe.
 _MIN_WEIGHT = 3
 _MIN_WEIGHT_NEW_MAP = 2
 _NEW_MAP_KEYFRAMES = 2
@@ -77,8 +77,9 @@ class KeyframePolicy:
         The largest number of points tracked since the last keyframe is stored for comparison.
         While a keyframe is pending, which the mapper has not inserted yet, only a change of the
         view counts. While tracking is good, no keyframe is requested within `min_gap_s` of the
-        last one. A reference keyframe that was removed is replaced by its nearest ancestor in the
-        map; the result is False if there is none.
+        last one. With `skip_known_views`, none is requested in a view that an old keyframe has
+        already, unless tracking gets much worse. A reference keyframe that was removed is replaced
+        by its nearest ancestor in the map; the result is False if there is none.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)

@@ -47,7 +47,8 @@ _COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden 
 class LossTimer:
     """Measures for how long images have arrived in which the camera was not found.
 
-    Stamps of images may jump, repeat or start again (jump back by more than a second).
+    Of a gap between two images, at most 0.5 s counts. Stamps of images may jump, repeat or start
+    again (jump back by more than a second).
     """
 
     def __init__(self) -> None:
@@ -75,7 +76,7 @@ class LossTimer:
 
     @property
     def lost_s(self) -> float:
-        """Return the time [s] for which the camera has been lost."""
+        """Return the time [s] that counts as lost, from the last `reset` to the latest image."""
         return S_PER_NS * self._lost_ns
 
 

@@ -15,7 +15,7 @@ from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
 
 # Not tuned: longest time for which a constant velocity is extrapolated; a hand-held camera keeps
-# its velocity for no longer.
+# its velocity for little longer.
 _HORIZON_S = 0.25
 # Not tuned: time over which the differences between external odometry and tracking are averaged.
 _AVERAGING_S = 2.0
@@ -75,8 +75,8 @@ class MotionSource(Protocol):
     def bridge(self) -> BridgedMotion | None:
         """Return the measured motion T_last_camera with covariances, to replace a tracked motion.
 
-        It is the inverse of the motion that `predict` returns. None is returned if the motion was
-        not measured, but only extrapolated.
+        It is the inverse of the motion that `predict` returns. None is returned if the motion is
+        unknown, or was not measured but only extrapolated.
         """
 
 

@@ -131,8 +131,9 @@ class Odometry:
     def advance(self, tracking: TrackerOutput) -> None:
         """Add the motion from the last frame to a newly tracked one, by the current map.
 
-        Also updates the velocity and the covariances. The new frame replaces the last one, which
-        must exist.
+        After bridged images, the motion that replaced the tracker's is added instead, because
+        their published poses are not corrected. Also updates the velocity and the covariances. The
+        new frame replaces the last one, which must exist.
         """
         assert self.last is not None
         tracked = tracking.tracked
@@ -192,7 +193,7 @@ class Odometry:
     def restart_from(self, tracked: TrackedFrame | None) -> None:
         """Replace the last frame, or remove it (None), without moving `T_odom_camera`.
 
-        The motion sources measure from the new last frame on.
+        The motion sources measure from the new last frame on, if there is one.
         """
         self.last = tracked
         self._T_odom_last, self._is_bridged = self.T_odom_camera, False
@@ -237,7 +238,8 @@ class Odometry:
     def is_in_main_map(self) -> bool:
         """Return whether the last frame is in the map with most keyframes.
 
-        It is also true if there is no last frame, and while the very first keyframe is pending.
+        It is also true if there is no last frame, while the very first keyframe is pending, and if
+        the map does not know the reference keyframe of the last frame any more.
         """
         keyframes = self._atlas.keyframes
         anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None

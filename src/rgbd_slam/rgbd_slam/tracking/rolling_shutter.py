@@ -47,7 +47,7 @@ class RollingShutter:
 
     Args:
         width_px: Width of an image.
-        height_px: Its height.
+        height_px: Height of an image.
     """
 
     def __init__(self, width_px: int, height_px: int) -> None:

@@ -50,8 +50,8 @@ class TrackerOutput:
     matched: IntArray  # (N,) point matched with each feature, outliers included, or NO_POINT
     num_inliers: int  # matches with map points that fit the pose
     tally: PointTally  # the points that should be visible in the frame, and those found in it
-    # (3, V) projections u, v, u_right of the visible points of the local map, without those that
-    # the initial pose was estimated from.
+    # (3, V) projections u, v, u_right of the visible points of the local map, without the inliers
+    # of the initial pose.
     expected_px: FloatArray
     moved: IntArray  # (M,) map points that turned out to be on moving objects
     is_on_map: bool  # False: too few map points fit the pose; it rests on the last frame's depth
@@ -63,12 +63,15 @@ class TrackerOutput:
 
     @property
     def is_outlier(self) -> BoolArray:
-        """Return the (N,) mask of features whose match does not fit the pose."""
+        """Return the (N,) mask of features whose matched map point they do not observe.
+
+        The match does not fit the pose, or the feature is on an object that would bias the pose.
+        """
         return np.asarray((self.matched != NO_POINT) & (self.tracked.points == NO_POINT))
 
     @property
     def inlier_share(self) -> float:
-        """Return the share of the matches that fit the pose."""
+        """Return the share of the matches with map points that fit the pose; 0 without matches."""
         return self.num_inliers / max(self.num_matches, 1)
 
 

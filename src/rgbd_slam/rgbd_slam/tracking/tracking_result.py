@@ -14,7 +14,8 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 class TrackingResult:
     """The pose of one frame, its covariances and the tracking statistics.
 
-    Poses and covariances are None if the camera is lost and no motion source has a pose.
+    Poses and covariances are None before a map is started, and if the camera is lost and no motion
+    source has a pose.
     """
 
     stamp_ns: int
@@ -26,7 +27,8 @@ class TrackingResult:
     # that was started after a loss and is not the main one.
     covariance: FloatArray | None = None
     image_covariance: FloatArray | None = None  # (6, 6) part whose errors differ between images
-    num_tracked: int = 0  # number of matched map points
+    # Number of matched map points. In the first image of a map, both numbers are that of features.
+    num_tracked: int = 0
     num_inliers: int = 0  # number of matched map points that fit the pose
     is_keyframe: bool = False
     is_predicted: bool = False  # the image is a copy of the last one; its pose was not measured

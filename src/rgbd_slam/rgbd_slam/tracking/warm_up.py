@@ -65,10 +65,10 @@ class WarmUp:
             self._frames.append((len(self._trajectory) - 1, tracked))
 
     def reestimate_next(self, camera: StereoCamera) -> None:
-        """Re-estimate one stored pose, at the earliest 2 s after the first frame of the map.
+        """Re-estimate one stored pose, once a keyframe is 2 s later than the map's first frame.
 
-        A keyframe with such a stamp must exist. Call this once per image, so that the cost of an
-        image is bounded.
+        Until this session has such a keyframe, nothing happens. Call this once per image, so that
+        the cost of an image is bounded.
 
         Args:
             camera: The camera with its measured noise.
