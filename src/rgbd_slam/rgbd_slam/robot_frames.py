@@ -105,7 +105,7 @@ class RobotFrames:
             stamp_ns: Stamp of the image.
             T_map_camera: (4, 4) pose in the core's map.
             T_odom_camera: (4, 4) pose in the odometry frame of the core, which is the optical
-                frame of the camera at the start of the session and not the frame odom of the
+                frame of the camera in the first tracked image and not the frame odom of the
                 result. Corrections of the map do not change it.
             covariance: (6, 6) covariance of T_map_camera, as a small motion in the camera frame,
                 rotation first [rad^2, m^2].

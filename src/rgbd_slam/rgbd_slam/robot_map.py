@@ -90,7 +90,11 @@ class RobotMap:
         self._last_stats: SlamStats | None = None
 
     def take_change(self) -> bool:
-        """Return whether the map has changed since the last call."""
+        """Return whether the map has changed since the last call; True at the first call.
+
+        Changes of the statistics, new keyframes, loaded maps and turns of the map frame are
+        noticed. Poses that a global adjustment has moved are not, if nothing else has changed.
+        """
         stats = self._slam.stats
         changed = self.has_changed or stats != self._last_stats
         self.has_changed, self._last_stats = False, stats
@@ -176,7 +180,8 @@ class RobotMap:
 
         Online poses are those that were estimated when the frames arrived, in the present map
         frame. Final poses follow from the current map. Call `slam.map.finish` before, so that they
-        follow from the map after its last adjustment.
+        follow from the map after its last adjustment. For the kind `final`, the map counts as
+        changed (`take_change`).
 
         Raises:
             ConfigError: There is no such kind.
@@ -271,6 +276,7 @@ class RobotMap:
         Raises:
             MapFileError: The map was made with a camera that differs too much to extend it, or
                 with other features; the running map is unchanged.
+            MapperStoppedError: As in `SlamMap.load`.
         """
         uids = self._slam.load(self._in_core(content, extend=extend), keep=keep)
         self.has_changed = True

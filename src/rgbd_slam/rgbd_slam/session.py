@@ -63,6 +63,10 @@ class SlamSession:
         scene_scheduler: Selects the images for the scene mapper; None: no image is selected.
         wheels: External odometry (e.g. wheels), as motions of the camera; None if there is none.
         imu: An IMU, to which the caller adds samples as they arrive; None if there is none.
+
+    Raises:
+        ConfigError: No place index has the configured name.
+        MapperStoppedError: The mapping process does not start.
     """
 
     def __init__(

@@ -47,7 +47,7 @@ class RgbdSlam:
     """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017).
 
     `map` holds the keyframes and points and the mapper that extends them, `odometry` the last
-    tracked pose, and `trajectory` the poses of all frames.
+    tracked pose, and `trajectory` the poses of the frames so far.
 
     Args:
         camera: The camera of the images that the features come from.
@@ -58,6 +58,10 @@ class RgbdSlam:
         wheels: External odometry (e.g. wheels), which bridges images that cannot be tracked; None
             if there is none.
         imu: An IMU, which predicts turns and bridges short losses; None if there is none.
+
+    Raises:
+        ConfigError: No place index has the configured name.
+        MapperStoppedError: The mapping process does not start.
     """
 
     def __init__(
@@ -102,7 +106,7 @@ class RgbdSlam:
         """Return the estimated pose of one frame. Call `learn` before tracking the next one.
 
         First, the changes that the mapper has finished are applied to the map. A lost camera is
-        relocalized; the very first frame, and one after a loss (`NewMapPolicy`), starts a new map.
+        relocalized; the very first frame, or one after a loss (`NewMapPolicy`), may start a map.
         A copy of the last tracked image only gets a predicted pose (`RepeatedImages`).
 
         Raises:
@@ -122,7 +126,8 @@ class RgbdSlam:
     def learn(self, result: TrackingResult) -> TrackingResult:
         """Update estimates and trajectory from a tracked frame; insert it if it is a keyframe.
 
-        Returns the result of `track`, with `is_keyframe` and `stage_ms` completed.
+        Returns the result of `track`, with `is_keyframe` and `stage_ms` completed; a result from
+        which nothing is to be learned is returned unchanged.
 
         Raises:
             MapperStoppedError: The mapping process has ended for good or does not respond.
@@ -150,6 +155,9 @@ class RgbdSlam:
         """Load a saved map and return the (K,) uids of its keyframes; see `SlamMap.load`.
 
         Unless the running map is kept, the camera is relocalized in the saved map.
+
+        Raises:
+            MapperStoppedError: As in `SlamMap.load`.
         """
         uids = self.map.load(state, keep=keep)
         if not keep:

@@ -32,6 +32,9 @@ class SlamMap:
             the last call; each redirect gives the parent that replaces a removed keyframe.
         background: True: the mapper runs in a process of its own, as on a robot. False: each
             keyframe is mapped before `insert` returns, so that runs repeat bit for bit.
+
+    Raises:
+        MapperStoppedError: The mapping process does not start.
     """
 
     def __init__(

@@ -12,10 +12,11 @@ from hoid_common.config import Config, param
 class ConsensusConfig(Config):
     """Estimation of an image's pose, in which well-observed map points decide (decision 026).
 
-    A map point is well observed once at least `min_observations` keyframes have observed it. The
-    matches of well-observed points decide between pose hypotheses. The other matches refine the
-    pose, as long as they do not contradict the matches of well-observed points. The cost of a pose
-    is the sum of the squared residuals of its matches, each divided by its measured variance.
+    A map point is well observed if at least `min_observations` keyframes observe it. The matches
+    of well-observed points decide between pose hypotheses; if these are fewer than
+    `min_well_observed`, all matches decide. The other matches refine the pose, as long as they do
+    not contradict the matches of well-observed points. The cost of a pose is the sum of the
+    squared residuals of its matches, each divided by its measured variance.
     """
 
     enabled: bool = param(

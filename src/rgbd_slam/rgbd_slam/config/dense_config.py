@@ -46,7 +46,7 @@ class GridConfig(Config):
     clear_height_m: ClassVar[float] = 0.8
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if the range of heights of obstacles is empty."""
+        """Raise ConfigError if a value is invalid, or no height is that of an obstacle."""
         super().__post_init__()
         if self.min_height_m >= self.max_height_m:
             raise ConfigError(

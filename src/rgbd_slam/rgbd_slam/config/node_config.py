@@ -123,7 +123,10 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     navigation: NavigationConfig = section(NavigationConfig)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if the navigation masks are on without base frame or object tracks."""
+        """Raise ConfigError if a value is invalid, or masks are on without base frame or tracks.
+
+        The masks are those of `navigation`, and the tracks those of `objects`.
+        """
         super().__post_init__()
         if self.navigation.enabled and not self.frames.base:
             raise ConfigError('navigation.enabled needs frames.base, which makes the map level')

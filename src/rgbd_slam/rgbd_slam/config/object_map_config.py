@@ -38,7 +38,7 @@ class ObjectMapConfig(Config):
     )
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if `label_cloud` is on and the object map is off."""
+        """Raise ConfigError if a value is invalid, or `label_cloud` is on without object map."""
         super().__post_init__()
         if self.label_cloud and not self.enabled:
             raise ConfigError('object_map.label_cloud needs object_map.enabled')

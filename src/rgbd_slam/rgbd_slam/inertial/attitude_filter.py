@@ -24,9 +24,9 @@ _LEAST_SIGMA_RAD = np.deg2rad(0.2)  # chosen: of a prior; what the stamps leave 
 class AttitudeFilter:
     """Averages the differences between tracked rotations and those of a gyro.
 
-    This is a complementary filter (Mahony et al., TAC 2008) whose gain is 1 / n for the first n
-    images. It is kept relative to the last tracked image, so that corrections of the map do not
-    matter.
+    This is a complementary filter (Mahony et al., TAC 2008). Its gain for the n-th image is 1 / n
+    until the images of 0.5 s are averaged. The average is kept relative to the last tracked image,
+    so that corrections of the map do not matter.
     """
 
     def __init__(self) -> None:

@@ -82,7 +82,7 @@ class GyroCalibration:
         """Add the tracked rotation (3, 3) of the camera between two images.
 
         Rotations over more than 0.2 s, and those whose stamps do not increase, are ignored. If
-        `second_ns` is earlier than in the last call, all earlier rotations are dropped.
+        `second_ns` is earlier than that of the last stored rotation, all stored ones are dropped.
         """
         if self._windows_ns and second_ns < self._windows_ns[-1][1]:
             self._windows_ns, self._vectors_rad = [], []  # the stamps have started again

@@ -71,7 +71,7 @@ class Imu:
     """Measures how the camera turns, and which direction is up.
 
     The time offset, the rotation to the camera and the biases are estimated from the tracked
-    motion (`observe`). A gyro that contradicts it is left out until it agrees again.
+    motion (`observe`). A gyro that contradicts it is left out until a comparison shows no fault.
 
     Args:
         config: Parameters.
@@ -88,7 +88,7 @@ class Imu:
         self._needs_up = config.level
         self._news: list[News] = []
         self._said: set[str] = set()
-        self.fit: GyroFit | None = None  # by the last comparison
+        self.fit: GyroFit | None = None  # by the last comparison in which there was no fault
         self.fault: GyroFault | None = None  # why the gyro is left out
         self.up: Up | None = None  # by the last comparison
         self.num_refused = 0  # comparisons in which the gyro had a fault

@@ -1,7 +1,8 @@
 """Zip archives of NumPy arrays with a manifest, which `numpy.load` opens too.
 
 The type and shape of every array follow from a declared `Record` and the lengths in the manifest.
-They are checked before an array is unpacked, and nothing in a file is ever executed.
+The size of an array is checked before it is unpacked, and its type and shape before it is used.
+Nothing in a file is ever executed.
 """
 
 from __future__ import annotations
@@ -59,8 +60,8 @@ def replaced(path: Path) -> Iterator[IO[bytes]]:
     """Yield a new binary file, which replaces `path` at the end of the block.
 
     It replaces `path` only after all its bytes are on the disk, and is removed if the block
-    raises. It is locked while it is written: an unlocked one was left by a killed process
-    (`abandoned_files`).
+    raises. If the file system has locks, it is locked while it is written: an unlocked one was
+    left by a killed process (`abandoned_files`).
 
     Raises:
         MapFileError: The file cannot be written; an existing file is unchanged.

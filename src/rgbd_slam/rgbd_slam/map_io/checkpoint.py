@@ -186,7 +186,7 @@ class CheckpointWriter:
         objects: ObjectMapState | None = None,
         keep_submaps: bool = False,
     ) -> int:
-        """Replace the checkpoint by the map whose parts were appended.
+        """Replace the checkpoint by the map whose parts were appended; delete unused files.
 
         Args:
             header: Camera, octaves and frame of the map.

@@ -132,7 +132,8 @@ def _check_name(name: str, directory: str) -> None:
 def _with_ending(name: str, kind: FileKind) -> str:
     """Return a name with an ending of the kind; raise InputError if it has another ending.
 
-    A word after a dot counts as an ending, a number does not: "2024.05.17" has no ending.
+    A word of up to eight letters after the last dot counts as an ending, a number does not:
+    "2024.05.17" has no ending.
     """
     ending = Path(name).suffix
     if ending in kind.endings:

@@ -31,8 +31,8 @@ def point_statistics(
     `max_distance_m` is the largest distance at which some octave can detect the point: its
     distance in the reference keyframe times the scale of the octave in which it was observed
     there. If the reference keyframe does not observe the point any more, the keyframe of its first
-    observation in `seen` becomes the reference keyframe. The descriptor is one of the last eight
-    observations in `seen`: the one with the least median distance to them.
+    observation in `seen` becomes the reference keyframe. The descriptor is one of the point's last
+    eight observations in `seen`: the one with the least median distance to them.
 
     Args:
         keyframes: The keyframes.

@@ -35,10 +35,10 @@ class PosePrior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PoseProblem:
-    """N matches of one image with map points.
+    """N matches of one image with landmarks, which are map points or depth readings.
 
     Attributes:
-        points_m: (N, 3) map points in the map frame.
+        points_m: (N, 3) landmarks in the map frame.
         measured_px: (N, 3) u, v, u_right; u_right is NaN without depth.
         inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2], at the
             configured noise. The outlier test applies it to u_right as well. In the fit, the

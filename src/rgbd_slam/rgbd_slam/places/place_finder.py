@@ -37,6 +37,9 @@ class PlaceFinder:
         camera: The camera with its configured noise.
         config: Parameters.
         seed: Seeds the random samples of RANSAC.
+
+    Raises:
+        ConfigError: No place index has the configured name.
     """
 
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: PlaceConfig, seed: int) -> None:
@@ -93,6 +96,7 @@ class PlaceFinder:
 
         With identical furniture, two distant places in one map may be verified with about as many
         points. Then neither is returned; a later frame that shows more may resolve the ambiguity.
+        The place index is updated first.
 
         Args:
             frame: The frame.
@@ -108,11 +112,11 @@ class PlaceFinder:
     def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
         """Return the place of a frame near a given pose in the main map; None if none is found.
 
-        A place found by the index may also be ambiguous, as in `locate`; then None is returned.
         First, map points are searched where the given pose predicts them, which works if the pose
         is accurate to one or two degrees. If that fails, the place index is queried, but only for
         keyframes near the given pose, because other places may look the same. The pose that is
-        found must also be near the given one (`PoseHint.reaches`).
+        found must also be near the given one (`PoseHint.reaches`), and a place that the index has
+        found must not be ambiguous (`locate`).
         """
         keyframes = self._atlas.keyframes
         rows = keyframes.indices()

@@ -73,7 +73,10 @@ class DiskArray:
         write_at(self._file.fileno(), data, first * rows[:1].nbytes)
 
     def release_memory(self) -> None:
-        """Let the operating system take the memory; the content is read again when it is used."""
+        """Let the operating system take the memory; the content is read again when it is used.
+
+        An array without a file stays in memory.
+        """
         if self._map is not None:
             self._map.madvise(mmap.MADV_DONTNEED)
 

@@ -1,4 +1,4 @@
-"""A growing list of fixed-size records that keeps only the newest ones in memory."""
+"""A growing list of fixed-size records: the newest are in memory, old ones in a file."""
 
 from __future__ import annotations
 

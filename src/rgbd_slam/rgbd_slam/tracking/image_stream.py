@@ -88,7 +88,7 @@ class Repetition(Enum):
 
 
 class RepeatedImages:
-    """Recognizes copies by their features, which are at exactly the same pixels."""
+    """Recognizes copies by their features, most of which are at exactly the same pixels."""
 
     def __init__(self) -> None:
         self.num_repeated = 0  # color images that were copies with a new depth image

@@ -85,8 +85,8 @@ class InertialMotion:
     def rotation_prior(self) -> MeasuredRotation | None:
         """Return how the camera has turned since the last tracked image by a filtered attitude.
 
-        The tracked rotation of that image counts for a part only. None is returned without a
-        usable gyro, if priors are switched off, and before the filter has averaged 0.1 s of
+        The tracked rotation of that image counts for a part only. None is returned if `predict`
+        returns None, if priors are switched off, and before the filter has averaged 0.1 s of
         images.
         """
         correction, rotation = self._attitude.R_tracked_filtered, self._rotation()

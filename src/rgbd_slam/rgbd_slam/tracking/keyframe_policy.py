@@ -44,7 +44,8 @@ class KeyframePolicy:
     """Selects a frame as a keyframe once it tracks clearly fewer map points than before.
 
     The number is compared with that of the frames since the last keyframe and with the number of
-    points of the reference keyframe. A frame with few near points is selected as well.
+    points of the reference keyframe. A frame that tracks few near points, and could create many,
+    is selected as well. `wants` states the exceptions.
 
     Args:
         atlas: The map.

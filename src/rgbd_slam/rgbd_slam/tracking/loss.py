@@ -116,7 +116,8 @@ class NewMapPolicy:
     behind it. If the camera was lost in a blur and then sees surfaces that are not in the map, it
     is better to start a new map at once. Whether a surface hides the map is evaluated at the last
     known pose, which is accurate only for the first image after the loss. Therefore, a view counts
-    as covered only if it was covered in that image and still is.
+    as covered only if it was covered in that image and still is. After a loss in a map in which
+    fewer than 15 images were tracked, the first image of the loss before it decides.
 
     Args:
         atlas: The map.

@@ -103,7 +103,8 @@ class Odometry:
     def prior(self) -> PosePrior | None:
         """Return a prior of the current image's rotation by the gyro; its position is left free.
 
-        None is returned without a last frame, and if `InertialMotion.rotation_prior` gives none.
+        None is returned without a gyro or a last frame, and if `InertialMotion.rotation_prior`
+        gives none.
         """
         rotation = None if self._gyro is None else self._gyro.rotation_prior()
         if rotation is None or self.last is None:

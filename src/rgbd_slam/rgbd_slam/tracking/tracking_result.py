@@ -22,7 +22,9 @@ class TrackingResult:
     state: SlamState
     # (4, 4) in the core's map frame; it jumps when the map is corrected.
     T_map_camera: FloatArray | None = None
-    T_odom_camera: FloatArray | None = None  # (4, 4) in the odometry frame; it never jumps
+    # (4, 4) in the core's odometry frame, the optical frame of the camera in the first tracked
+    # image; it never jumps.
+    T_odom_camera: FloatArray | None = None
     # (6, 6) of T_map_camera in the camera frame, rotation first [rad^2, m^2]. It is large in a map
     # that was started after a loss and is not the main one.
     covariance: FloatArray | None = None
@@ -32,7 +34,9 @@ class TrackingResult:
     num_inliers: int = 0  # number of matched map points that fit the pose
     is_keyframe: bool = False
     is_predicted: bool = False  # the image is a copy of the last one; its pose was not measured
-    stage_ms: dict[str, float] = field(default_factory=dict)  # CPU time of 'track' and 'map'
+    # CPU time of 'track' and, once `learn` has used the image, of 'map'. It is empty for a lost
+    # image, and for the first image of a map.
+    stage_ms: dict[str, float] = field(default_factory=dict)
     # A second motion that explains part of the image; None if there is none.
     competing: CompetingMotion | None = None
     note: str = ''  # message for the status; '' if there is none

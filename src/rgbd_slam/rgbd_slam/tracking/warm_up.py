@@ -34,7 +34,7 @@ class WarmUp:
 
     Args:
         atlas: The map.
-        trajectory: Records the poses of all frames.
+        trajectory: The recorded poses of the frames.
         config: Parameters; if `consensus.enabled` is off, no frame is re-estimated.
     """
 
