@@ -12,7 +12,13 @@ from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.optimize.pose_optimizer import PosePrior, PoseProblem, covariance, optimize_pose
+from rgbd_slam.optimize.pose_optimizer import (
+    PoseEstimate,
+    PosePrior,
+    PoseProblem,
+    covariance,
+    optimize_pose,
+)
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0), CameraConfig())
 SAMPLES = 200
@@ -81,3 +87,24 @@ def test_a_prior_counts_by_its_information(pixel_noise: float) -> None:
     both = optimize_pose(camera, problem, np.eye(4), prior)
     np.testing.assert_allclose(se3.log(both.T_camera_map), offset / 2, atol=2e-6)
     np.testing.assert_allclose(both.information, 2 * alone.information, rtol=0.01, atol=2e4)
+
+
+@pytest.mark.parametrize('last', [0.0, 1e-14, -1e-14])
+def test_the_variance_of_an_unconstrained_motion_is_that_of_an_unknown_pose(last: float) -> None:
+    blind = PoseEstimate(
+        np.eye(4), np.empty(0, np.bool_), np.diag([4.0, 2.0, 1.0, 5.0, 10.0, last])
+    )
+    np.testing.assert_allclose(np.diag(covariance(blind)), [0.25, 0.5, 1.0, 0.2, 0.1, 100.0])
+
+
+def test_matches_on_one_line_do_not_say_how_far_the_camera_turned_about_it() -> None:
+    """The line is vertical, 2 m in front of the camera."""
+    points_m = np.column_stack([np.zeros(30), np.linspace(-1, 1, 30), np.full(30, 2.0)])
+    problem = PoseProblem(points_m, CAMERA.project(points_m), np.ones(30))
+    estimate = optimize_pose(CAMERA, problem, np.eye(4))
+    found = covariance(estimate)
+    turn = np.array([0.0, 1, 0, -2, 0, 0])  # about the line, as a twist of the camera
+    turn /= np.linalg.norm(turn)
+    assert turn @ found @ turn > 1.0
+    assert (np.linalg.eigvalsh(found) > 0).all()
+    assert np.sqrt(found[4, 4]) < 0.01  # along the line

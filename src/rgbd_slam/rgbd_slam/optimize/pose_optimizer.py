@@ -14,6 +14,10 @@ from rgbd_slam.model.frame import StereoCamera
 CHI2_MONO = 5.991  # 95 % quantile of chi-square, two degrees of freedom: (u, v)
 CHI2_STEREO = 7.815  # three degrees of freedom: (u, v, u_right)
 GATES = hoid_native.Gates(CHI2_MONO, CHI2_STEREO)
+# Chosen: standard deviations of half a turn and 10 m, more than a camera moves while it is lost.
+_UNKNOWN_SIGMAS: FloatArray = np.array([np.pi] * 3 + [10.0] * 3)
+UNKNOWN_COVARIANCE = np.diag(np.square(_UNKNOWN_SIGMAS))
+"""Covariance (6, 6) of a pose of which nothing is known, rotation first [rad^2, m^2]."""
 
 
 class PoseEstimate(NamedTuple):
@@ -96,10 +100,17 @@ def optimize_pose(
 def covariance(estimate: PoseEstimate) -> FloatArray:
     """Return the (6, 6) covariance of a pose in the camera frame, rotation first [rad^2, m^2].
 
-    If the information is singular, the variance is 0 along the motions that the matches do not
-    constrain.
+    Along motions that the matches do not constrain, the variance is that of an unknown pose.
     """
     try:
-        return np.asarray(np.linalg.inv(estimate.information))
-    except np.linalg.LinAlgError:  # the matches do not constrain one of the six motions
-        return np.asarray(np.linalg.pinv(estimate.information, hermitian=True))
+        inverse = np.linalg.inv(estimate.information)
+    except np.linalg.LinAlgError:  # the matches do not constrain one of the six motions at all
+        inverse = np.zeros((6, 6))
+    variances = np.diag(inverse)
+    if ((variances > 0) & (variances < np.square(_UNKNOWN_SIGMAS))).all():
+        return np.asarray(inverse)
+    # Rounding errors decide the inverse of a singular matrix: its eigenvalues are limited instead.
+    in_sigmas = _UNKNOWN_SIGMAS[:, None] * estimate.information * _UNKNOWN_SIGMAS
+    eigenvalues, axes = np.linalg.eigh(in_sigmas)
+    root = _UNKNOWN_SIGMAS[:, None] * axes / np.sqrt(np.maximum(eigenvalues, 1))
+    return np.asarray(root @ root.T)

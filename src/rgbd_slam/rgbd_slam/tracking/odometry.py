@@ -13,7 +13,7 @@ from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
-from rgbd_slam.optimize.pose_optimizer import PosePrior
+from rgbd_slam.optimize.pose_optimizer import UNKNOWN_COVARIANCE, PosePrior
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.motion_sources import (
     MOTION_SOURCES,
@@ -23,9 +23,6 @@ from rgbd_slam.tracking.motion_sources import (
 from rgbd_slam.tracking.pose_noise import PoseNoise
 from rgbd_slam.tracking.tracker import TrackerOutput
 
-# Chosen: standard deviations [rad, m] of a pose in a map that is not connected with the main one:
-# nothing is known of the motion of the camera while it was lost.
-_UNKNOWN_COVARIANCE = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 # Chosen: number of inliers that is enough for a pose that agrees with the motion predicted by the
 # gyro; other poses need `TrackingConfig.min_inliers`. It agrees if its rotation differs from the
 # predicted one by less than _AGREED_RAD, and its position from the predicted one by less than
@@ -221,7 +218,7 @@ class Odometry:
         Both are (6, 6). They are equal, unless the last frame is in another map: then a large
         covariance is added, because the pose of that map relative to the main map is unknown.
         """
-        return covariance if self.is_in_main_map else covariance + _UNKNOWN_COVARIANCE
+        return covariance if self.is_in_main_map else covariance + UNKNOWN_COVARIANCE
 
     @property
     def anchor_uid(self) -> int | None:
