@@ -199,13 +199,14 @@ class StampMatcher:
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
 
     def reset(self) -> None:
-        """Drop waiting items, measured periods and a found constant offset.
+        """Drop waiting items, measured periods, gaps and a found constant offset.
 
-        The counts and `gap` stay.
+        The counts stay.
         """
         self._queues = {name: deque() for name in self._names}
         self._newest_ns = {}
         self._period_ns = {}
+        self._gaps_ns.clear()
         self._stamps_ns = {name: deque(maxlen=_NUM_STAMPS) for name in self._names[:2]}
         self._constant_offset = ''
 

@@ -42,6 +42,12 @@ def test_unknown_frames_and_loops_give_none() -> None:
     assert frames.find('x', 'y') is None
 
 
+def test_a_frame_is_at_the_identity_in_itself_even_if_it_is_unknown() -> None:
+    """As in tf2: without any transform on /tf, a camera without a base is its own base."""
+    found = StaticFrames().find('camera', 'camera')
+    np.testing.assert_array_equal(found, np.eye(4))
+
+
 def test_a_later_edge_replaces_an_earlier_one() -> None:
     frames = StaticFrames()
     frames.add('base', 'camera', shift(1, 0))

@@ -84,6 +84,15 @@ def test_a_restarted_clock_resets_the_streams() -> None:
     assert feed(matcher, ('color', 100), ('depth', 100)) == [(100, 100)]
 
 
+def test_a_gap_is_not_reported_after_the_streams_were_reset() -> None:
+    matcher = two()
+    for n in range(20):
+        feed(matcher, ('color', 5000 + 100 * n), ('depth', 5040 + 100 * n))
+    assert '+40.0 ms' in matcher.gap
+    feed(matcher, ('color', 100))  # another recording
+    assert matcher.gap == ''
+
+
 def three() -> StampMatcher:
     return StampMatcher(
         ('color', 'depth', 'boxes'), 20 * MS, optional=('boxes',), patience_ns=100 * MS

@@ -95,6 +95,8 @@ def test_class_names_come_from_metadata_file_or_coco(make_model: Any, tmp_path: 
         ({'names': '7'}, None, 'is no list of class names'),
         ({'names': "['a']"}, None, 'and 1 class names'),
         ({}, '', 'is empty: write one class name a line'),
+        ({}, ' \n\n', 'is empty: write one class name a line'),
+        ({}, 'person\n \ncup\n', 'names.txt: line 2 is empty, which would shift the classes'),
     ],
 )
 def test_wrong_class_names_are_refused(

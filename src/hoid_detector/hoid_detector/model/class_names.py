@@ -61,18 +61,25 @@ def is_background(name: str) -> bool:
 
 
 def names_in_file(path: Path) -> tuple[str, ...]:
-    """Return the names in a text file with one name in each line; empty lines are skipped.
+    """Return the names in a text file, whose n-th line is the name of the n-th class.
+
+    Empty lines at the end are ignored.
 
     Raises:
-        ModelError: The file cannot be read or contains no name.
+        ModelError: The file cannot be read, contains no name, or has an empty line before a name.
     """
     try:
-        lines = read_text(path, _MAX_FILE_BYTES).splitlines()
+        text = read_text(path, _MAX_FILE_BYTES)
     except InputError as error:
         raise ModelError(f'class_names_file {error}') from error
-    names = tuple(line.strip() for line in lines if line.strip())
+    names = tuple(line.strip() for line in text.rstrip().splitlines())
     if not names:
         raise ModelError(f'class_names_file {path} is empty: write one class name a line')
+    if '' in names:
+        raise ModelError(
+            f'class_names_file {path}: line {names.index("") + 1} is empty, which would shift the '
+            'classes: write a name there, also for a class that is not used'
+        )
     return names
 
 
