@@ -98,6 +98,18 @@ def test_small_bends_stay_unless_forced() -> None:
     assert bench.z_m == pytest.approx([WALL_M + 0.005], abs=0.002)
 
 
+def test_a_forced_correction_leaves_no_bent_submap_in_any_map() -> None:
+    bench = Bench()
+    known = keyframes(0, 1, 2, 3)._replace(map_ids=np.array([0, 0, 1, 1]))
+    for uid in known.uids.tolist():
+        bench.add(known, 3, uid)
+    bent = keyframes(0, 1, 2, 3, z_m=[0.0, 0.1, 0.0, 0.1])._replace(map_ids=known.map_ids)
+    assert bench.ledger.correct(bent)
+    assert {submap.map_id for submap in bench.voxels.submaps if submap.is_bent} == {0, 1}
+    assert bench.ledger.correct(bent, force=True)
+    assert bench.ledger.num_bent == 0
+
+
 def test_images_and_submaps_of_a_removed_keyframe_move_with_another_one() -> None:
     bench = Bench()
     for i in range(4):

@@ -142,8 +142,7 @@ class SceneLedger:
         Args:
             keyframes: The poses of all keyframes.
             force: Whether to check all submaps against a ten times smaller limit, as at the end of
-                a run, and to fuse bent submaps again now: those of one map, the map of the bent
-                submap that is nearest to the camera. False: bent submaps wait for `fuse_bent`.
+                a run, and to fuse all bent submaps again now. False: they wait for `fuse_bent`.
 
         Returns:
             Whether there were bent submaps, which have been fused again if `force` is set.
@@ -156,8 +155,8 @@ class SceneLedger:
         if moved or force:
             self._find_bent(moved, force=force)
         is_bent = self.num_bent > 0
-        if force:
-            self.fuse_bent(np.inf)
+        while force and self.fuse_bent(np.inf):  # one map at a time
+            pass
         return is_bent
 
     def fuse_bent(self, region_m: float = _REGION_M) -> bool:
