@@ -29,6 +29,16 @@ def test_readings_only_at_the_border_of_a_box_are_enough(class_name: str) -> Non
     assert found.position_map_m[0] == pytest.approx(2.0, abs=0.2)
 
 
+def test_the_size_is_also_right_where_only_the_border_of_a_box_has_readings() -> None:
+    """The front of an object, 1.85 m wide and 1.23 m high, 2 m away."""
+    depth_m = np.full((120, 160), 2.0, np.float32)
+    depth_m[24:96, 24:136] = 0
+    image = DepthImage.of(CAMERA, depth_m, T_BODY_OPTICAL)
+    found = measure(box('cup', (20.0, 20.0, 140.0, 100.0)), image, None, None)
+    assert found is not None
+    np.testing.assert_allclose(found.size_m, [0, 120 * 2 / 130, 80 * 2 / 130], rtol=0.06)
+
+
 @pytest.mark.parametrize('class_name', NAMES)
 def test_a_box_without_readings_gives_no_sighting(class_name: str) -> None:
     image = DepthImage.of(CAMERA, np.zeros((120, 160), np.float32), T_BODY_OPTICAL)

@@ -243,5 +243,5 @@ def _measure_object(
     near_m, far_m = np.percentile(depth[part], _EXTENT_PERCENTILES)
     hidden_m = max(0.0, min(width_m, _HIDDEN_M) - (far_m - near_m))
     middle = (low + high) / 2 + image.T_map_camera[:3, 2] * hidden_m / 2
-    size_m = (high - low) / (1 - 2 * _EXTENT_CUT)
+    size_m = (high - low) / (1 - 2 * cut)
     return Sighting(detection, middle, size_m, is_at_known_depth)
