@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hoid_common.errors import ConfigError
 from hoid_common.values import CameraModel, Float32Array
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.dense.depth_view import DepthCamera, DepthView, in_boxes
@@ -149,3 +150,8 @@ def test_a_ply_file_holds_the_points(tmp_path: Path) -> None:
     body = (tmp_path / 'a.ply').read_bytes().split(b'end_header\n')[1]
     assert len(body) == 2 * 15
     assert body[12:15] == bytes([3, 2, 1])
+
+
+def test_a_range_beyond_the_readings_that_are_used_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r'max_depth_m.* 12'):
+        DenseConfig(max_depth_m=12.5)

@@ -8,6 +8,11 @@ from typing import ClassVar
 from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
 
+# Chosen: readings beyond this depth are not used. Readings between the range of the map
+# (`max_depth_m`) and this depth add no surface; they only show that the space in front of them is
+# free, for which any accuracy is enough.
+CARVE_RANGE_M = 12.0
+
 
 @dataclass(frozen=True)
 class GridConfig(Config):
@@ -85,9 +90,9 @@ class DenseConfig(Config):
     max_depth_m: float = param(
         3.5,  # chosen: the noise of depth grows with its square (decision 002)
         'Depth beyond which readings add no surface to the dense map (m). Raise it to map more of '
-        'a large room, with more noise. Values above 12 have no further effect, because readings '
-        'beyond 12 m are not used.',
+        'a large room, with more noise.',
         minimum=0.5,
+        maximum=CARVE_RANGE_M,
         expert=True,
     )
     pixel_stride: int = param(

@@ -19,7 +19,7 @@ from hoid_common.values import (
     FloatArray,
     IntArray,
 )
-from rgbd_slam.config.dense_config import DenseConfig
+from rgbd_slam.config.dense_config import CARVE_RANGE_M, DenseConfig
 
 # Not tuned: within 3x3 pixels, a step of more than this share of the depth is a depth edge, where
 # the sensor interpolates between two surfaces ("flying pixels").
@@ -27,10 +27,6 @@ _EDGE_SLOPE = 0.06
 # Standard deviation of depth at 1 m [m]; it grows with the square of the depth. Khoshelham and
 # Elberink (Sensors 2012) measured 1.4 mm with the Kinect; this is twice that. Not tuned.
 _NOISE_PER_M2 = 0.003
-# Chosen: readings beyond this depth are not used. Readings between the range of the map
-# (`max_depth_m`) and this depth add no surface; they only show that the space in front of them is
-# free, for which any accuracy is enough.
-_CARVE_RANGE_M = 12.0
 _DYNAMIC = np.uint16(0x8000)  # flag of a reading; readings up to the carve range need 14 bits
 _KEY_BITS = 21  # per axis, so that the key of a voxel fits into 63 bits: +-26 km at 2.5 cm
 _KEY_OFFSET = 1 << (_KEY_BITS - 1)
@@ -146,7 +142,7 @@ class DepthCamera:
         stride = self._config.pixel_stride
         near = cv2.erode(depth_m, np.ones((3, 3), np.uint8))
         far = cv2.dilate(depth_m, np.ones((3, 3), np.uint8))
-        good = (far - near < _EDGE_SLOPE * depth_m) & (depth_m < _CARVE_RANGE_M)
+        good = (far - near < _EDGE_SLOPE * depth_m) & (depth_m < CARVE_RANGE_M)
         return np.ascontiguousarray(np.where(good, depth_m, np.float32(0))[::stride, ::stride])
 
 

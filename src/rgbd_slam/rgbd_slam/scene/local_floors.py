@@ -25,8 +25,8 @@ class LocalFloors:
 
     def __init__(self, floor: Floor) -> None:
         self.floor = floor
-        # Cached by submap: its revision, the expected height [m], and the height of its own floor
-        # [m] (NaN: it shows none).
+        # Cached for the submaps of the last call: revision, expected height [m], and height of the
+        # submap's own floor [m] (NaN: it shows none).
         self._seen: dict[Submap, tuple[int, float, float]] = {}
 
     def heights_m(self, submaps: Sequence[Submap]) -> dict[Submap, float]:
@@ -40,6 +40,7 @@ class LocalFloors:
         out: dict[Submap, float] = {}
         places, heights_m = np.empty((len(submaps), 2)), np.empty(len(submaps))
         known = 0
+        before, self._seen = self._seen, {}
         for submap in submaps:
             T = T_floor_map @ submap.T_map_submap
             place = (T[:3, :3] @ submap.center_m + T[:3, 3])[:2]
@@ -47,12 +48,13 @@ class LocalFloors:
             if known:
                 gap = np.abs(places[:known] - place).max(axis=1)
                 nearest_m = float(heights_m[np.argmin(gap)])
-            seen = self._seen.get(submap)
+            seen = before.get(submap)
             if seen is None or seen[:2] != (submap.revision, nearest_m):
                 above_m = transform(T, submap.points_m())[submap.is_shown(), 2]
                 above_m = above_m[np.abs(above_m - nearest_m) < _BAND_M]
                 own_m = float(np.median(above_m)) if len(above_m) >= _MIN_VOXELS else np.nan
-                seen = self._seen[submap] = submap.revision, nearest_m, own_m
+                seen = submap.revision, nearest_m, own_m
+            self._seen[submap] = seen
             out[submap] = nearest_m if np.isnan(seen[2]) else seen[2]
             if not np.isnan(seen[2]):
                 places[known], heights_m[known] = place, seen[2]
