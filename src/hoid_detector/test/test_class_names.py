@@ -41,7 +41,7 @@ def test_metadata_without_a_list_of_names_are_refused(text: str, message: str) -
 
 def test_names_in_a_file_replace_those_of_the_model(tmp_path: Path) -> None:
     path = tmp_path / 'names.txt'
-    path.write_text('person\n\n  cup \n')
+    path.write_text('person\n  cup \n\n')
     assert known_names(str(path), {'names': '[1]'}) == ('person', 'cup')
     path.write_bytes(b'\xff\xfe')
     with pytest.raises(ModelError, match=r'names\.txt: not a text file'):
