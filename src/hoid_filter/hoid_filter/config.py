@@ -22,7 +22,7 @@ HANDLED_CLASSES = (
 
 @dataclass(frozen=True)
 class ExtractionConfig(Config):
-    """ORB extraction. The defaults of the pyramid and FAST are those of ORB-SLAM3."""
+    """ORB extraction. Number of features and pyramid have the defaults of ORB-SLAM3."""
 
     num_features: int = param(
         1000,  # ORB-SLAM3, TUM1.yaml
@@ -72,7 +72,7 @@ class ExtractionConfig(Config):
 
 @dataclass(frozen=True)
 class PlusConfig(Config):
-    """Extensions of the HOID paper's rules in the strategy `hoid+`; each has a switch."""
+    """Parameters of the strategy `hoid+` that extend the HOID paper's rules."""
 
     bridge_misses: bool = param(
         default=True,  # ablation of masks: without it 15 times as many moving corners are kept
@@ -127,13 +127,13 @@ class PlusConfig(Config):
     # Chosen: a person is suspected to be a false detection at a score below `doubt_score` when its
     # box covers a larger share of the image than `doubt_area`, or when the camera turns faster
     # than `doubt_turn_radps`: 90 degrees per second blur a VGA image by 8 px in 10 ms. The
-    # suspicion ends after `doubt_detections` detections in a row.
+    # suspicion ends after `doubt_detections` detections in a row, or one that is not suspected.
     doubt_area: ClassVar[float] = 0.4
     doubt_score: ClassVar[float] = 0.5
     doubt_turn_radps: ClassVar[float] = 1.57
     doubt_detections: ClassVar[int] = 4
-    # Chosen: a handled object stays handled while a person covers more of its box than
-    # `min_interaction_area` times this share.
+    # Chosen: with `remember`, a handled object stays handled while a person at its depth covers
+    # more of its box than `min_interaction_area` times this share.
     release_share: ClassVar[float] = 0.5
     # Chosen: greatest depth difference between a person's torso and another pixel of the person,
     # and between the middle of an object and another pixel of the object.

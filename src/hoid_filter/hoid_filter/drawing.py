@@ -43,7 +43,7 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
     """Return a copy of the image (H, W, 3) on which features and the boxes of objects are drawn.
 
     Kept features are green, removed features red. The color of a box shows why the object is
-    static or dynamic (`REASON_BGR`); `label` makes the text above it.
+    static or dynamic (`REASON_BGR`); `label` makes the text at its upper edge.
     """
     picture = image_bgr.copy()
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
@@ -92,7 +92,7 @@ def _draw_label(picture: ByteArray, item: DynamicObject) -> None:
     color, text = REASON_BGR[item.reason], label(item)
     x1, y1 = (round(value) for value in item.box_xyxy_px[:2])
     (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
-    top = max(y1, height + 4)  # keeps the label inside the picture
+    top = max(y1, height + 4)  # keeps the label below the picture's top
     cv2.rectangle(picture, (x1, top - height - 4), (x1 + width + 2, top), color, cv2.FILLED)
     cv2.putText(picture, text, (x1 + 1, top - 3), _FONT, _FONT_SCALE, _TEXT_BGR, 1, cv2.LINE_AA)
 

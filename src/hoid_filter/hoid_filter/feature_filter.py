@@ -46,20 +46,23 @@ class FinalVerdict(NamedTuple):
 
     objects: tuple[DynamicObject, ...]  # static objects included
     feature_verdicts: FeatureVerdicts  # which of the published features are dynamic
-    verdict: Verdict  # as the strategy returned it, with the mask of dynamic pixels
+    verdict: Verdict  # as the strategy returned it
 
 
 class FeatureFilter:
     """Detects corners, classifies objects, and describes the corners on static surface.
 
     `process` runs all stages. Motion segmentation takes longest, so the live filter runs the
-    stages one by one: `detect_corners`, then `select_and_describe` with the moving regions of the
-    previous image, then `detect_motion`, then `reevaluate` for the final verdict on the features.
+    stages one by one: `detect_corners`, then `select_and_describe` with the moving regions of an
+    earlier image, then `detect_motion`, then `reevaluate` for the final verdict on the features.
 
     Args:
         config: Parameters of the filter.
-        camera: Camera model, which may also be set later. While it is None, motion is not
-            segmented, and 3-D positions of objects are NaN.
+        camera: Camera model, which may also be set later. While it is None, or not of the size of
+            the images, motion is not segmented, and 3-D positions of objects are NaN.
+
+    Raises:
+        ConfigError: The strategy cannot be loaded.
     """
 
     def __init__(self, config: FilterConfig, camera: CameraModel | None = None) -> None:
@@ -70,7 +73,10 @@ class FeatureFilter:
         self.counters: Counter[str] = Counter()
 
     def reconfigure(self, config: FilterConfig) -> None:
-        """Apply parameters that changed at run time, and forget all earlier images."""
+        """Apply parameters that changed at run time, and forget all earlier images.
+
+        The parameters of the extraction stay those of the constructor.
+        """
         self._config = config
         self.reset()
 
@@ -83,7 +89,7 @@ class FeatureFilter:
         self._motion = (
             MotionDetector(self._config.motion) if self._strategy.senses_motion else None
         )
-        self._detected_mask: BoolArray | None = None  # (h, w), of the previous image
+        self._detected_mask: BoolArray | None = None  # (h, w), of the last image selected
         self._original: RgbdFrame | None = None  # last image that was no copy (see `_is_copy`)
 
     def process(
@@ -96,8 +102,8 @@ class FeatureFilter:
         Args:
             frame: The next image; color and depth must have the same size.
             detections: Boxes of this image, or of an older one, from which boxes in this image
-                are predicted. None when the detector has sent no message; empty detections mean
-                that it found nothing.
+                are predicted. None when the detector has sent no new message; empty detections
+                mean that it found nothing.
             for_picture: Whether to return the positions of removed features for a debug image.
 
         Raises:
@@ -173,7 +179,10 @@ class FeatureFilter:
         return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        """Return whether motion was segmented in an image, or the strategy does not use motion."""
+        """Return whether motion was segmented in an image, or the strategy does not use motion.
+
+        Only the last 60 images in which motion was segmented are known.
+        """
         return self._motion is None or self._motion.has_result(stamp_ns)
 
     def select_and_describe(
@@ -187,7 +196,8 @@ class FeatureFilter:
 
         The strategy updates its tracked objects with the detections. Of the moving regions, those
         of the newest image in which motion was segmented are used: of this image if
-        `detect_motion` was called before, else of an earlier one.
+        `detect_motion` has segmented it before, else of an earlier one. The mask of the detected
+        dynamic objects is stored for the next call of `detect_motion`.
 
         Args:
             detected: The image and its corners, from `detect_corners`.
@@ -232,8 +242,9 @@ class FeatureFilter:
             features: Features that `select_and_describe` returned for the image, which must be
                 at most a second old.
             depth_m: (H, W) depth of the image.
-            detections: Boxes of the image, or of a later image when the detector skipped this
-                one. None if no newer boxes have come than those given to `select_and_describe`.
+            detections: Boxes of the image, of a later image when the detector skipped this one,
+                or of an earlier image when no newer boxes will come. None: those that were given
+                before are used.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T

@@ -62,20 +62,23 @@ class _Awaiting(NamedTuple):
 class LiveFilter:
     """The state machine of the live filter: publishes each image early, then its final verdict.
 
-    Each image passes these states in order:
+    An image passes these states in order, but may skip states that it does not need:
 
     1. *Held*: the image waits for the first message of the detector, for at most `wait_s`. Before
        this message there is no box from which people could be predicted, and a map must not start
        with people in it. Held images cost no processor time, which leaves it to the detector.
     2. *Published*: the features are published, classified by the boxes and moving regions that are
-       known so far. The verdict is provisional, unless the image's own detections and motion are
-       already known.
+       known so far. The verdict is provisional if better detections or moving regions of the image
+       may still become known.
     3. *Motion segmented*: moving regions are found as soon as no message waits (`on_idle`) or
        detections arrive. An image skips this state when the next image comes first, but at most
        three images in a row do.
     4. *Awaiting detections*: the image waits for its own detections or those of a later image,
        until `wait_s` has passed, the detector is lost, or more than 30 images wait.
-    5. *Final*: the verdict on the published features is published (decision 031).
+    5. *Final*: the final verdict on the published features is published, if the verdict was
+       provisional (decision 031).
+
+    Images are dropped when the stamps go back, and by `on_loss` "stop" while the detector is lost.
 
     Args:
         config: How images and detections are combined.
@@ -108,7 +111,7 @@ class LiveFilter:
         self._held: deque[_Held] = deque()
         self._newest: _Published | None = None
         self._awaiting: deque[_Awaiting] = deque()
-        self._unused_detections = _bounded()  # received, but not yet used for an image
+        self._unused_detections = _bounded()  # received, and kept for later images
         self._num_without_detections = 0  # images that never had detections of their own
         self._has_detector_answered = False  # whether any detections came since the stream began
         # Arrival of the first image after the last detections; None: no image came since then.
@@ -124,9 +127,10 @@ class LiveFilter:
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
         """Publish an image now, or hold it until the detector has sent its first message.
 
-        An image is held for at most `wait_s`, and only if the strategy uses detections. Each call
-        publishes at most one held image, the oldest. All earlier images and objects are forgotten
-        when the stamps go back by a second or more.
+        An image waits for this message for at most `wait_s`, and only if the strategy uses
+        detections. If images are held, this image is held behind them: each call publishes at most
+        one image, the oldest. All earlier images and objects are forgotten when the stamps go back
+        by a second or more.
         """
         newest_ns = self._newest_image_ns
         if newest_ns is not None and newest_ns - frame.stamp_ns >= RESTART_NS:

@@ -23,7 +23,11 @@ class LiveOutputs(Protocol):
     def publish(
         self, frame: RgbdFrame, result: FilterResult, header: Any, *, provisional: bool
     ) -> None:
-        """Publish features and verdicts; `provisional` says that `publish_final` will follow."""
+        """Publish the features and objects, and the debug image if anybody subscribes to it.
+
+        `provisional` says that the verdict may still change: `publish_final` follows, unless the
+        image is dropped before.
+        """
 
     def publish_final(self, final: FinalVerdict, header: Any, size_px: tuple[int, int]) -> None:
         """Publish the final verdict on an image that was published provisionally.
@@ -36,7 +40,8 @@ class LiveOutputs(Protocol):
     ) -> None:
         """Publish the masked images and the point clouds that have subscribers.
 
-        `depth_m` is the (H, W) depth of the image.
+        `depth_m` is the (H, W) depth of the image. Without `camera`, or if its size is not that of
+        the image, no point clouds are published.
         """
 
 

@@ -28,12 +28,12 @@ from hoid_filter.live_filter import LiveFilter
 from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.outputs import FilterOutputs
 
-_POLL_S = 0.05  # chosen: a tenth of `detections.wait_s`
+_POLL_S = 0.05  # chosen: a tenth of the default of `detections.wait_s`
 _UNIT_REMEDY = 'set input.depth_units_per_m of hoid_filter and rgbd_slam'
 
 
 class FilterNode(ManagedNode):
-    """Passes color and depth images, camera_info and detections to a `LiveFilter`."""
+    """Passes images and detections to a `LiveFilter`, and camera_info to its `FeatureFilter`."""
 
     def __init__(self) -> None:
         super().__init__('hoid_filter')
@@ -56,7 +56,10 @@ class FilterNode(ManagedNode):
         self._live.forget()
 
     def _subscribe(self, config: FilterNodeConfig) -> None:
-        """Subscribe to images and camera_info, and to detections if the strategy uses them."""
+        """Subscribe to images and camera_info, and to detections if the strategy uses them.
+
+        In the latter case, a timer polls the live filter.
+        """
         inputs = Inputs(self, config.input, self.diagnostics)
         matcher = StampMatcher(('color', 'depth'), int(config.sync_slop_s * 1e9))
         images = Synchronizer(matcher, self._on_images, self.diagnostics)

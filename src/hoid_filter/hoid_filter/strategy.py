@@ -28,7 +28,9 @@ class FilterInput(NamedTuple):
     # later one, clipped to the image. None: no new ones have come since the last call.
     detections: Detections | None
     depth_m: Float32Array  # (H, W); 0 = no reading
-    corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
+    # (K,) FAST corners or, when the image is classified again, published features, as indices into
+    # the flattened image.
+    corner_pixels: IntArray
     # Found by motion segmentation in this image or, if it is not segmented yet, in an older one.
     moving_regions: MovingRegions = NO_MOVING_REGIONS
 
@@ -97,8 +99,9 @@ class Verdict(NamedTuple):
     kept: IntArray | None  # ascending indices of the corners on static surface; None = all K
     # (h, w) at low resolution: all dynamic pixels. None: the boxes of the dynamic objects.
     dynamic_mask: BoolArray | None = None
-    # (h, w) at low resolution: dynamic objects that the detector has found. Motion segmentation
-    # leaves their points out when it estimates the camera motion of the next image.
+    # (h, w) at low resolution: dynamic objects that were detected, or predicted from detections.
+    # When motion segmentation estimates the camera motion, it leaves their points out if enough
+    # others remain.
     detected_mask: BoolArray | None = None
 
 
@@ -117,17 +120,26 @@ class FilterStrategy(Protocol):
         """Return which objects of an image are dynamic and which of its corners are kept.
 
         New images come in order of time. When an image's own detections or moving regions become
-        known later, or have not come within the waiting time, it is classified again. This may be
-        after newer images; the corners are then the pixels of the features that were published.
+        known later, or have not come within the waiting time, it is classified again, and so it is
+        for masked images. This may be after newer images; the corners are then the pixels of the
+        features that were published.
         """
 
 
 def make_strategy(config: FilterConfig) -> FilterStrategy:
-    """Return a new object of the strategy that the parameter `strategy` names."""
+    """Return a new object of the strategy that the parameter `strategy` names.
+
+    Raises:
+        ConfigError: The strategy cannot be loaded (see `load_strategy`).
+    """
     strategy: FilterStrategy = load_strategy(config.strategy)(config)
     return strategy
 
 
 def needs_detections(config: FilterConfig) -> bool:
-    """Return whether the configured strategy uses the boxes of an object detector."""
+    """Return whether the configured strategy uses the boxes of an object detector.
+
+    Raises:
+        ConfigError: The strategy cannot be loaded (see `load_strategy`).
+    """
     return bool(load_strategy(config.strategy).needs_detections)

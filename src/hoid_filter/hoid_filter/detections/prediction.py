@@ -11,9 +11,9 @@ _MIN_IOU = 0.2  # chosen: least overlap of the boxes of one object in two succes
 
 
 class BoxPredictor:
-    """Predicts boxes at constant velocity from the last two images with detections.
+    """Predicts boxes at constant velocity from the last two `Detections`, which may be empty.
 
-    A box without a match in the earlier image stays where it is.
+    A box without a match in the earlier detections stays where it is.
 
     Args:
         limit_s: Longest time before or after the last detections for which boxes are predicted.

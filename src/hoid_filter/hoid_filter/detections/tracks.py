@@ -75,8 +75,8 @@ class BoxTrack:
     ) -> None:
         """Update box, velocity, class, score and number of detections with a new detection.
 
-        The velocity changes, and the time since the last detection is added to `untouched_s`, only
-        if the new detection has a later stamp.
+        The track then counts as not missed. The velocity changes, and the time since the last
+        detection is added to `untouched_s`, only if the new detection has a later stamp.
 
         Args:
             box: x1, y1, x2, y2 of the detection in px.
@@ -198,8 +198,8 @@ class BoxTracker:
         Returns:
             The T active tracks, those in the newest detections first, and their (T, 4) predicted
             boxes, clipped to the image. A missed object is active only if it has at least three
-            detections, and a person handled it less than `rest_s` ago. The track of any other
-            missed object is kept for when it is detected again.
+            detections, and its `untouched_s` is below `rest_s`. The track of any other missed
+            object is kept for when it is detected again.
         """
         boxes = boxes_at(self._tracks, stamp_ns)
         inside = clip_boxes(boxes, width_px, height_px)

@@ -86,13 +86,15 @@ class OrbExtractor:
     ) -> Features:
         """Return the ORB features of the chosen corners, at subpixel positions and with depth.
 
+        All of them may seed map points.
+
         Args:
             corners: All corners of the image.
             chosen: Ascending indices of the corners to describe, hence in order of octave.
             depth_m: (H, W) depth of the image; 0 or NaN = no reading.
             stamp_ns: Stamp of the image.
             dynamic_xyxy_px: (N, 4) boxes of dynamic objects. A corner that subpixel refinement
-                would move into one of them keeps its whole-pixel position.
+                would move into one of them keeps its unrefined position.
         """
         octave = corners.octave[chosen]
         angle_deg, offset_px, descriptors = _describe(

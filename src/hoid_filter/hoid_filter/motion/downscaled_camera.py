@@ -92,7 +92,8 @@ class DownscaledCamera:
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
         """Convert boxes in the depth image to boxes (N, 4), as x1, y1, x2, y2, in the full image.
 
-        Each result encloses the box after lens distortion, and is clipped to the full image.
+        Each result encloses the corners, the centers of the sides and the center of the box after
+        lens distortion, and is clipped to the full image.
 
         Args:
             boxes_xywh_px: (N, 4) left, top, width and height in the low-resolution depth image.

@@ -32,7 +32,8 @@ class MotionView(NamedTuple):
     depth_m: Float32Array  # (H, W); 0 = no reading
     corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
     corner_scores: ByteArray  # (K,) strength of each corner
-    # (h, w), at any resolution: dynamic objects that a detector has found. None: there are none.
+    # (h, w), at any resolution: dynamic objects that a detector has found in this image or in the
+    # one before. None: there are none.
     detected_mask: BoolArray | None = None
 
     def is_detected(self, pixels: IntArray) -> BoolArray:

@@ -33,8 +33,9 @@ from hoid_filter.motion.shutter_shift import shift_px
 from hoid_native import depths_at, strongest_corners_per_cell
 
 _MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again
-# A point moves when its reprojection error exceeds the smaller of 6 times the noise and 3 px. On
-# five scenes, 6 was as good as or better than 4, and than 3 px alone (decision 027).
+# A point moves when its reprojection error exceeds the smaller of 6 times the noise and 3 px, and
+# the shift by a rolling shutter. On five scenes, 6 was as good as or better than 4, and than 3 px
+# alone (decision 027).
 _OUTLIER_SIGMAS, _MAX_OUTLIER_PX = 6.0, 3.0
 # Chosen: log-odds per `EVIDENCE_PERIOD_S` from one point, and limit for all points on a segment.
 _POINT_LOG_ODDS, _MAX_POINTS_LOG_ODDS = 0.6, 1.0
@@ -74,7 +75,8 @@ class MotionSegmentation:
     """Finds moving regions in the images of one camera by evidence from many images.
 
     The world frame is the camera frame of the first image since the last restart. Segmentation
-    restarts after a gap between images, and when too few points are tracked.
+    restarts after a gap between images, when stamps do not increase, and when too few points are
+    tracked.
     """
 
     def __init__(self, config: MotionConfig, camera: CameraModel) -> None:
@@ -196,6 +198,7 @@ class MotionSegmentation:
 
         Points on detected people and objects are used only when fewer than `MIN_POINTS` others are
         left, because people may cover more of the image than the static scene does (decision 027).
+        If the pose contradicts the log-odds of motion, these are reset.
 
         Args:
             tracked: Observations of N tracked points.

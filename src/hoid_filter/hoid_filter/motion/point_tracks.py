@@ -123,8 +123,8 @@ def track(
 ) -> tuple[PointTracks, BoolArray]:
     """Track N points from the previous gray image into the current one.
 
-    A point counts as found if it is at least 3 px inside the current image, and tracking it back
-    ends within 0.5 px of where it began.
+    A point counts as found if optical flow finds it at least 3 px inside the current image, and
+    tracking it back ends within 0.5 px, in u and in v, of where it began.
 
     Args:
         previous: The previous downscaled gray image.

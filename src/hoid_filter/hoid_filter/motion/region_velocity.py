@@ -29,8 +29,8 @@ class PointDisplacements(NamedTuple):
     def region_velocities_mps(self, regions: LabeledRegions) -> FloatArray:
         """Return the (R, 3) velocities of regions relative to the world, along camera axes.
 
-        Each is the median, axis by axis, over the points that were tracked for at least 0.1 s. It
-        is NaN with fewer than three such points.
+        Each is the median, axis by axis, over the points whose earlier position is at least 0.1 s
+        old. It is NaN with fewer than three such points.
         """
         velocities_mps = np.full((regions.num_regions, 3), np.nan)
         is_long = self.elapsed_s >= _MIN_ELAPSED_S

@@ -63,7 +63,7 @@ class FilterOutputs:
             frame: The color and depth image.
             result: Result of the filter for the image.
             header: Header of the color image.
-            provisional: Whether a final verdict will follow by `publish_final`.
+            provisional: Whether a final verdict may follow by `publish_final`.
         """
         counts = conversions.FeatureCounts(
             result.num_features_in,

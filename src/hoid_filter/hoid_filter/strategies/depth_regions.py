@@ -1,4 +1,4 @@
-"""Depth images at a quarter of the resolution, at which people and large objects are masked."""
+"""Depth images at a quarter of the resolution, at which dynamic objects are masked."""
 
 from __future__ import annotations
 

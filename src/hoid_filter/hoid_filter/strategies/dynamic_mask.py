@@ -82,9 +82,10 @@ def mask_objects(
 ) -> BoolArray:
     """Return the (h, w) mask of the dynamic objects, without a margin.
 
-    Of each box, only the pixels near the object's depth are masked, so that features on the
-    background inside the box are kept. The whole box is masked if the object's depth is unknown,
-    or with `keep_background` off. Predicted boxes are enlarged by 10 % to each side first.
+    Of each box, and of a tenth of its sides around it, only the surface near the object's depth is
+    masked, so that features on the background inside the box are kept. The whole box is masked if
+    the object's depth is unknown, or with `keep_background` off. Predicted boxes are enlarged by
+    10 % to each side first.
 
     Args:
         snapshot: N tracked people and objects.

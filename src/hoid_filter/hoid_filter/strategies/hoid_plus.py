@@ -28,7 +28,7 @@ _MAX_DETECTED_SHARE = 0.5
 class HoidPlus:
     """Tracks people and objects, and masks the dynamic ones as far as depth shows their surface.
 
-    With `motion.enabled`, it also masks moving regions that no detection explains.
+    With `motion.enabled`, it also masks all moving regions.
     """
 
     needs_detections = True
@@ -104,8 +104,9 @@ class HoidPlus:
     def _snapshot(self, image: FilterInput, low_depth_m: Float32Array) -> TrackSnapshot:
         """Predict the tracks to the stamp of the image, and return them with their depths.
 
-        The tracker deletes tracks that were missed for too long and, while the camera turns fast,
-        all missed tracks. The torso depth of each person is stored on the track.
+        The tracker deletes tracks that were missed for too long or have left the image and, while
+        the camera turns fast, all missed tracks. The torso depth of each person is stored on the
+        track.
         """
         height, width = image.depth_m.shape
         if self._turns_fast(image):

@@ -123,7 +123,7 @@ class NoFilter:
 
 
 class PersonOnly(ImageRule):
-    """Removes the features on people, and keeps the features on all objects."""
+    """Removes the features inside the boxes of people, and keeps all others."""
 
     def rule(self) -> Rule:
         """Return a condition that no object fulfills."""

@@ -21,7 +21,7 @@ class Interactions:
     # (N,) share of the box that is covered by the person who handles the object, or, where nobody
     # handles it, by the person who covers most; 0 for people, and if there are no people.
     overlap_ratios: FloatArray
-    # (N,) depth difference to the same person; NaN = unknown, or there is no such person.
+    # (N,) absolute depth difference to the same person; NaN = unknown, or there is no such person.
     depth_gaps_m: FloatArray
 
 

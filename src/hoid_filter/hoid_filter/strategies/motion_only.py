@@ -18,7 +18,7 @@ class MotionOnly:
     needs_detections, senses_motion = False, True
 
     def __init__(self, config: FilterConfig) -> None:
-        """Ignore the configuration: this strategy has no parameters."""
+        """Ignore the configuration: this strategy has no parameters of its own."""
 
     def classify(self, image: FilterInput) -> Verdict:
         """Return a verdict in which each moving region is a dynamic object of unknown class."""
@@ -29,7 +29,7 @@ class MotionOnly:
 
 
 def moving_objects(regions: MovingRegions) -> ObjectVerdicts:
-    """Return moving regions as dynamic objects of unknown class."""
+    """Return moving regions as dynamic objects of unknown class, with a score of 1."""
     num = len(regions.depths_m)
     return ObjectVerdicts.of(
         regions.boxes_xyxy_px,
