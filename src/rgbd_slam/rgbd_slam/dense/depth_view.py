@@ -44,7 +44,10 @@ class DepthView:
 
     @property
     def depth_m(self) -> Float32Array:
-        """Return the (h, w) depth, on dynamic objects too: the space in front of them is free."""
+        """Return the (h, w) depth, on dynamic objects too: the space in front of them is free.
+
+        It is 0 without a usable reading.
+        """
         return (self.flagged_mm & ~_DYNAMIC) * np.float32(0.001)
 
     @property
@@ -57,7 +60,7 @@ class Comparison(NamedTuple):
     """The points whose pixels in one image have a depth reading, compared with this reading."""
 
     rows: IntArray  # (M,) of the points
-    gap_m: Float32Array  # (M,) measured depth minus the point's depth; positive: seen through
+    gap_m: Float32Array  # (M,) measured depth minus the point's; positive: surface behind
     noise_m: Float32Array  # (M,) standard deviation of the gap
     is_static: BoolArray  # (M,) whether the measured surface belongs to no dynamic object
 
@@ -90,7 +93,7 @@ class DepthCamera:
     def in_view(self, centers_m: FloatArray, radius_m: float) -> BoolArray:
         """Return the (N,) mask of the spheres (N, 3) in the camera frame that may be in view.
 
-        The view is a cone around the optical axis that ends at the range of the map.
+        The view is a square pyramid around the optical axis that ends at the range of the map.
         """
         x, y, z = centers_m.T
         slope = self._max_slope

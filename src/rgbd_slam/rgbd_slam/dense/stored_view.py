@@ -1,7 +1,7 @@
 """The images that the scene is made of, each stored in a file and relative to a keyframe.
 
-The scene process writes the files. The SLAM node keeps a list of them, with which it saves the map
-and restores the scene after the scene process has died.
+The scene process writes the files. The SLAM node keeps a list of them, with which it restores the
+scene after the scene process has died.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class ViewFile(NamedTuple):
 
     @classmethod
     def write(cls, path: Path, view: DepthView) -> ViewFile:
-        """Write an image to a file."""
+        """Write an image to a file; raise OSError if it cannot be written."""
         with path.open('wb') as file:
             np.save(file, view.flagged_mm)
             np.save(file, view.image_bgr)
@@ -74,5 +74,5 @@ class ViewList:
         self._views.clear()
 
     def views(self) -> list[StoredView]:
-        """Return the views."""
+        """Return the views, each once, by the order in which their slots were first reported."""
         return list(self._views.values())

@@ -1,8 +1,8 @@
 """A submap of the dense map: the voxels of one cube of space, in a frame that a keyframe carries.
 
 Submaps follow Voxgraph (Reijgwart et al., RA-L 2020): a correction of the map moves each one
-rigidly with its anchor keyframe, so that no evidence is lost. As the cubes do not overlap before a
-correction, the same voxel is never stored twice.
+rigidly with its anchor keyframe, so that no evidence is lost. Where cubes overlap, the oldest
+submap gets the surface of an image, so that no surface is stored twice.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SIDE = 64  # voxels; chosen: an image shows about 20 cubes of 1.6 m
 _OVERLAP = 4
 SPAN = SIDE + 2 * _OVERLAP
 _MAX_HITS = 30.0  # chosen: bounds the evidence, so that a change is seen within seconds
-_CARVE_WEIGHT = 3.0  # an image that sees through a voxel outweighs 3 that measured it; not tuned
+_CARVE_WEIGHT = 3.0  # an image that sees through a voxel cancels 3 that measured it; not tuned
 _W, _HITS, _VIEWS, _NUM_COLUMNS = 6, 7, 8, 9  # columns of `Submap.values` after w*xyz and w*bgr
 
 
@@ -34,8 +34,9 @@ class Evidence(NamedTuple):
     """What one image shows of the N voxels of a submap."""
 
     is_carved: BoolArray  # (N,) the image sees through it
-    is_observed: BoolArray  # (N,) the image observes it, and measures a surface near it
-    is_confirmed: BoolArray  # (N,) the image measures a surface within half a voxel of it
+    is_observed: BoolArray  # (N,) the image measures static surface near it
+    # (N,) The image measures static surface within half a voxel of it plus the noise of depth.
+    is_confirmed: BoolArray
 
 
 class Cloud(NamedTuple):
@@ -83,12 +84,12 @@ class Submap:
         # T_submap_camera of each stored image that had the cube in view, by its slot.
         self.poses: dict[int, FloatArray] = {}
         self.fused: set[int] = set()  # slots of those that changed voxels
-        self.marked: set[int] = set()  # slots of those that `free_above` is made of
+        self.marked: set[int] = set()  # slots of those that `free_space.py` has considered
         self.num_fused = 0  # all images that changed voxels, also those no longer stored
         # Whether the submap must be rebuilt: its images have moved relative to it by more than a
         # limit, and enough of them are still stored (`scene_ledger.py`).
         self.is_bent = False
-        self.revision = 0  # increases with each change of voxels or pose
+        self.revision = 0  # increases with each change of voxels, free space or pose
         self._num_moves = 0
         # Keys, values and `free_above` before any stored image was fused: those of a loaded map,
         # or empty. A rebuild starts with them.
@@ -118,7 +119,10 @@ class Submap:
         return self.values.flags.writeable
 
     def move(self, keyframes: KeyframePoses) -> None:
-        """Move with the anchor keyframe to its pose in a snapshot, which must contain it."""
+        """Move with the anchor keyframe to its pose in a snapshot, which must contain it.
+
+        The submap then belongs to the map of the keyframe.
+        """
         row = int(keyframes.rows_of(np.array([self.anchor_uid]))[0])
         T_map_submap = keyframes.T_map_camera[row] @ self.T_anchor_submap
         self.map_id = int(keyframes.map_ids[row])
@@ -275,11 +279,14 @@ def transform(T: FloatArray, points: Float32Array) -> Float32Array:
 
 
 def move_to_disk(submaps: Sequence[Submap]) -> None:
-    """Move the voxels of one or more submaps to an unnamed temporary file.
+    """Move the voxels of submaps, at least one in all, to an unnamed temporary file.
 
     The arrays become read-only memory maps, so that all reading works as before and the operating
     system decides which part of the file stays in memory. The file is deleted when no submap uses
     it any more.
+
+    Raises:
+        OSError: The file cannot be written.
     """
     for name in ('keys', 'values'):
         arrays = [getattr(submap, name) for submap in submaps]

@@ -1,4 +1,4 @@
-"""Exports of the dense map, which hold only the submaps that changed since an earlier export."""
+"""Exports of the dense map, with the voxels of the submaps that changed since an earlier one."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from rgbd_slam.dense.submap_state import SubmapState
 class ExportMark(NamedTuple):
     """Identifies an export of a dense map."""
 
-    token: str  # of the dense map, which a new process makes again with other submaps
+    token: str  # random name of the dense map; a new dense map has another one
     serial: int
 
 
 class SubmapExport(NamedTuple):
-    """The submaps of a dense map (S) whose anchors are saved, and the contents of some of them."""
+    """The S submaps with voxels whose anchors are saved, and the contents of some of them."""
 
     mark: ExportMark
     numbers: IntArray  # (S,) that identify the submaps
@@ -34,14 +34,22 @@ class SubmapExport(NamedTuple):
     changed: SubmapState
 
     def write(self, path: Path) -> None:
-        """Write the export to a temporary file for another process."""
+        """Write the export to a file (`.npz`) for another process.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
         own = {_PREFIX + name: getattr(self, name) for name in _ARRAYS}
         mark = {'token': np.array(self.mark.token), 'serial': np.array(self.mark.serial)}
         np.savez(path, allow_pickle=False, **mark, **own, **self.changed.arrays())
 
     @classmethod
     def read(cls, path: Path) -> SubmapExport:
-        """Read a file that `write` made."""
+        """Return the export in a file that `write` made.
+
+        Raises:
+            OSError: The file cannot be read.
+        """
         with np.load(path) as arrays:
             mark = ExportMark(str(arrays['token']), int(arrays['serial']))
             own = {name: arrays[_PREFIX + name] for name in _ARRAYS}
@@ -79,7 +87,8 @@ class SubmapExports:
         Submaps without voxels are left out. The export gets the next serial number.
 
         Args:
-            mark: Contents are new if they have changed since this export; None: all are new.
+            mark: Contents are new if they have changed since this export. All are new if it is
+                None, or an export of another dense map.
             submaps: All submaps.
             keyframe_uids: (K,) ascending uids of the saved keyframes.
         """

@@ -48,11 +48,11 @@ class PosedView(NamedTuple):
 
 
 class VoxelMap:
-    """The submaps, each of which is anchored to the keyframe that saw it first.
+    """The submaps, each of which is anchored to a keyframe: at first that of its first image.
 
-    An image changes all submaps that it observes. What it measures outside of them starts new
-    ones. Submaps of other maps than the main one are fused in frames of their own and are not
-    shown; when a recognized place merges the maps, they move to the map frame.
+    An image changes the submaps of its map that it observes. What it measures outside of them
+    starts new ones. Submaps of other maps than the main one are fused in frames of their own and
+    are not shown; when a recognized place merges the maps, they move to the map frame.
 
     Args:
         camera: The camera of depth and color.
@@ -118,7 +118,7 @@ class VoxelMap:
     def export(self, keyframe_uids: IntArray) -> SubmapState:
         """Return the record of the submaps whose anchors are among ascending uids (K,).
 
-        In the record, an anchor is the position of its uid.
+        In the record, an anchor is the position of its uid. Submaps without voxels are left out.
         """
         return SubmapState.of_submaps(self._submaps, keyframe_uids, self._config)
 
@@ -128,6 +128,8 @@ class VoxelMap:
 
     def load(self, state: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
         """Add saved submaps. Their voxels are on disk until an image changes them.
+
+        Submaps without voxels, or whose anchor keyframe has been removed, are left out.
 
         Args:
             state: The submaps.
@@ -148,7 +150,11 @@ class VoxelMap:
             self._clouds.pop(submap, None)
 
     def limit_memory(self, T_map_camera: FloatArray) -> None:
-        """Move the submaps farthest from the camera to disk if too many voxels are in memory."""
+        """Move the submaps farthest from the camera to disk if too many voxels are in memory.
+
+        Raises:
+            OSError: The temporary file cannot be written.
+        """
         if self.num_in_memory <= self._config.max_voxels:
             return
         camera_m = T_map_camera[:3, 3]
@@ -249,8 +255,8 @@ def _centers_m(submaps: Iterable[Submap], T: FloatArray) -> FloatArray:
 def _split(surface: Surface, submaps: list[Submap]) -> tuple[dict[Submap, Surface], Surface]:
     """Divide a surface among submaps; return their parts, in their frames, and the rest.
 
-    The first submap that has space for a voxel gets it, so that the same voxel always belongs to
-    the same submap.
+    The first submap that has space for a voxel gets it, so that the same voxel belongs to the same
+    submap until a correction moves the submaps.
     """
     parts = {}
     left = np.arange(len(surface.points_m))

@@ -33,7 +33,8 @@ def read_ply(path: Path) -> ColoredCloud:
     """Return the points of a PLY file that this suite wrote; points without color are white.
 
     Raises:
-        InputError: The file cannot be read, is of another kind, or is truncated.
+        InputError: The file cannot be read, is of another kind, or is shorter or longer than its
+            header says.
     """
     try:
         header, end, body = path.read_bytes().partition(b'end_header\n')

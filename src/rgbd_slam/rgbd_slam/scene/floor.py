@@ -16,7 +16,7 @@ NO_FLOOR = (
 """Why there is no grid, and what to do."""
 _TRIALS = 300  # largest number of level planes that are compared; not tuned
 _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
-_THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `voxel_map.py`)
+_THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `depth_view.py`)
 _MAX_TILT_RAD = np.deg2rad(20.0)  # not tuned: without a base frame the map is only nearly level
 _MAX_SHARE_BELOW = 0.03  # of all points; a plane with more points below is a table; not tuned
 _MIN_SHARE = 0.03  # smallest share of all points that lie on the floor; not tuned

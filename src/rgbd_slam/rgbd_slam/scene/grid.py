@@ -70,6 +70,9 @@ def cells_of(
 ) -> SubmapCells:
     """Return the cells that the usable voxels of one submap fall into.
 
+    Voxels up to `min_height_m`, also those below z = 0, are voxels of the floor; they are usable
+    if enough images agree. Voxels from `max_height_m` on are not usable.
+
     Args:
         points_m: (N, 3) mean points of the voxels, in the level frame, with z above the floor.
         is_shown: (N,) whether enough images agree on a voxel.
@@ -101,7 +104,10 @@ def compose_grid(
     A cell is occupied if it has a voxel between `min_height_m` and `max_height_m` on which enough
     images agree. It is free if it has a voxel of the floor on which enough images agree, no voxel
     between these heights, not even an unconfirmed one, and if the space above it is known to be
-    free up to `clear_height_m`. Other cells are unknown.
+    free from `min_height_m` to `clear_height_m`. Other cells are unknown.
+
+    The grid is the smallest that contains all cells with a voxel on which enough images agree. It
+    is of size (0, 0) if there are none.
 
     Args:
         parts: The cells of each submap.

@@ -32,9 +32,9 @@ class LocalFloors:
     def heights_m(self, submaps: Sequence[Submap]) -> dict[Submap, float]:
         """Return the height [m] of the floor of each submap above the plane.
 
-        It is the median height of the voxels within 0.1 m of the expected floor, or the expected
-        height where these are too few. The expected height is that of the nearest one of the
-        submaps before it in `submaps` that show the floor; it is 0 if there is none.
+        It is the median height of the shown voxels within 0.1 m of the expected floor, or the
+        expected height where these are too few. The expected height is that of the nearest one of
+        the submaps before it in `submaps` that show the floor; it is 0 if there is none.
         """
         T_floor_map = se3.inverse(self.floor.T_map_floor)
         out: dict[Submap, float] = {}

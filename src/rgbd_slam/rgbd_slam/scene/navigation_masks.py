@@ -76,8 +76,9 @@ class NavigationMasks:
     def keep_out(self) -> Mask:
         """Return the mask of the places to keep out of: CLOSED, or 0.
 
-        Cells within `robot_radius_m` of the camera are 0. Areas more than 500 cells from the
-        camera in x or y are left out.
+        The places are discs (see `_area_of`). Discs that reach 500 or more cells from the camera
+        in x or y are left out. If no disc is left, the mask is one cell of 0. Cells within
+        `robot_radius_m` of the camera are 0.
         """
         cell_m, camera_m = self._config.keep_out_cell_m, self._camera_m[:2]
         areas = [area for item in self._tracks if (area := self._area_of(item)) is not None]
@@ -102,7 +103,8 @@ class NavigationMasks:
     def speed(self) -> Mask:
         """Return by how many percent to go more slowly in each cell, from the crossings.
 
-        Cells more than 1000 cells from the lowest x or y of all crossings are left out.
+        Cells 1000 or more cells from the lowest x or y of all crossings are left out. Without any
+        crossing, the mask is one cell of 0.
         """
         cell_m = self._config.speed_cell_m
         if not self._crossings:

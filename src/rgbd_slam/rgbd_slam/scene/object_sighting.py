@@ -66,8 +66,8 @@ class DepthImage:
     def pixel_of(self, position_map_m: FloatArray) -> FloatArray | None:
         """Return the pixel (2,) u, v of the full image for a point (3,) of the map frame.
 
-        The pixel may lie outside the image.
-        None is returned if the point is less than 0.3 m in front of the camera, or behind it.
+        The pixel may lie outside the image. None is returned if the point is less than 0.3 m in
+        front of the camera, or behind it.
         """
         point = self._in_camera(position_map_m)
         return self.camera.project_px(point[None])[0] if point[2] > _MIN_RANGE_M else None
@@ -167,7 +167,7 @@ def measure(
 
 
 def _nearest_layer(depth: Float32Array) -> float:
-    """Return the median depth [m] of the nearest layer that is almost as full as the fullest."""
+    """Return the median depth [m] of the nearest layer that is filled well (`_NEARER_SHARE`)."""
     count = np.bincount((depth / _BIN_M).astype(np.int64), minlength=_LAYER_BINS)
     layers = np.convolve(count, np.ones(_LAYER_BINS))[_LAYER_BINS - 1 :]
     first = int(np.argmax(layers >= _NEARER_SHARE * layers.max()))

@@ -1,8 +1,9 @@
 """The track of one person or object: a constant-velocity Kalman filter with a state of rest.
 
-An object at rest is settled: it keeps its position and has no velocity. The axes of the filter are
-independent and have the same noise, so that one (2, 2) covariance serves all three (Bar-Shalom et
-al., Estimation with Applications to Tracking and Navigation, 2001, sec. 6.2).
+An object at rest is settled: its velocity is zero, and its measured positions are averaged. The
+axes of the filter are independent and have the same noise, so that one (2, 2) covariance serves
+all three (Bar-Shalom et al., Estimation with Applications to Tracking and Navigation, 2001,
+sec. 6.2).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class ObjectState(Enum):
 
     PERSON = 0
     HANDLED = 1  # a person moves it
-    AT_REST = 2  # at rest where it was first seen
+    AT_REST = 2  # at rest where it was first seen, or where it was at rest before
     MOVED = 3  # at rest in another place than before it was handled
     MOVING = 4  # noticed by its motion only, of unknown class
 
@@ -109,7 +110,8 @@ class KalmanTrack:
     def value_at(self, stamp_ns: int) -> TrackedObject:
         """Return the published state, with the position that is predicted for a time.
 
-        Velocity, score, size and stamp are those of the last detection.
+        Score and stamp are those of the last detection, velocity and size those of the last one
+        that `correct` used.
         """
         return TrackedObject(
             track_id=self.track_id,
@@ -125,7 +127,7 @@ class KalmanTrack:
     def count_seen_through(self) -> None:
         """Count an image that shows that the object is not at its place.
 
-        After five such images in a row, the object counts as taken away.
+        After five such images without a detection in between, the object counts as taken away.
         """
         self._num_images_without += 1
         self.is_taken = self._num_images_without >= _MIN_IMAGES_WITHOUT

@@ -1,4 +1,4 @@
-"""Tracks people and handled objects in the map frame, for planners that keep a distance to them.
+"""Tracks people and objects in the map frame, for planners that keep a distance to them.
 
 A box that overlaps the box of a person often belongs to an object far behind the person, so that
 the filter calls an object dynamic that is at rest. The depth image is therefore compared with the
@@ -209,7 +209,7 @@ def _is_measured(item: DynamicObject) -> bool:
 
 
 def _is_handled(item: DynamicObject) -> bool:
-    """Return whether the filter says that a person handles the object.
+    """Return whether the filter says that a person handles the object, or has just handled it.
 
     Objects that were noticed by their motion only may move by themselves.
     """

@@ -2,9 +2,9 @@
 
 The ledger stores the pose of each image relative to a keyframe, and follows the corrections of the
 keyframes. A correction first moves each submap rigidly with its anchor keyframe. A submap whose
-images have moved relative to it is bent: its voxels are made again from its stored images. The
-voxels of a loaded map have no images: they only move with their anchor keyframe, and new images
-carve those that are wrong.
+images have moved relative to it is bent, if enough of them are still stored: its voxels are made
+again from them. The voxels of loaded submaps have no images: they only move with their anchor
+keyframe, and new images carve those that are wrong.
 """
 
 from __future__ import annotations
@@ -96,6 +96,9 @@ class SceneLedger:
         Args:
             request: Time, pose and keyframe of the image.
             view: Its depth and color.
+
+        Raises:
+            OSError: The file of the image cannot be written.
         """
         keyframes = self._keyframes if request.keyframes is None else request.keyframes
         rows = np.flatnonzero(keyframes.uids == request.reference_uid)
@@ -111,8 +114,12 @@ class SceneLedger:
 
         It is ignored if its keyframe or its file does not exist. A view without a slot (-1) gets
         the next one. A view with a slot was reported by the ledger of a process that has died: it
-        keeps its slot and is not reported again. If many images are stored near this one, the most
-        redundant of them is removed.
+        keeps its slot and is not reported again, unless it is ignored: then `take_changes` reports
+        it as removed. If many images are stored near this one, the most redundant of them is
+        removed.
+
+        Raises:
+            OSError: A file for the image cannot be written.
         """
         if view.slot >= 0:
             self._reported[view.slot] = view
@@ -146,6 +153,9 @@ class SceneLedger:
 
         Returns:
             Whether there were bent submaps, which have been fused again if `force` is set.
+
+        Raises:
+            OSError: With `force`, the file of an image cannot be read.
         """
         before, self._keyframes = self._keyframes, keyframes
         if before is not NO_KEYFRAMES:
@@ -172,6 +182,9 @@ class SceneLedger:
         Returns:
             False if there was no bent submap. After True, bent submaps of other regions may
             remain.
+
+        Raises:
+            OSError: The file of an image cannot be read.
         """
         bent = [submap for submap in self._voxels.submaps if submap.is_bent]
         if not bent:

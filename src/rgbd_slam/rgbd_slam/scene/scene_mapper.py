@@ -60,7 +60,7 @@ class SceneMapper:
         camera: The camera of depth and color.
         dense: Parameters of the dense map.
         objects: Parameters of the object tracks.
-        object_map: Parameters of the object map; None: there is none.
+        object_map: Parameters of the object map; None, or not enabled: there is none.
         is_map_level: Whether the map frame is level to within a degree or two, which it is if the
             base frame is known. If so, the grid has the x and y of the map frame; otherwise it has
             a frame of its own, which is level with the floor.
@@ -107,7 +107,7 @@ class SceneMapper:
 
     @property
     def has_floor(self) -> bool:
-        """Return whether `grid` has found a floor; without a floor there is no grid."""
+        """Return whether `grid` or `label` has found a floor; without a floor there is no grid."""
         return self._floors is not None
 
     def fuse(
@@ -119,14 +119,18 @@ class SceneMapper:
     ) -> None:
         """Integrate an image (H, W) into the dense map.
 
-        Pixels in the boxes of dynamic objects add no surface, but voxels in front of the surface
-        that they show are removed (carved).
+        Pixels in or near the boxes of dynamic objects add no surface, but voxels in front of the
+        surface that they show are removed (carved). The image is ignored if its keyframe does not
+        exist any more.
 
         Args:
             request: Time, pose and keyframe of the image.
             depth_m: (H, W) depth; 0: no reading.
             image_bgr: (H, W, 3) color.
             objects: The detections in the image, with the filter's verdicts.
+
+        Raises:
+            OSError: The file of the image cannot be written.
         """
         boxes = [seen.box_xyxy_px for seen in objects if seen.is_dynamic]
         boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
@@ -163,7 +167,7 @@ class SceneMapper:
             self._object_map.update(request, depth_m, objects, self._tracks)
 
     def mapped_objects(self) -> tuple[MapObject, ...]:
-        """Return the confirmed objects of the object map by id; none if the object map is off."""
+        """Return the confirmed objects of the main map by id; none if the object map is off."""
         return () if self._object_map is None else self._object_map.objects(self._floor)
 
     def export_objects(self, keyframe_uids: IntArray) -> ObjectMapState | None:
@@ -180,6 +184,8 @@ class SceneMapper:
         self, state: ObjectMapState, keyframes: KeyframePoses, keyframe_uids: IntArray
     ) -> None:
         """Add a saved object map to the object map, if it is on.
+
+        The keyframe poses are applied to both maps first (`correct`).
 
         Args:
             state: The saved object map.
@@ -205,6 +211,9 @@ class SceneMapper:
         Args:
             keyframes: The poses of all keyframes.
             force: Whether to fuse bent submaps again now (see `SceneLedger.correct`).
+
+        Raises:
+            OSError: With `force`, the file of an image cannot be read.
         """
         self.ledger.correct(keyframes, force=force)
         if self._object_map is not None:
@@ -230,6 +239,8 @@ class SceneMapper:
 
     def load(self, dense: DenseMap, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
         """Add a saved dense map to the dense map.
+
+        The keyframe poses are applied to dense map and object map first (`correct`).
 
         Args:
             dense: The saved dense map.
@@ -271,10 +282,14 @@ class SceneMapper:
     def grid(self, cloud: ColoredCloud) -> Grid | None:
         """Return the grid of the dense map, or None while no floor has been found.
 
-        This also updates the floor, which is used to measure people and furniture as well.
+        This also updates the floor, which is used to measure people and furniture as well, and the
+        free space that the images have seen.
 
         Args:
             cloud: The present result of `cloud`, in which the floor is searched for.
+
+        Raises:
+            OSError: The file of a stored image cannot be read.
         """
         self._update_floor(_sample(cloud))
         if self._floors is None:

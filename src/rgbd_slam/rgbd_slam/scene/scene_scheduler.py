@@ -50,9 +50,9 @@ class Rate:
     def take_due(self, stamp_ns: int) -> bool:
         """Return whether the image with this stamp is selected.
 
-        If it is, the next one is due a period later. Calls must be in order of time. If a stamp is
-        much earlier than the last selected one, as when a recording starts again, its image is
-        selected.
+        If it is, the next one is due about a period later, so that the average rate is kept. Calls
+        must be in order of time. If a stamp is much earlier than the last selected one, as when a
+        recording starts again, its image is selected.
         """
         last_ns = self._last_ns
         if last_ns is None or stamp_ns < last_ns - RESTART_NS:

@@ -90,8 +90,9 @@ def prior_of(
     """Return which detections show confirmed objects of the map, and the pixels of these objects.
 
     A confirmed object is shown by the detection of its class whose box overlaps the bounding box
-    of its visible voxels most. The pixels of its known surface are then not given to the segment
-    of an object behind it, and a surface that hides it is not taken for its own.
+    of its visible voxels most, with an intersection over union of 0.3 or more. The pixels of its
+    known surface are then not given to the segment of an object behind it, and a surface that
+    hides it is not taken for its own.
 
     Args:
         detections: The detections in the image.
@@ -195,8 +196,9 @@ def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
     """Return the (N,) mask of the strided pixels (N, 2) that are in a box.
 
     Args:
-        uv_px: (N, 2) u and v; a pixel spans -0.5 to 0.5 around its integer center.
-        box_px: Left, top, right and bottom in strided pixels; right and bottom are excluded.
+        uv_px: (N, 2) u and v, which need not be integers.
+        box_px: Left, top, right and bottom in strided pixels. Positions from `left` - 0.5 and
+            `top` - 0.5 on are inside; `right` and `bottom` are excluded.
     """
     left, top, right, bottom = box_px
     u, v = uv_px.T

@@ -31,7 +31,10 @@ class Carrying:
     """Links tracks to objects of the map, and moves objects that were put down elsewhere."""
 
     def note_seen(self, item: MappedObject) -> None:
-        """Record that an object was detected at its place: AT_REST or MOVED, without holder."""
+        """Record that an object was detected at its place: it is AT_REST or MOVED.
+
+        If it had left its place, it has no holder any more.
+        """
         if not item.is_present:
             item.state = PlaceState.AT_REST if item.moved_from_m is None else PlaceState.MOVED
             item.holder_id = -1
@@ -58,7 +61,7 @@ class Carrying:
         return self._joined(objects, stamp_ns)
 
     def _link(self, objects: Sequence[MappedObject], tracks: Sequence[TrackedObject]) -> None:
-        """Give each object at rest the number of the settled track of its class at its place."""
+        """Give objects at rest the number of a settled track of their class at their place."""
         of_class: dict[str, list[TrackedObject]] = {}
         for track in tracks:
             if track.state in SETTLED:
@@ -127,8 +130,10 @@ class Carrying:
     ) -> MappedObject | None:
         """Return the new object that an object which has left its place has become, or None.
 
-        It is of the same class and was first seen after the last sighting of `item`. One with the
-        same track is preferred, and among several the one that was seen first.
+        It is confirmed, at rest, of the same class and was first seen after the last sighting of
+        `item`, which must have left its place at most 600 s ago. If `item` is from a loaded map,
+        both must be about as large. One with the same track is preferred, and among several the
+        one that was seen first.
 
         Args:
             item: The object that has left its place.

@@ -131,7 +131,7 @@ class MappedObject:
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the object was detected often enough to be published."""
+        """Return whether the object was detected often and long enough to be published."""
         is_old = self.last_ns - self.first_ns >= _MIN_AGE_NS
         is_often = self.num_sightings >= _MIN_SIGHTINGS
         share = self.num_sightings / max(self.num_visible, 1)
@@ -241,7 +241,10 @@ class MappedObject:
         self._changed()
 
     def note_seen(self, stamp_ns: int) -> None:
-        """Record that a partly hidden object was detected at its place, without its surface."""
+        """Record that a partly hidden object was detected at its place, without its surface.
+
+        It does not add to `num_sightings`.
+        """
         self.last_ns = stamp_ns
         self.num_through = 0
         self.probability += _SEEN_GAIN * (1 - self.probability)

@@ -121,7 +121,8 @@ class ObjectMap:
         """Update the objects with one image; images must come in order of time.
 
         The image is ignored if the request has no keyframes, or if its keyframe has been removed
-        since the request.
+        since the request. Keyframe poses that are not older than the present ones are applied
+        first (`correct`).
 
         Args:
             request: Time, pose and keyframe of the image.
@@ -178,7 +179,8 @@ class ObjectMap:
         """Add the objects of a saved map, whose keyframes the last `correct` must have contained.
 
         They keep their numbers, unless a confirmed object of this map has the same one. Then the
-        saved object gets a new number.
+        saved object gets a new number. An unconfirmed object of this map with the number of a
+        saved one gets a new number.
 
         Args:
             state: The saved objects.
@@ -202,7 +204,7 @@ class ObjectMap:
         self._is_reused = True
 
     def join(self) -> None:
-        """Merge overlapping objects, unless one image showed both; the older number is kept."""
+        """Merge objects at rest that overlap, unless one image showed both; the older id stays."""
         self._merge()
 
     def forget(self, object_id: int) -> bool:
@@ -293,7 +295,7 @@ class ObjectMap:
         anchor: Anchor,
         stamp_ns: int,
     ) -> None:
-        """Start an object for each static segment that no known object explains."""
+        """Start an object for each static segment that `_is_claimed` assigns to no object."""
         for segment in segments:
             if segment.detection.is_dynamic or self._is_claimed(segment, near):
                 continue
@@ -367,7 +369,7 @@ class ObjectMap:
                 self._apart.add((a, b))
 
     def _forget(self, stamp_ns: int) -> None:
-        """Forget false detections, and the oldest objects beyond the limit."""
+        """Forget unconfirmed objects unseen for 10 s, and objects beyond the largest number."""
         self._objects = [
             item
             for item in self._objects

@@ -20,11 +20,14 @@ class ObjectQuery(NamedTuple):
 
     class_name: str = ''  # empty: any class
     near_map_m: FloatArray | None = None  # (3,) point in the map frame; None: anywhere
-    radius_m: float = np.inf  # largest distance of the center from `near_map_m`
+    radius_m: float = np.inf  # largest distance of the center from `near_map_m`, if given
     state: str = _PRESENT  # one of STATES
 
     def check(self) -> None:
-        """Raise InputError if the state is unknown, the point infinite, or the radius negative."""
+        """Raise InputError if the state is unknown, or point or radius is invalid.
+
+        The point must be finite, and the radius must be neither negative nor NaN.
+        """
         if self.state not in STATES:
             raise InputError(f'no state "{self.state[:40]}"; use one of {", ".join(STATES)}')
         near = np.zeros(3) if self.near_map_m is None else self.near_map_m
@@ -38,7 +41,8 @@ def find(objects: Sequence[MapObject], query: ObjectQuery) -> list[MapObject]:
     With `near_map_m`, the nearest ones are first; otherwise they keep the order of `objects`.
 
     Raises:
-        InputError: The state is unknown, the point is not finite, or the radius is negative.
+        InputError: The state is unknown, the point is not finite, or the radius is negative or
+            NaN.
     """
     query.check()
     found = [item for item in objects if _is_meant(item, query)]

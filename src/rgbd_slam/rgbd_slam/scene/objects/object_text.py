@@ -19,8 +19,8 @@ _DIGITS = 3  # of lengths: millimeters
 def object_table(objects: Iterable[MapObject]) -> list[str]:
     """Return the lines of a table: headings, then one line for each object.
 
-    Lengths are in m in the map frame, yaw is in degrees, times are in UTC, and "there" is the
-    probability that the object is still there.
+    Lengths are in m in the map frame, yaw is in degrees, times are stamps of images as UTC, and
+    "there" is the probability that the object is still there.
     """
     rows = [_HEADER, *(_cells(item) for item in objects)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -30,7 +30,7 @@ def object_table(objects: Iterable[MapObject]) -> list[str]:
 def objects_yaml(objects: Sequence[MapObject], frame: str) -> str:
     """Return a YAML document with all objects.
 
-    Lengths are in m, angles in rad, and times in s since 1970, as in the stamps of messages.
+    Lengths are in m, angles in rad, and times are stamps of images in s.
 
     Args:
         objects: The objects.

@@ -33,7 +33,7 @@ class Projection(NamedTuple):
     larger. Otherwise it is occluded, or nothing is known of it.
     """
 
-    uv_px: FloatArray  # (N, 2) in strided pixels; NaN if the point is out of view
+    uv_px: FloatArray  # (N, 2) in strided pixels; NaN if the point is out of view or range
     gap_m: FloatArray  # (N,) measured depth minus that of the point; NaN without a reading
     margin_m: FloatArray  # (N,) largest gap with which the measured surface contains the point
 

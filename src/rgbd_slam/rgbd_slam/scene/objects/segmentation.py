@@ -94,9 +94,9 @@ def segment_all(
 ) -> list[Segment]:
     """Return the segments of the detected objects that have enough readings, without people.
 
-    Where two boxes claim the same surface, it belongs to the box that it fills better. The other
-    object is segmented again from the remaining pixels, and left out if they are too few; a person
-    keeps its pixels.
+    Where two boxes claim the same surface, it belongs to the box that it fills better, or of two
+    boxes that are filled to the smaller one. The other object is segmented again from the
+    remaining pixels, and left out if they are too few; a person keeps its pixels.
 
     Args:
         detections: The detections.

@@ -22,6 +22,9 @@ _SOLID_HITS, _SOLID_SHARE = 3.0, 0.4
 class VoxelSet:
     """Voxels sorted by key, in the object frame.
 
+    Hits and misses of a voxel are scaled down together when their sum exceeds 60. Of more than
+    6000 voxels, those with fewest hits are dropped.
+
     Attributes:
         keys: (N,) ascending keys, see `keys_of`.
         means_m: (N, 3) mean of the points measured in each voxel.
@@ -105,7 +108,8 @@ class VoxelSet:
     def moved(self, T_new_old: FloatArray) -> VoxelSet:
         """Return the voxels in another frame.
 
-        Where several voxels fall into one, their largest hits and misses are kept.
+        Where several voxels fall into one, their largest hits and misses are kept. Voxels beyond
+        12.8 m from the origin of the other frame along an axis are left out.
 
         Args:
             T_new_old: (4, 4) pose of the present frame in the other one.
