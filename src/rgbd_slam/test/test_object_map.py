@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from hoid_common.values import FloatArray, Reason
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
 
-from .object_world import Box, ObjectWorld, keyframes
+from .object_world import LOOK_NS, Box, ObjectWorld, keyframes
 
 TABLE = Box('', (1.6, -0.8, -1.2), (2.6, 0.8, -0.45))
 CUP = Box('cup', (1.9, 0.3, -0.45), (2.0, 0.4, -0.3))
@@ -110,7 +112,7 @@ def test_a_person_who_hides_an_object_has_not_taken_it() -> None:
 def test_an_object_keeps_its_id_when_a_person_carries_it() -> None:
     world, target = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
     rest = (track(BEAR, ObjectState.AT_REST),)
-    before = only(world.look(TABLE, BEAR, times=5, tracks=rest), 'teddy bear')
+    before = only(world.look(TABLE, BEAR, times=6, tracks=rest), 'teddy bear')
     carried = moved(BEAR, (-0.3, -0.4, 0.5), Reason.HANDLED)
     holder = moved(PERSON, (0.0, -0.5, 0.0), Reason.PERSON)
     tracks = (track(carried, ObjectState.HANDLED), track(holder, ObjectState.PERSON, 9))
@@ -123,6 +125,43 @@ def test_an_object_keeps_its_id_when_a_person_carries_it() -> None:
     assert after.state is PlaceState.MOVED
     assert np.linalg.norm(after.center_map_m - target.center_m) < 0.08
     assert after.moved_from_map_m == pytest.approx(before.center_map_m, abs=0.1)
+
+
+def test_an_object_whose_track_was_lost_is_found_where_a_person_has_been() -> None:
+    world, target = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
+    before = only(world.look(TABLE, BEAR, times=6), 'teddy bear')
+    person = track(moved(PERSON, (0.2, -0.6, 0.0)), ObjectState.PERSON, 9)
+    gone = only(world.look(TABLE, times=5, tracks=(person,)), 'teddy bear')
+    assert gone.state is PlaceState.GONE
+    after = only(world.look(TABLE, target, times=4), 'teddy bear')
+    assert after.object_id == before.object_id
+    assert after.state is PlaceState.MOVED
+
+
+def test_another_object_of_the_class_is_not_the_one_that_was_taken() -> None:
+    world, other = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
+    before = only(world.look(TABLE, BEAR, times=6), 'teddy bear')
+    world.look(TABLE, times=5)
+    bears = {item.object_id: item.state for item in world.look(TABLE, other, times=4)}
+    assert bears[before.object_id] is PlaceState.GONE
+    assert sorted(state.value for state in bears.values()) == [0, 3]  # at rest, gone
+
+
+@pytest.mark.parametrize(
+    ('state', 'verdict', 'is_mapped'),
+    [
+        (ObjectState.HANDLED, Reason.STATIC, False),  # held still, so that it looks at rest
+        (ObjectState.MOVED, Reason.HANDLED, True),  # put down, with the person still beside it
+    ],
+)
+def test_the_track_decides_whether_a_new_object_is_at_rest(
+    state: ObjectState, verdict: Reason, is_mapped: bool
+) -> None:
+    world, bear = ObjectWorld(), moved(BEAR, (0.0, 0.0, 0.0), verdict)
+    for _ in range(6):
+        now = replace(track(BEAR, state), stamp_ns=world.stamp_ns + LOOK_NS)
+        found = world.look(TABLE, bear, tracks=(now,))
+    assert [item.class_name for item in found] == ['teddy bear'] * is_mapped
 
 
 def test_a_correction_of_the_map_moves_the_objects_with_their_keyframe() -> None:

@@ -1,34 +1,66 @@
 """Keeps the id of an object while a person carries it to another place.
 
 The object tracker (`object_tracker`) follows an object while a person carries it. The map uses the
-number of the object's track, which is the same at the old place and at the new one.
+number of the object's track, which is the same at the old place and at the new one. Where the
+track was lost on the way, the map uses what it knows of both places: the old one is seen without
+the object, and a person was at the new one before the object was found there.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import NS_PER_S
+from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.scene.object_track import SETTLED, ObjectState, TrackedObject
 from rgbd_slam.scene.objects.mapped_object import MappedObject, PlaceState
+from rgbd_slam.scene.objects.segmentation import Segment
 
 # None of these numbers was tuned.
 _SAME_M = 0.35  # a settled track nearer than this to an object is the object's track
+_FRESH_NS = NS_PER_S // 2  # a track that was not detected for longer may be lost
 _AWAY_M = 0.3  # an object is carried if its handled track is at least this far from its place
 # Number of successive images that must show the old place empty before an object counts as
 # handled.
 _MIN_THROUGH = 2
+# An object with fewer sightings cannot count as handled or moved: a thing in somebody's hands may
+# look at rest for a moment.
+_MIN_SIGHTINGS = 6
+# Furniture that one person does not carry; chosen.
+_HEAVY = frozenset({'couch', 'bed', 'dining table', 'refrigerator', 'oven', 'toilet', 'sink'})
+# Number of successive images that must show the old place without a detection of the object, empty
+# or not, before it may be an object that a person has put down elsewhere.
+_MIN_ABSENT = 4
 _HOLDER_M = 1.2  # largest horizontal distance from the track to the person who handles it
 _ADOPT_NS = 600 * NS_PER_S  # an object that has left its place for longer gets a new number
-# Largest ratio of the sizes of an object of a loaded map and of a new object that it may have
-# become: it may have been moved while nobody watched.
+# A person has put an object down if its track has settled, and the surface of the detection is
+# nearer to the track than this; the filter may call it handled while the person is beside it. As
+# long as such a track is handled within the second distance, the object is in somebody's hands,
+# also if the filter calls it static.
+_PUT_DOWN_M, _IN_HAND_M = 0.25, 0.5
+# Largest ratio of the sizes of an object and of a new object that it may have become.
 _MAX_RATIO = 1.6
+# How long the places of people are remembered. An object that was not seen for longer may have
+# been moved while no camera was watching.
+_VISIT_NS = 60 * NS_PER_S
+_EARLY_NS = NS_PER_S  # a person may hide an object for so long before it leaves its place
+
+
+class _Visit(NamedTuple):
+    """Where people were in one image."""
+
+    stamp_ns: int
+    positions_map_m: FloatArray  # (P, 3)
 
 
 class Carrying:
     """Links tracks to objects of the map, and moves objects that were put down elsewhere."""
+
+    def __init__(self) -> None:
+        self._visits: deque[_Visit] = deque()
 
     def note_seen(self, item: MappedObject) -> None:
         """Record that an object was detected at its place: it is AT_REST or MOVED.
@@ -52,29 +84,38 @@ class Carrying:
         Returns:
             The objects without the new ones that turned out to be older ones that were carried.
         """
+        self._note_people(tracks, stamp_ns)
         by_id = {track.track_id: track for track in tracks}
         self._link(objects, tracks)
         for item in objects:
             track = by_id.get(item.track_id)
-            if track is not None and item.is_present and item.is_confirmed:
+            is_fixed = item.class_name in _HEAVY or not item.is_confirmed
+            if track is not None and item.is_present and not is_fixed:
                 self._note_handled(item, track, tracks, stamp_ns)
-        return self._joined(objects, stamp_ns)
+        return self._joined(objects, by_id, stamp_ns)
+
+    def _note_people(self, tracks: Sequence[TrackedObject], stamp_ns: int) -> None:
+        """Remember where people are, for a minute."""
+        at = [track.position_map_m for track in tracks if track.state is ObjectState.PERSON]
+        if at:
+            self._visits.append(_Visit(stamp_ns, np.array(at)))
+        while self._visits and not 0 <= stamp_ns - self._visits[0].stamp_ns <= _VISIT_NS:
+            self._visits.popleft()
 
     def _link(self, objects: Sequence[MappedObject], tracks: Sequence[TrackedObject]) -> None:
-        """Give objects at rest the number of a settled track of their class at their place."""
-        of_class: dict[str, list[TrackedObject]] = {}
+        """Give each settled track to the nearest object of its class that is at rest there."""
         for track in tracks:
-            if track.state in SETTLED:
-                of_class.setdefault(track.class_name, []).append(track)
-        for item in objects:
-            settled = of_class.get(item.class_name)
-            if settled is None or not item.is_present:
+            if track.state not in SETTLED:
                 continue
-            offsets_m = np.array([track.position_map_m for track in settled]) - item.center_map_m()
-            distances_m = np.linalg.norm(offsets_m, axis=1)
-            nearest = int(np.argmin(distances_m))
-            if distances_m[nearest] < _SAME_M:
-                item.track_id = settled[nearest].track_id
+            near = [
+                (float(np.linalg.norm(track.position_map_m - item.center_map_m())), item)
+                for item in objects
+                if item.is_present and item.class_name == track.class_name
+            ]
+            distance_m, found = min(near, key=lambda pair: pair[0], default=(np.inf, None))
+            if found is not None and distance_m < _SAME_M:
+                found.track_id = track.track_id
+                found.was_carried = track.state is ObjectState.MOVED
 
     def _note_handled(
         self,
@@ -93,10 +134,9 @@ class Carrying:
             tracks: All tracks, of which those of people are used.
             stamp_ns: Time of the image.
         """
-        away_m = np.linalg.norm(track.position_map_m - item.center_map_m())
-        if track.state is not ObjectState.HANDLED or away_m < _AWAY_M:
+        if track.state is not ObjectState.HANDLED or not _is_away(item, track):
             return
-        if item.num_through < _MIN_THROUGH:
+        if item.num_through < _MIN_THROUGH or item.num_sightings < _MIN_SIGHTINGS:
             return
         people = [
             (float(np.linalg.norm((p.position_map_m - track.position_map_m)[:2])), p.track_id)
@@ -107,58 +147,123 @@ class Carrying:
         item.leave(PlaceState.HANDLED, stamp_ns)
         item.holder_id = person_id if distance_m < _HOLDER_M else -1
 
-    def _joined(self, objects: list[MappedObject], stamp_ns: int) -> list[MappedObject]:
+    def _joined(
+        self, objects: list[MappedObject], tracks: dict[int, TrackedObject], stamp_ns: int
+    ) -> list[MappedObject]:
         """Move each object that has left its place to that of the new object that it has become.
 
         Return the objects without these new ones.
-        """
-        removed: set[int] = set()
-        away = [item for item in objects if not item.is_present and item.is_confirmed]
-        for item in sorted(away, key=lambda item: -item.last_ns):
-            new = self._put_down(item, objects, removed, stamp_ns)
-            if new is not None:
-                item.move_to(new)
-                removed.add(new.object_id)
-        return [item for item in objects if item.object_id not in removed]
-
-    def _put_down(
-        self,
-        item: MappedObject,
-        objects: Sequence[MappedObject],
-        removed: set[int],
-        stamp_ns: int,
-    ) -> MappedObject | None:
-        """Return the new object that an object which has left its place has become, or None.
-
-        It is confirmed, at rest, of the same class and was first seen after the last sighting of
-        `item`, which must have left its place at most 600 s ago. If `item` is from a loaded map,
-        both must be about as large. One with the same track is preferred, and among several the
-        one that was seen first.
 
         Args:
-            item: The object that has left its place.
             objects: All objects.
-            removed: Ids of new objects that others have become already.
+            tracks: The tracks by number.
             stamp_ns: Time of the image.
         """
-        if stamp_ns - item.left_ns > _ADOPT_NS:
-            return None
-        fitting = [
-            other
-            for other in objects
-            if other.is_present
-            and other.is_confirmed
-            and other.object_id not in removed
-            and other.class_name == item.class_name
-            and other.first_ns > item.last_ns
-            and (not item.is_loaded or _is_as_large(item, other))
+        new = [item for item in objects if item.is_present and item.is_confirmed]
+        removed: set[int] = set()
+        for item in sorted(objects, key=lambda item: -item.last_ns):
+            is_fixed = item.is_present and item.class_name in _HEAVY
+            is_known = item.is_confirmed and item.num_sightings >= _MIN_SIGHTINGS
+            if is_fixed or not is_known or item.object_id in removed:
+                continue
+            fitting = [
+                (rank, other.first_ns, other.object_id, other)
+                for other in new
+                if other.object_id not in removed
+                and (rank := self._evidence(item, other, tracks, stamp_ns)) > 0
+            ]
+            if fitting:
+                *_, found = min(fitting, key=lambda row: (-row[0], *row[1:3]))
+                item.move_to(found)
+                removed.add(found.object_id)
+        return [item for item in objects if item.object_id not in removed]
+
+    def _evidence(
+        self,
+        item: MappedObject,
+        other: MappedObject,
+        tracks: dict[int, TrackedObject],
+        stamp_ns: int,
+    ) -> int:
+        """Return how strong the evidence is that an object has become another one; 0: none.
+
+        The other one must be of the same class and must have been seen first after the last
+        sighting of `item`. The evidence, from the strongest on, is the same track; a place seen
+        without `item` and an object that was carried to its place; and an empty place and a person
+        who was at the new one since, or nobody watching for a minute.
+
+        Args:
+            item: A confirmed object, which may have been carried away.
+            other: A confirmed object at rest.
+            tracks: The tracks by number.
+            stamp_ns: Time of the image.
+        """
+        is_same_track = item.track_id == other.track_id != -1
+        if _may_be(item, other) and is_same_track and (other.was_carried or not item.is_present):
+            return 3
+        if not _may_be(item, other) or not _is_as_large(item, other):
+            return 0
+        track = tracks.get(item.track_id)
+        is_fresh = track is not None and track.stamp_ns > stamp_ns - _FRESH_NS
+        if track is not None and is_fresh and _is_away(item, track) and _is_away(other, track):
+            return 0  # it was seen on its way, or elsewhere
+        if other.was_carried and (item.num_absent >= _MIN_ABSENT or not item.is_present):
+            return 2
+        if item.is_present or stamp_ns - item.left_ns > _ADOPT_NS:
+            return 0
+        is_long_ago = item.is_loaded or other.first_ns - item.last_ns > _VISIT_NS
+        return int(is_long_ago or self._was_visited(other, item.last_ns - _EARLY_NS))
+
+    def _was_visited(self, item: MappedObject, since_ns: int) -> bool:
+        """Return whether a person was within reach of an object before it was found."""
+        at = [
+            visit.positions_map_m
+            for visit in self._visits
+            if since_ns <= visit.stamp_ns <= item.first_ns
         ]
-        same = [other for other in fitting if other.track_id == item.track_id != -1]
-        found = same or fitting
-        return min(found, key=lambda other: other.first_ns, default=None)
+        if not at:
+            return False
+        offsets_m = (np.concatenate(at) - item.center_map_m())[:, :2]
+        return bool(np.linalg.norm(offsets_m, axis=1).min() < _HOLDER_M)
+
+
+def _may_be(item: MappedObject, other: MappedObject) -> bool:
+    """Return whether the second object has the first one's class and was first seen after it."""
+    return (
+        other.first_ns > item.last_ns
+        and other.object_id != item.object_id
+        and other.class_name == item.class_name
+        and other.place.map_id == item.place.map_id
+    )
+
+
+def _is_away(item: MappedObject, track: TrackedObject) -> bool:
+    """Return whether a track is at another place than an object of the map."""
+    offset_m = np.linalg.norm(track.position_map_m - item.center_map_m())
+    return bool(offset_m >= _AWAY_M)
 
 
 def _is_as_large(first: MappedObject, second: MappedObject) -> bool:
     """Return whether the sizes of two objects differ so little that they may be one object."""
     small, large = sorted((first.radius_m(), second.radius_m()))
     return large <= _MAX_RATIO * small
+
+
+def is_at_rest(segment: Segment, tracks: Sequence[TrackedObject], stamp_ns: int) -> bool:
+    """Return whether the object of a segment is at rest, by its track or the filter's verdict.
+
+    The nearest handled or put-down track of its class decides, if one was detected near it lately.
+    Otherwise the verdict does.
+    """
+    center_m = np.median(segment.points_map_m, axis=0)
+    near = [
+        (float(np.linalg.norm(track.position_map_m - center_m)), track.state is ObjectState.MOVED)
+        for track in tracks
+        if track.state in (ObjectState.HANDLED, ObjectState.MOVED)
+        and track.class_name == segment.detection.class_name
+        and track.stamp_ns > stamp_ns - _FRESH_NS
+    ]
+    distance_m, is_put_down = min(near, default=(np.inf, False))
+    if distance_m < (_PUT_DOWN_M if is_put_down else _IN_HAND_M):
+        return is_put_down
+    return not segment.detection.is_dynamic

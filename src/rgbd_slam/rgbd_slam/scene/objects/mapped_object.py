@@ -100,6 +100,9 @@ class MappedObject:
         self.num_sightings = self.num_visible = 0
         self.first_ns = self.last_ns = stamp_ns
         self.num_through = 0  # successive looks that showed its place empty
+        # Successive looks that showed its place, empty or not, without a detection of it.
+        self.num_absent = 0
+        self.was_carried = False  # whether its track shows that a person carried it to its place
         self.probability = 0.5  # that it is still at its place
         self.place = place
         self.voxels = VoxelSet()
@@ -236,7 +239,7 @@ class MappedObject:
         self.direction_m = self.direction_m + way / distance_m
         self.distance_m += distance_m
         self.last_ns = stamp_ns
-        self.num_through = 0
+        self.num_through = self.num_absent = 0
         self.probability += _SEEN_GAIN * (1 - self.probability)
         self._changed()
 
@@ -246,7 +249,7 @@ class MappedObject:
         It does not add to `num_sightings`.
         """
         self.last_ns = stamp_ns
-        self.num_through = 0
+        self.num_through = self.num_absent = 0
         self.probability += _SEEN_GAIN * (1 - self.probability)
 
     def count_misses(self, rows: IntArray) -> None:
@@ -265,11 +268,13 @@ class MappedObject:
         """Count a look that shows the surface of the object, but in which it was not detected."""
         self.num_visible += 1
         self.num_through = 0
+        self.num_absent += 1
         self.probability *= 1 - _MISSED_LOSS
 
     def note_seen_through(self) -> None:
         """Count a look that shows its place empty."""
         self.num_through += 1
+        self.num_absent += 1
         self.probability *= 1 - _THROUGH_LOSS
 
     def is_older_than(self, other: MappedObject) -> bool:
@@ -314,7 +319,8 @@ class MappedObject:
         self.num_sightings += other.num_sightings
         self.num_visible += other.num_visible
         self.last_ns, self.track_id = other.last_ns, other.track_id
-        self.probability, self.num_through = other.probability, 0
+        self.probability, self.num_through, self.num_absent = other.probability, 0, 0
+        self.was_carried = other.was_carried
         self.state = PlaceState.MOVED
         self._changed()
 

@@ -37,7 +37,7 @@ from rgbd_slam.scene.objects.association import (
     overlap_much,
     prior_of,
 )
-from rgbd_slam.scene.objects.carrying import Carrying
+from rgbd_slam.scene.objects.carrying import Carrying, is_at_rest
 from rgbd_slam.scene.objects.cloud_labels import CloudLabeler, CloudLabels
 from rgbd_slam.scene.objects.mapped_object import MapObject, MappedObject, PlaceState
 from rgbd_slam.scene.objects.object_map_state import ObjectMapState
@@ -49,9 +49,10 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 _RANGE_M = 7.0  # objects farther from the camera are ignored; chosen
 # None of these numbers was tuned where no other source is named.
 _VISIBLE_SHARE = 0.5  # of the solid voxels, from which on a missing detection counts
-# Share of the solid voxels from which on a look through them shows the place empty, and number of
-# successive such looks after which the object is gone.
-_THROUGH_SHARE, _MAX_THROUGH = 0.6, 5
+# Share of the solid voxels at which surface is measured, there or behind, from which on an image
+# shows the place of an object; share of these from which on the image shows the place empty, and
+# number of successive such looks after which the object is gone.
+_SHOWN_SHARE, _THROUGH_SHARE, _MAX_THROUGH = 0.3, 0.6, 5
 _CLAIMED_SHARE = 0.5  # a new segment with more of its points near an object's surface is no object
 _SUPPORT_RATIO = 2.5  # ratio of radii from which on the smaller object may lie on the larger one
 _MERGE_PERIOD_NS = NS_PER_S
@@ -144,13 +145,16 @@ class ObjectMap:
         segments = segment_all(measured, view, prior_of(measured, near, seen, view))
         pairs = associate(segments, near, seen)
         for s, o in pairs.items():
-            self._add_sighting(near[o], segments[s], seen[o], view, stamp_ns)
+            at_rest = not segments[s].detection.is_dynamic
+            if not near[o].is_confirmed:
+                at_rest = is_at_rest(segments[s], tracks, stamp_ns)
+            self._add_sighting(near[o], segments[s], seen[o], view, stamp_ns, at_rest)
         self._note_apart([(near[o], segments[s]) for s, o in pairs.items()])
         people = [item for item in measured if item.class_name == PERSON]
         for o in set(range(len(near))) - set(pairs.values()):
             self._note_unseen(near[o], seen[o], people, view, stamp_ns)
         left = [segment for s, segment in enumerate(segments) if s not in pairs]
-        self._add_new(left, near, anchor, stamp_ns)
+        self._add_new(left, near, anchor, tracks, stamp_ns)
         self._objects = self._carrying.follow(self._objects, tracks, stamp_ns)
         if stamp_ns - self._merged_ns >= _MERGE_PERIOD_NS or stamp_ns < self._merged_ns:
             self._merged_ns = stamp_ns
@@ -242,12 +246,13 @@ class ObjectMap:
         seen: Visibility,
         view: ObjectView,
         stamp_ns: int,
+        at_rest: bool,
     ) -> None:
         """Add the detection of a known object.
 
-        A dynamic one adds no surface, because a person may hide a part of it.
+        One that is not at rest adds no surface, because a person may hide a part of it.
         """
-        if segment.detection.is_dynamic:
+        if not at_rest:
             item.note_seen(stamp_ns)
         else:
             item.count_misses(missed_rows(segment, seen, view))
@@ -278,7 +283,8 @@ class ObjectMap:
         The image may see through its place, or show its surface without a detection. The latter
         does not count if most of what is visible of it is inside the box of a person.
         """
-        if seen.through_share >= _THROUGH_SHARE:
+        shown, through = seen.visible_share + seen.through_share, seen.through_share
+        if shown >= _SHOWN_SHARE and through >= _THROUGH_SHARE * shown:
             item.note_seen_through()
             if item.num_through >= _MAX_THROUGH and item.state is not PlaceState.HANDLED:
                 item.leave(PlaceState.GONE, stamp_ns)
@@ -293,11 +299,12 @@ class ObjectMap:
         segments: Sequence[Segment],
         near: Sequence[MappedObject],
         anchor: Anchor,
+        tracks: Sequence[TrackedObject],
         stamp_ns: int,
     ) -> None:
         """Start an object for each static segment that `_is_claimed` assigns to no object."""
         for segment in segments:
-            if segment.detection.is_dynamic or self._is_claimed(segment, near):
+            if not is_at_rest(segment, tracks, stamp_ns) or self._is_claimed(segment, near):
                 continue
             place = Place.at(np.median(segment.points_map_m, axis=0), anchor)
             item = MappedObject(self._take_id(), place, stamp_ns)
