@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_benchmarks.rooms.carries import TrueCarry, score_carries, true_carries
+from hoid_benchmarks.rooms.carry_table import count_filled
 from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
 from hoid_benchmarks.rooms.object_truth import TrueObject, true_objects
 from hoid_benchmarks.rooms.room_ghost import Ghost, cylinder_depth_m
-from hoid_benchmarks.rooms.room_run import MappedRoom, Tracks
+from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory, Tracks
 from hoid_benchmarks.rooms.room_scores import score
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
@@ -25,6 +27,7 @@ from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
+from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 from rgbd_slam.statistics import SlamStats
 
@@ -92,7 +95,7 @@ def room(truth: RoomTruth, points_world_m: FloatArray, found: Tracks) -> MappedR
     cells[30:33] = 100 - cells[30:33]
     grid = Grid(cells, 0.05, T_map_floor, (0, 0))
     cloud = ColoredCloud(points, np.zeros((len(points), 3), np.uint8))
-    return MappedRoom(cloud, grid, found, (), Trajectory.joined([]), SlamStats(0, 0))
+    return MappedRoom(cloud, grid, found, (), {}, Trajectory.joined([]), SlamStats(0, 0))
 
 
 def test_map_points_and_grid_cells_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:
@@ -161,7 +164,8 @@ def test_true_objects_have_whole_boxes_and_seen_parts(truth: RoomTruth) -> None:
 def test_found_objects_are_scored() -> None:
     def true(x_m: float) -> TrueObject:
         low, high = np.array([x_m, 0.0, 0.0]), np.array([x_m + 0.4, 0.4, 0.4])
-        return TrueObject('cup', low, high, low, high, is_expected=True, was_carried=False)
+        none = np.empty((0, 3))
+        return TrueObject('cup', low, high, low, high, none, is_expected=True, was_carried=False)
 
     found = [
         FoundObject('cup', np.array([0.23, 0.2, 0.2]), np.array([0.4, 0.4, 0.46])),
@@ -175,3 +179,56 @@ def test_found_objects_are_scored() -> None:
     assert scores.center_m == pytest.approx([0.03])
     assert scores.small_center_m == pytest.approx([0.03])
     assert scores.size_m == pytest.approx([0.02])
+
+
+def test_carries_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:
+    carries = true_carries(truth, sequence)
+    shown = [carry for carry in carries if carry.is_shown]
+    assert shown
+    history = history_of(shown, keeps_number=True)
+    scores = score_carries(history, carries, truth)
+    assert scores.num_known == scores.num_kept == len(shown)
+    assert scores.put_down_m == pytest.approx([np.linalg.norm(OFFSET_M)] * len(shown))
+    assert (scores.num_handled, scores.num_false) == (len(shown), 0)
+    new = score_carries(history_of(shown, keeps_number=False), carries, truth)
+    assert (new.num_known, new.num_kept) == (len(shown), 0)
+
+
+def test_an_object_that_nobody_touched_is_called_moved_wrongly(truth: RoomTruth) -> None:
+    at_rest = mapped(1, 'sofa', np.zeros(3), PlaceState.AT_REST)
+    history: ObjectHistory = {
+        1: (at_rest,),
+        2: (mapped(1, 'sofa', np.zeros(3), PlaceState.HANDLED),),
+    }
+    assert score_carries(history, [], truth)[3:] == (1, 1)
+
+
+def history_of(carries: list[TrueCarry], *, keeps_number: bool) -> ObjectHistory:
+    """Return a map that shows each carry: at rest, then handled, then moved."""
+    out: ObjectHistory = {}
+    for i in range(SCENE.frames):
+        found = []
+        for k, carry in enumerate(carries):
+            is_new = i >= carry.end
+            place_m = (carry.to_map_m if is_new else carry.from_map_m) + OFFSET_M
+            state = PlaceState.HANDLED if i >= carry.first else PlaceState.AT_REST
+            state = PlaceState.MOVED if is_new else state
+            number = k if keeps_number or not is_new else k + 100
+            found.append(mapped(number, carry.class_name, place_m, state))
+        out[SCENE.stamp_ns(i)] = tuple(found)
+    return out
+
+
+def mapped(number: int, name: str, place_m: FloatArray, state: PlaceState) -> MapObject:
+    T = np.eye(4)
+    T[:3, 3] = place_m
+    last_ns = SCENE.stamp_ns(0)
+    return MapObject(number, name, ((name, 1.0),), state, T, np.ones(3), 9, 0, last_ns, 1.0)
+
+
+def test_a_filled_place_has_points_on_most_of_its_surface() -> None:
+    surface_m = np.linspace((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 50)
+    none = np.zeros(3)
+    item = TrueObject('cup', none, none, none, none, surface_m, is_expected=True, was_carried=True)
+    assert count_filled([item], surface_m[:30] + 0.01) == (1, 1)
+    assert count_filled([item], surface_m[:20] + 0.01) == (0, 1)

@@ -12,10 +12,9 @@ from hoid_benchmarks.rooms.object_scores import (
     all_scores,
     score_objects,
 )
-from hoid_benchmarks.rooms.object_truth import true_objects
+from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_common.values import FloatArray
-from hoid_synth.room_truth import RoomTruth
 from rgbd_slam.scene.object_track import SETTLED
 
 HEADER = (
@@ -31,9 +30,8 @@ class ObjectTable:
     def __init__(self) -> None:
         self._scores: dict[str, dict[str, ObjectScores]] = {_TRACKS: {}, _MAP: {}}
 
-    def add(self, name: str, room: MappedRoom, truth: RoomTruth) -> None:
+    def add(self, name: str, room: MappedRoom, true: Sequence[TrueObject]) -> None:
         """Score the objects of a room at its end."""
-        true = true_objects(truth)
         tracks = room.tracks[max(room.tracks)] if room.tracks else ()
         at_rest = [
             FoundObject(track.class_name, track.position_map_m, track.size_m)

@@ -28,6 +28,7 @@ class TrueObject(NamedTuple):
     high_m: FloatArray
     seen_low_m: FloatArray  # (3,) of the part that the images showed
     seen_high_m: FloatArray
+    seen_m: FloatArray  # (N, 3) points of this part
     is_expected: bool  # shown large, near and long enough to be found
     was_carried: bool
 
@@ -50,7 +51,7 @@ def true_objects(truth: RoomTruth) -> list[TrueObject]:
         is_expected = frames[instance] * _EVERY >= _EXPECTED_FRAMES
         was_carried = since[instance] > 0
         out.append(
-            TrueObject(name, whole.min(0), whole.max(0), low, high, is_expected, was_carried)
+            TrueObject(name, whole.min(0), whole.max(0), low, high, seen, is_expected, was_carried)
         )
     return out
 

@@ -25,6 +25,8 @@ from rgbd_slam.statistics import SlamStats
 
 Tracks = dict[int, tuple[TrackedObject, ...]]
 """Published object tracks by the stamp (ns) of their image."""
+ObjectHistory = dict[int, tuple[MapObject, ...]]
+"""The objects of the map by the stamp (ns) of the image after which they are listed."""
 
 
 class FusionObserver(Protocol):
@@ -44,6 +46,7 @@ class MappedRoom:
     grid: Grid | None
     tracks: Tracks
     objects: tuple[MapObject, ...]  # of the object map, at the end
+    history: ObjectHistory  # the objects of the map after each look
     trajectory: Trajectory  # final poses
     stats: SlamStats
 
@@ -67,6 +70,7 @@ def map_room(
     )
     publish = Rate(1 / config.slam.dense.publish_period_s)
     tracks: Tracks = {}
+    history: ObjectHistory = {}
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
         filtered = feature_filter.process(frame, detect(frame))
         request = session.process(filtered.features).scene_request
@@ -76,6 +80,7 @@ def map_room(
             tracks[frame.stamp_ns] = scene.track_objects(request, frame.depth_m, filtered.objects)
         if request.is_for_object_map:
             scene.map_objects(request, frame.depth_m, filtered.objects)
+            history[frame.stamp_ns] = scene.mapped_objects()
         if request.is_for_dense_map:
             scene.fuse(request, frame.depth_m, frame.image_bgr, filtered.objects)
             for observer in observers:
@@ -88,5 +93,11 @@ def map_room(
     cloud = scene.cloud()
     trajectory = session.robot_map.trajectory('final')
     return MappedRoom(
-        cloud, scene.grid(cloud), tracks, scene.mapped_objects(), trajectory, session.slam.stats
+        cloud,
+        scene.grid(cloud),
+        tracks,
+        scene.mapped_objects(),
+        history,
+        trajectory,
+        session.slam.stats,
     )

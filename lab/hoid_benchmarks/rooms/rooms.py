@@ -1,7 +1,8 @@
 """`hoid bench rooms`: dense map, grid and tracks of rendered rooms, compared with ground truth.
 
 Each room is mapped with several filter strategies and without a filter. Boxes are ground truth
-unless a detector is named. A second table compares the objects at rest with the true ones.
+unless a detector is named. A second table compares the objects at rest with the true ones, and a
+third one shows how the maps follow the objects that people carry.
 """
 
 from __future__ import annotations
@@ -14,8 +15,11 @@ import numpy as np
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.jobs.code import Code
 from hoid_benchmarks.plan.sequences import Store, scene_of
+from hoid_benchmarks.rooms.carry_table import HEADER as CARRY_HEADER
+from hoid_benchmarks.rooms.carry_table import CarryTable
 from hoid_benchmarks.rooms.object_table import HEADER as OBJECT_HEADER
 from hoid_benchmarks.rooms.object_table import ObjectTable
+from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_benchmarks.rooms.room_ghost import Ghost
 from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.room_scores import Carried, RoomScores, score
@@ -40,7 +44,7 @@ _WANTED = (
 
 
 def room_report(names: Sequence[str], store: Store, detector: str | None = None) -> str:
-    """Return a Markdown table with the scores of rooms.
+    """Return Markdown tables with the scores of rooms.
 
     Args:
         names: Rendered recordings, such as synth-3; empty means the two default ones.
@@ -51,10 +55,16 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
         InputError: A name is not that of a rendered recording.
     """
     rows: list[tuple[str, ...]] = [_WANTED]
-    objects = ObjectTable()
+    objects, carries = ObjectTable(), CarryTable()
     for name in names or ROOMS:
-        rows += _rows(name, store, detector or TRUTH, objects)
-    tables = f'{_table(_HEADER, rows)}\n{_table(OBJECT_HEADER, objects.rows())}'
+        rows += _rows(name, store, detector or TRUTH, objects, carries)
+    tables = '\n'.join(
+        [
+            _table(_HEADER, rows),
+            _table(OBJECT_HEADER, objects.rows()),
+            _table(CARRY_HEADER, carries.rows()),
+        ]
+    )
     made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
     return f'{tables}\n{made}, with {detector or "ground-truth boxes"}.\n'
 
@@ -64,7 +74,9 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 
 
-def _rows(name: str, store: Store, model: str, objects: ObjectTable) -> Iterable[tuple[str, ...]]:
+def _rows(
+    name: str, store: Store, model: str, objects: ObjectTable, carries: CarryTable
+) -> Iterable[tuple[str, ...]]:
     """Yield the rows of one room; the objects found with the first strategy are scored."""
     scene = scene_of(name)
     if scene is None:
@@ -78,7 +90,9 @@ def _rows(name: str, store: Store, model: str, objects: ObjectTable) -> Iterable
         )
         room = map_room(sequence, config)
         if strategy == _STRATEGIES[0]:
-            objects.add(name, room, truth)
+            true = true_objects(truth)
+            objects.add(name, room, true)
+            carries.add(name, room, truth, sequence, true)
         yield f'`{name}`', f'`{strategy}`', *_cells(score(room, truth, sequence)), ghost
 
 
