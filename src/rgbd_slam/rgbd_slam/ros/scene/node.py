@@ -58,6 +58,13 @@ _MAX_SHARE = 0.25
 # Chosen: number of fused images without a floor from which this is reported. They take several
 # seconds, in which a robot sees its floor.
 _MAX_IMAGES_WITHOUT_FLOOR = 30
+# The pose is that of the color image, so that a gap is no error of the driver, which the filter
+# reports: poses are late.
+_LATE_POSES = (
+    'the dense map and the tracks get no images: poses arrive too long after their depth images. '
+    'Reduce the load of the computer. If it is low, the stamps of depth and color differ by more '
+    'than 20 ms: set input.depth_offset_s'
+)
 _CAPACITY = 60  # chosen: messages of a kind that wait for the others of an image; 2 s at 30 Hz
 
 
@@ -213,7 +220,7 @@ class SceneNode(Node):
             except HoidError as error:
                 self._diagnostics.report(error, 'images refused')
         self._diagnostics.set_count('images missing', self._matcher.counts['pose'].unmatched)
-        self._diagnostics.report_problem('stamps', self._matcher.gap)
+        self._diagnostics.report_problem('stamps', _LATE_POSES if self._matcher.gap else '')
 
     def _map_image(self, match: Match) -> None:
         """Use an image for the maps for which it was requested; publish tracks and objects."""
