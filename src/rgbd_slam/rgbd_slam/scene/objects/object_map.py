@@ -97,10 +97,7 @@ class ObjectMap:
         )
 
     def label(self, points_map_m: Float32Array) -> CloudLabels:
-        """Return the classes of points (N, 3) of the dense map, in the map frame.
-
-        Only confirmed objects of the main map that are at rest give points a class.
-        """
+        """Return the classes that confirmed, resting objects of the main map give points (N, 3)."""
         present = [item for item in self._shown() if item.is_present]
         return self._labeler.label(points_map_m, present)
 
