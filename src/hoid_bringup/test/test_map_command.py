@@ -60,7 +60,7 @@ def test_info_prints_the_size_and_the_camera(
 def test_maps_of_one_place_are_joined(
     maps: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / 'joined.hoidmap'
+    out = tmp_path / 'new' / 'folder' / 'joined.hoidmap'
     assert main(['map', 'merge', maps[0], maps[0], '--out', str(out)]) == 0
     first = capsys.readouterr().out.splitlines()[0]
     assert first.startswith(f'{maps[0]}: joined at a place of ')
@@ -73,12 +73,12 @@ def test_maps_of_one_place_are_joined(
 def test_maps_of_different_places_are_not_joined(
     maps: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / 'joined.hoidmap'
+    out = tmp_path / 'new' / 'joined.hoidmap'
     assert main(['map', 'merge', *maps, '--out', str(out)]) == 1
     printed = capsys.readouterr()
     assert f'{maps[1]}: not joined' in printed.out
     assert 'nothing is written' in printed.err
-    assert not out.exists()
+    assert not out.parent.exists()
 
 
 def test_a_merge_without_output_is_refused(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec, Supervisor
+from hoid_bringup.live.supervisor import ProcessExit, ProcessSpec, Supervisor, last_line
 from hoid_common.errors import InputError
 from hoid_common.process.entry import EXIT_CONFIG
 
@@ -227,3 +227,12 @@ def test_processor_time_is_measured_by_child(tmp_path: Path) -> None:
         times = group.cpu_s()
     assert 0.5 <= times['busy'] < 20
     assert times['idle'] < times['busy']
+
+
+def test_the_last_line_of_a_log_or_why_there_is_none(tmp_path: Path) -> None:
+    log = tmp_path / 'node.log'
+    assert last_line(log) == f'its log file {log} cannot be read: No such file or directory'
+    log.write_text(' \n')
+    assert last_line(log) == f'its log file {log} is empty'
+    log.write_text('starts\nerror: the model is missing\n\n')
+    assert last_line(log) == 'the model is missing'

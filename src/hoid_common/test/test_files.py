@@ -25,11 +25,17 @@ def test_a_scratch_folder_is_removed_and_results_stay(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / 'new' / 'out').iterdir()] == ['result']
 
 
-def test_an_empty_parent_folder_is_removed_only_if_it_was_made(tmp_path: Path) -> None:
-    check_writable(tmp_path / 'out')
+@pytest.mark.parametrize('name', ['out', 'new/out', 'new/deep/out'])
+def test_a_check_leaves_no_folder_that_it_made(name: str, tmp_path: Path) -> None:
+    check_writable(tmp_path / name)
     assert list(tmp_path.iterdir()) == []
-    check_writable(tmp_path)
-    assert tmp_path.is_dir()
+
+
+def test_a_check_keeps_folders_that_were_there(tmp_path: Path) -> None:
+    (tmp_path / 'old').mkdir()
+    check_writable(tmp_path / 'old' / 'out')
+    check_writable(tmp_path / 'old')
+    assert list(tmp_path.iterdir()) == [tmp_path / 'old']
 
 
 @pytest.mark.parametrize('name', ['file', 'file/out', 'file/deep/out'])

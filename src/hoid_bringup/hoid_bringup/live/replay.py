@@ -17,7 +17,7 @@ from hoid_bringup.live.live_recorder import LiveRecorder
 from hoid_bringup.live.node_specs import node_specs
 from hoid_bringup.live.replay_plan import BagNames, ReplayConfig, node_options, player_spec
 from hoid_bringup.live.ros_domain import own_domain
-from hoid_bringup.live.supervisor import ProcessExit, Supervisor
+from hoid_bringup.live.supervisor import ProcessExit, Supervisor, last_line
 from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.summary import MapCounts, RunResult, Summary
 from hoid_common.errors import InputError
@@ -79,6 +79,9 @@ class _LiveRun:
         config: Rate, and parameters of all stages.
         folder: Folder for the files that the SLAM node saves.
         log_dir: Folder for log files, whose content is deleted first.
+
+    Raises:
+        InputError: The bag lacks a topic that the nodes need, or a message of camera_info.
     """
 
     def __init__(
@@ -87,6 +90,7 @@ class _LiveRun:
         self._bag, self._folder, self._log_dir = bag, folder, log_dir
         shutil.rmtree(log_dir, ignore_errors=True)
         self._nodes = node_specs(node_options(bag, config, folder))
+        self._camera_info = _first_camera_info(bag)
         self._player = player_spec(bag, config)
         self._cpu_share: dict[str, float] = {}  # cores in use while the bag is played, by process
 
@@ -112,10 +116,7 @@ class _LiveRun:
             InputError: A node ended, or the nodes are not ready after 90 s.
         """
         end_s = time.monotonic() + _READY_TIMEOUT_S
-        topic = f'/{BagNames.of(self._bag).camera_info}'
-        with BagReader(self._bag.path) as reader:
-            camera_info = next(reader.messages([topic])).data
-        while missing := recorder.missing(camera_info):
+        while missing := recorder.missing(self._camera_info):
             recorder.spin(_TICK_S)
             self._raise_for(nodes.poll())
             if time.monotonic() > end_s:
@@ -164,7 +165,7 @@ class _LiveRun:
     def _raise_for(self, exits: list[ProcessExit]) -> None:
         """Raise InputError with the last log line of the first process in `exits`, if any."""
         for ended in exits:
-            raise InputError(f'{ended}: {_last_line(self._log_dir / f"{ended.name}.log")}')
+            raise InputError(f'{ended}: {last_line(self._log_dir / f"{ended.name}.log")}')
 
     def _result(
         self, recorder: LiveRecorder, nodes: Supervisor, summary_options: Mapping[str, Any]
@@ -211,14 +212,17 @@ class _LiveRun:
         )
 
 
-def _last_line(log: Path) -> str:
-    """Return the last line of a log file, the error message of the process, without "error: ".
+def _first_camera_info(bag: BagSequence) -> bytes:
+    """Return the first camera_info message of a bag, serialized.
 
-    If the file is empty or cannot be read, a text says that it is empty.
+    Raises:
+        InputError: The bag has no camera_info topic, or no message of it can be read.
     """
-    try:
-        lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
-    except OSError:
-        lines = []
-    lines = [line.strip() for line in lines if line.strip()]
-    return lines[-1].removeprefix('error: ') if lines else 'its log file is empty'
+    topic = f'/{BagNames.of(bag).camera_info}'
+    with BagReader(bag.path) as reader:
+        for message in reader.messages([topic]):
+            return message.data
+    raise InputError(
+        f'{bag.path}: has no message on {topic}, which the nodes need; record it, or use '
+        '"hoid run --camera"'
+    )

@@ -260,6 +260,19 @@ def family_mb(pid: int) -> float:
     return sum(_of_family(pid, _rss_mb))
 
 
+def last_line(log: Path) -> str:
+    """Return the last line of a log file, the error message of its process, without "error: ".
+
+    If there is none, the text says that the file is empty, or why it cannot be read.
+    """
+    try:
+        lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
+    except OSError as error:
+        return f'its log file {log} cannot be read: {error.strerror}'
+    lines = [line.strip() for line in lines if line.strip()]
+    return lines[-1].removeprefix('error: ') if lines else f'its log file {log} is empty'
+
+
 def _rss_mb(process: psutil.Process) -> float:
     return float(process.memory_info().rss / _BYTES_PER_MB)
 

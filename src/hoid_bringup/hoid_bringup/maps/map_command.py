@@ -59,6 +59,7 @@ def map_command(args: argparse.Namespace) -> None:
             _print(f'{path}: its dense map is left out: {_OTHER_VOXELS}')
     if not any(join.is_joined for join in joined.joins):
         raise MapFileError('no map shows a place of another one; nothing is written')
+    args.out.parent.mkdir(parents=True, exist_ok=True)
     size = map_file.save(args.out, joined.content)
     _print(f'{args.out}: {len(joined.content.map)} keyframes, {size / _MB:.1f} MB')
 

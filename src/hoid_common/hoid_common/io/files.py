@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from hoid_common.errors import InputError
@@ -31,27 +31,35 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
 
     Args:
         within: Parent folder. It must be on the file system of the results, so that moving does
-            not copy. If it is missing, it is made with its parents, and is removed at the end if
-            it is empty; the parents stay.
+            not copy. If it is missing, it is made with its parents; those that are empty at the
+            end are removed again.
         purpose: First part of the folder's name, which identifies it after a power cut.
 
     Raises:
         InputError: The folder cannot be made.
     """
-    was_there = within.exists()
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(_made(within))
+            folder = Path(tempfile.mkdtemp(prefix=f'.{purpose}{_PARTIAL}', dir=within))
+        except OSError as error:
+            raise write_error(within, error) from error
+        stack.callback(shutil.rmtree, folder, ignore_errors=True)
+        stack.enter_context(_locked(folder))
+        yield folder
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a missing folder with its parents; remove those that are empty at the end."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
-        within.mkdir(parents=True, exist_ok=True)
-        folder = Path(tempfile.mkdtemp(prefix=f'.{purpose}{_PARTIAL}', dir=within))
-    except OSError as error:
-        raise write_error(within, error) from error
-    try:
-        with _locked(folder):
-            yield folder
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if not was_there:
-            with suppress(OSError):  # it is not empty, since the results are there
-                within.rmdir()
+        with suppress(OSError):  # it is not empty, since the results are there
+            for path in missing:
+                path.rmdir()
 
 
 def abandoned_scratch_folders(within: Path) -> list[Path]:
@@ -97,8 +105,8 @@ def _is_abandoned(folder: Path) -> bool:
 def check_writable(folder: Path) -> None:
     """Raise InputError when nothing can be written to a folder.
 
-    Commands call it first, so that they fail before the work and not after it. Missing parents of
-    the folder are made, and stay.
+    Commands call it first, so that they fail before the work and not after it. A missing folder
+    may be made later; nothing stays of it or of its parents now.
     """
     with scratch_folder(folder, 'check'):
         pass
