@@ -105,6 +105,20 @@ def test_a_revised_frame_is_elsewhere_now_and_was_where_it_was_said() -> None:
     np.testing.assert_allclose(now, moved @ se3.inverse(first) @ moved, atol=1e-12)
 
 
+def test_a_frame_whose_reference_is_unknown_is_not_revised() -> None:
+    atlas = Atlas(1.2, 8)
+    first, moved, T = se3.exp(
+        np.array([[0.1, 0, 0, 0.5, 0, 0], [0, 0.2, 0, 0, 1.0, 0], [0.1] * 6])
+    )
+    i = atlas.add_keyframe(tracked(0, first).frame, first, map_id=0)
+    recorder, uid = TrajectoryRecorder(atlas.keyframes), int(atlas.keyframes.uid[i])
+    recorder.add(replace(tracked(0, first, uid + 100), T_reference_camera=T))
+    assert recorder.pose(0) is None
+    recorder.revise(0, moved)
+    recorder.redirect([Redirect(uid + 100, uid, np.eye(4))])  # makes the reference known
+    np.testing.assert_allclose(recorder.final().T_world_camera, [first @ T], atol=1e-12)
+
+
 def test_a_frame_that_becomes_a_keyframe_is_where_this_is_mapped() -> None:
     atlas = Atlas(1.2, 8)
     first, last = tracked(1, np.eye(4)), tracked(2, se3.exp(np.array([0, 0, 0, 0.1, 0, 0])))

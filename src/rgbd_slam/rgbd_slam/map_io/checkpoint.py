@@ -206,10 +206,7 @@ class CheckpointWriter:
             MapFileError: The checkpoint cannot be written, or the dense map is to be kept but its
                 segments are to be written anew; the old checkpoint is unchanged.
         """
-        columns = keyframes.columns | {
-            'first_feature': self.parts.first_feature[keyframes.rows],
-            'first_state': self.parts.first_state[keyframes.rows],
-        }
+        columns = self.parts.located(keyframes)
         if keep_submaps and self._has_dense and not len(self._submaps):
             raise MapFileError(
                 'the dense map has to be written anew and has not arrived; the last checkpoint is '

@@ -42,13 +42,9 @@ class MapCollector:
             self._records[name].append(record)
         if part.keyframes is None:
             return None
-        rows = part.keyframes.rows
-        columns = part.keyframes.columns | {
-            'first_feature': self._parts.first_feature[rows],
-            'first_state': self._parts.first_state[rows],
-        }
+        keyframes = IndexedKeyframes.of(self._parts.located(part.keyframes))
         collected = {name: _rows(records) for name, records in self._records.items()}
-        return map_state(IndexedKeyframes.of(columns), collected)
+        return map_state(keyframes, collected)
 
 
 def _rows(records: list[Record]) -> Rows:

@@ -103,8 +103,8 @@ class MapParts:
         # By row of the table of keyframes: the row of the keyframe's first feature among all
         # stored features (the segment `features` of a checkpoint), and of its first state among
         # all stored states (the segment `states`).
-        self.first_feature: IntArray = np.empty(0, np.int64)
-        self.first_state: IntArray = np.empty(0, np.int64)
+        self._first_feature: IntArray = np.empty(0, np.int64)
+        self._first_state: IntArray = np.empty(0, np.int64)
 
     def copy(self) -> MapPart:
         """Return a copy of the next rows that are not stored; it takes a few ms."""
@@ -142,8 +142,19 @@ class MapParts:
         self._uid[new] = part.uids[part.is_new]
         self._state_version[part.changed] = part.version
         self._point_version[part.points.row] = part.version
-        self.first_feature[new] = first_feature + _starts(counts[part.is_new])
-        self.first_state[part.changed] = first_state + _starts(counts)
+        self._first_feature[new] = first_feature + _starts(counts[part.is_new])
+        self._first_state[part.changed] = first_state + _starts(counts)
+
+    def located(self, keyframes: KeyframeCopy) -> dict[str, Array]:
+        """Return the columns of keyframes (K,), with those that say where their features are.
+
+        `first_feature` and `first_state` are the rows of each keyframe's first feature and first
+        state among all stored ones. All parts before the keyframes must have been noted.
+        """
+        return keyframes.columns | {
+            'first_feature': self._first_feature[keyframes.rows],
+            'first_state': self._first_state[keyframes.rows],
+        }
 
     def forget_features(self) -> None:
         """Let the next parts contain the features of all keyframes again."""
@@ -162,8 +173,8 @@ class MapParts:
         keyframes, points = self.atlas.keyframes.capacity, self.atlas.points.capacity
         self._uid = _grown(self._uid, keyframes, _UNKNOWN)
         self._state_version = _grown(self._state_version, keyframes, _NEVER)
-        self.first_feature = _grown(self.first_feature, keyframes, 0)
-        self.first_state = _grown(self.first_state, keyframes, 0)
+        self._first_feature = _grown(self._first_feature, keyframes, 0)
+        self._first_state = _grown(self._first_state, keyframes, 0)
         self._point_version = _grown(self._point_version, points, _NEVER)
 
     def _features(self, rows: IntArray) -> FeatureRows:

@@ -98,13 +98,15 @@ class TrajectoryRecorder:
     def revise(self, n: int, T_map_camera: FloatArray) -> None:
         """Replace the final pose of frame `n`; its online pose stays as it was published.
 
-        The pose must be known (see `pose`).
+        Nothing is replaced if the final pose is unknown (see `pose`).
 
         Raises:
             InputError: The file of old poses cannot be read.
         """
         frame = self._frames[n]
-        _, T_map_reference = self._reference(frame)
+        row, T_map_reference = self._reference(frame)
+        if row == _UNKNOWN:
+            return
         frame['T_reference_camera'] = (se3.inverse(T_map_reference) @ T_map_camera)[:3]
         self._frames[n] = frame
 

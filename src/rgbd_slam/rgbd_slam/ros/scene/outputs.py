@@ -37,7 +37,7 @@ from rgbd_slam.ros.scene.navigation.mask_messages import (
 )
 from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 from rgbd_slam.scene.grid import Grid
-from rgbd_slam.scene.navigation_masks import NavigationMasks
+from rgbd_slam.scene.navigation_masks import Mask, NavigationMasks
 from rgbd_slam.scene.object_tracker import TrackedObject
 from rgbd_slam.scene.objects.cloud_labels import CloudLabels
 from rgbd_slam.scene.scene_mapper import SceneMapper
@@ -94,37 +94,40 @@ MAP_OUTPUTS = (
         topics.GRID_MAP_UPDATES, OccupancyGridUpdate, qos.OUTPUT, conversions.grid_update_to_msg
     ),
 )
+
+
+def _mask_outputs(
+    mask: str, info: str, filter_type: FilterType, mask_of: Callable[[NavigationMasks], Mask]
+) -> tuple[OutputTopic, OutputTopic]:
+    """Return the topics of a mask and of the CostmapFilterInfo that describes it."""
+    return (
+        OutputTopic(
+            mask,
+            OccupancyGrid,
+            qos.LATCHED,
+            lambda masks, header, _: mask_to_msg(mask_of(masks), header),
+        ),
+        OutputTopic(
+            info,
+            CostmapFilterInfo,
+            qos.LATCHED,
+            lambda _, header, resolve: filter_info_to_msg(filter_type, resolve(mask), header),
+        ),
+    )
+
+
 # `to_msg` is called with (masks: NavigationMasks, header: Header, resolve: Callable[[str], str]),
 # once per `NavigationConfig.period_s` and when a scene ends, if the topic has subscribers;
 # `resolve` returns the full name of a topic.
 MASK_OUTPUTS = (
-    OutputTopic(
+    *_mask_outputs(
         topics.KEEP_OUT_MASK,
-        OccupancyGrid,
-        qos.LATCHED,
-        lambda masks, header, _: mask_to_msg(masks.keep_out(), header),
-    ),
-    OutputTopic(
         topics.KEEP_OUT_INFO,
-        CostmapFilterInfo,
-        qos.LATCHED,
-        lambda _, header, resolve: filter_info_to_msg(
-            FilterType.KEEP_OUT, resolve(topics.KEEP_OUT_MASK), header
-        ),
+        FilterType.KEEP_OUT,
+        NavigationMasks.keep_out,
     ),
-    OutputTopic(
-        topics.SPEED_MASK,
-        OccupancyGrid,
-        qos.LATCHED,
-        lambda masks, header, _: mask_to_msg(masks.speed(), header),
-    ),
-    OutputTopic(
-        topics.SPEED_INFO,
-        CostmapFilterInfo,
-        qos.LATCHED,
-        lambda _, header, resolve: filter_info_to_msg(
-            FilterType.SPEED_PERCENT, resolve(topics.SPEED_MASK), header
-        ),
+    *_mask_outputs(
+        topics.SPEED_MASK, topics.SPEED_INFO, FilterType.SPEED_PERCENT, NavigationMasks.speed
     ),
 )
 _OF_CLOUD = frozenset({topics.CLOUD_MAP, topics.CLOUD_LABELS})
