@@ -69,6 +69,23 @@ def of(*beginning: str) -> list[Shown]:
     return list(found.values())
 
 
+RUNNING_NODES = 'test_map_files.py: test_the_commands_for_running_nodes_save_load_and_switch'
+# The test that runs each command of README, or, for what needs hours, ROS's launch system or root,
+# the one that checks it. Tests of this module check all other pages.
+README_TESTS = {
+    'sudo apt': 'test_documented_commands.py: test_apt_installs_all_tools_that_the_set_up_needs',
+    'make demo': 'test_demo.py: test_the_demo_prints_the_output_shown_in_readme',
+    'make test': 'test_project_files.py: test_make_targets_that_documents_name_exist',
+    'make docs': 'test_site.py: test_tables_of_results_sort_by_mouse_and_by_keyboard',
+    './hoid run': 'test_documented_commands.py: test_the_command_runs_and_prints_the_shown_output',
+    './hoid nodes': 'test_replay_nodes.py: test_ctrl_c_ends_all_nodes_of_a_namespace',
+    './hoid status': RUNNING_NODES,
+    './hoid save-map': RUNNING_NODES,
+    './hoid bench': 'test_bench_command.py: test_stopped_experiments_are_resumed',
+    'ros2 launch': 'test_launch_files.py: test_a_camera_preset_remaps_its_topics',
+}
+
+
 def ids(shown: Shown) -> str:
     return f'{shown.page}: {shown.command}'[:90]
 
@@ -89,11 +106,6 @@ def test_hoid_accepts_the_command(shown: Shown) -> None:
 def test_make_has_the_target(shown: Shown) -> None:
     makefile = (ROOT / 'Makefile').read_text()
     assert re.search(rf'^{words_of(shown.command)[1]}:', makefile, re.MULTILINE)
-
-
-@pytest.mark.parametrize('shown', of('python'), ids=ids)
-def test_the_script_exists(shown: Shown) -> None:
-    assert (ROOT / shown.command.split()[1]).is_file()
 
 
 @pytest.mark.parametrize('shown', of('sudo'), ids=ids)
@@ -143,12 +155,19 @@ def test_the_node_has_the_parameters(shown: Shown) -> None:
     assert {word.partition(':=')[0] for word in rest if ':=' in word} <= known
 
 
+def test_every_command_of_readme_has_a_test() -> None:
+    commands = {' '.join(s.command.split()[:2]) for s in ALL if s.page == 'README.md'}
+    assert commands == README_TESTS.keys()
+    for test in README_TESTS.values():
+        module, name = test.split(': ')
+        assert f'def {name}' in (ROOT / 'tests' / module).read_text()
+
+
 def test_no_other_command_is_shown() -> None:
     """A command of a kind that no test here checks could become outdated unnoticed."""
     known = {
         './hoid',
         'make',
-        'python',
         'export',
         'sudo apt',
         'ros2 launch',

@@ -11,6 +11,8 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 
+from hoid_bringup.cli import argument_parser
+
 ROOT = Path(__file__).parents[1]
 VERSION = ET.parse(ROOT / 'src/rgbd_slam/package.xml').findtext('version')  # noqa: S314  # ours
 YAML_FILES = ('.github/workflows/ci.yml', '.pre-commit-config.yaml', 'CITATION.cff', 'mkdocs.yml')
@@ -51,6 +53,20 @@ def test_citation_and_changelog_name_the_version_and_the_paper() -> None:
 def test_the_devcontainer_and_the_image_use_the_same_ros() -> None:
     container = json.loads((ROOT / '.devcontainer/devcontainer.json').read_text())
     assert f'FROM {container["image"]}\n' in (ROOT / 'Dockerfile').read_text()
+
+
+def test_the_image_runs_the_docker_commands_of_readme() -> None:
+    readme, image = ((ROOT / name).read_text() for name in ('README.md', 'Dockerfile'))
+    build, run = re.findall(r'`(docker (?:build|run) [^`]+)`', readme)
+    assert f'`{build}`, then `{run}`' in image
+    tag = build.split()[3]
+    words = run.partition(f' {tag} ')[2].split()
+    assert 'realsense' in vars(argument_parser(words[0]).parse_args(words)).values()
+    assert 'exec ./hoid \\"$@\\""' in image
+    assert 'RUN . /opt/ros/jazzy/setup.sh && ./hoid setup\n' in image
+    (packages,) = re.findall(r'--no-install-recommends \\\n\s+(.+?) \\', image)
+    (named,) = re.findall(r'sudo apt install (.+)', readme)
+    assert set(packages.split()) <= set(named.split())
 
 
 @pytest.mark.parametrize('name', ['bug_report.md', 'feature_request.md'])
