@@ -135,7 +135,11 @@ class StreamCounts:
 
 
 class StampMatcher:
-    """Matches each item of the reference stream with the nearest in time of every other stream.
+    """Matches items of the reference stream with the nearest in time of every other stream.
+
+    An item of any stream takes part in at most one match. A match takes its items and all older
+    ones from the streams: they are lost for later reference items, even for one that is nearer in
+    time. The reference should therefore not be faster than a stream that is not optional.
 
     A match is complete as soon as every stream (for optional ones see `optional`) has an item
     within `slop_ns` of the reference item, and none is expected to have a nearer one. A stream is
@@ -146,8 +150,7 @@ class StampMatcher:
     and on the order of arrival.
 
     Args:
-        names: Names of the streams. The first one is the reference: each of its items takes part
-            in at most one match.
+        names: Names of the streams. The first one is the reference.
         slop_ns: Largest difference of stamps within a match.
         capacity: Number of items that wait per stream. When it is exceeded, the oldest one is
             dropped and counted.

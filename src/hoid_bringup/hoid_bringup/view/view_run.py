@@ -83,6 +83,10 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
 
 
 def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:
-    """Return the true poses in the map frame of the run, after alignment to the estimate."""
+    """Return the true poses in the map frame of the run, after alignment to the estimate.
+
+    Raises:
+        InputError: Too few poses are associated, or they do not determine the alignment.
+    """
     T_map_world = se3.inverse(align(estimate, truth).T_world_map)
     return Trajectory(truth.stamps_ns, T_map_world @ truth.T_world_camera)

@@ -48,10 +48,11 @@ class FrameConfig(Config):
         description='Whether to send odom -> base on /tf. Set it to false if the wheel odometry '
         'or a node that fuses sensors (such as robot_localization) sends odom -> base itself: '
         'map -> odom is then computed from that transform, and the visual odometry is published '
-        'on visual_odom, in the frame visual_odom, instead of odom. The node then also reads '
-        'odom -> base, to predict the camera pose and to continue it while the camera is lost. Do '
-        'not feed visual_odom into the node that sends odom -> base: while the camera is lost, '
-        'that node would receive its own estimate.',
+        'on visual_odom instead of odom, in a frame with the name of frames.odom and visual_ in '
+        'front of it (visual_odom). The node then also reads odom -> base, to predict the camera '
+        'pose and to continue it while the camera is lost. Do not feed visual_odom into the node '
+        'that sends odom -> base: while the camera is lost, that node would receive its own '
+        'estimate.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0

@@ -162,10 +162,11 @@ class KeyframeConfig(Config):
     reference_share: float = param(
         0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
         'A frame becomes a keyframe if it tracks fewer map points than this share of the '
-        'confirmed points of its reference keyframe (0.4 of them in a map of up to two '
-        'keyframes). The parameters keyframes.min_gap_s and keyframes.skip_known_views can still '
-        'prevent it, and other rules can make a keyframe earlier. Raise it if the camera is often '
-        'lost in fast motion; more keyframes are then made, which takes more time and memory.',
+        'confirmed points of its reference keyframe (0.4 of them while the map in use has at most '
+        'two keyframes). The parameters keyframes.min_gap_s and keyframes.skip_known_views, and a '
+        'keyframe that waits for the mapper, can prevent it; other rules can make a keyframe '
+        'earlier. Raise it if the camera is often lost in fast motion; more keyframes are then '
+        'made, which takes more time and memory.',
         minimum=0.1,
         maximum=1.0,
         read_only=False,

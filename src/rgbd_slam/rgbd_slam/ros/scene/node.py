@@ -52,8 +52,9 @@ from rgbd_slam.scene.scene_scheduler import SceneRequest
 # color of one image differ less, and those of two images at 30 Hz more.
 _SLOP_NS = 20_000_000
 _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict on its objects
-# Chosen: largest share of the time that is spent on publishing dense map and grid, and on fusing
-# submaps again that corrections have deformed. The rest is left for new images.
+# Chosen: largest ratio of the time that is spent on publishing dense map and grid, and on fusing
+# submaps again that corrections have deformed, to the pause that follows. They take at most a
+# fifth of the time; the rest is left for new images.
 _MAX_SHARE = 0.25
 # Chosen: number of fused images without a floor from which this is reported. They take several
 # seconds, in which a robot sees its floor.

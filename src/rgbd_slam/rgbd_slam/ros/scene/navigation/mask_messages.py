@@ -19,7 +19,7 @@ class FilterType(IntEnum):
     SPEED_PERCENT = 1
 
 
-# Base and multiplier: a cell of the speed mask has the percents to go more slowly.
+# Base and multiplier: a cell of the speed mask is the percentage by which to go more slowly.
 _BASES = {FilterType.KEEP_OUT: (0.0, 1.0), FilterType.SPEED_PERCENT: (100.0, -1.0)}
 
 
