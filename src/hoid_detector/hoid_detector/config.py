@@ -101,15 +101,16 @@ class DetectorConfig(Config):
     person_names: tuple[str, ...] = param(
         ('person', 'persons', 'people', 'human', 'humans', 'pedestrian', 'pedestrians'),
         'Names of classes of people, in upper or lower case; all are reported as person. A model '
-        'without any of them is refused; with an empty list, any model is accepted.',
+        'without any of them is refused. With an empty list, any model is accepted, and the '
+        'classes are reported by the names in the model.',
         expert=True,
     )
     camera_roll_deg: float = param(
         0.0,
         'Angle by which the camera is mounted rolled, clockwise as seen from behind (degrees). '
         'The network gets images that are turned upright by the nearest quarter turn. Set it when '
-        'the images are sideways or upside down, since people are missed in such images. With 0 '
-        'it follows from base_frame, if that is set.',
+        'the images are sideways or upside down, since people are missed in such images. With 0, '
+        'the angle follows from base_frame if that is set; with 360, images are never turned.',
         minimum=-360.0,
         maximum=360.0,
         read_only=False,

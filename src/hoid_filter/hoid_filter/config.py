@@ -110,10 +110,10 @@ class PlusConfig(Config):
     )
     remember: bool = param(
         default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
-        description='Whether hoid+ keeps an object dynamic until nobody has handled it for a '
-        'second, and regards a handled object as still handled while a person covers more of its '
-        'box than half of min_interaction_area. Set it to false to decide by the current image '
-        'alone.',
+        description='Whether hoid+ keeps an object dynamic until it has been seen for a second '
+        'with nobody handling it, and regards a handled object as still handled while a person at '
+        'its depth (see depth_limit_m) covers more of its box than half of min_interaction_area. '
+        'Set it to false to decide by the current image alone.',
         read_only=False,
     )
     keep_background: bool = param(
@@ -200,10 +200,10 @@ class FilterConfig(Config):
     )
     min_interaction_area: float = param(
         0.4,  # the HOID paper, which found 0.2 to 0.4 best
-        "Share of an object's box that a person's box must cover for the object to count as "
-        'handled, from 0 to 1, for the strategies hoid2d, hoid3d and hoid+. Lower it when carried '
-        'objects stay in the map; raise it when objects are removed that people only pass in '
-        'front of.',
+        "Share of an object's box, from 0 to 1, of which a person's box must cover more for the "
+        'object to count as handled, for the strategies hoid2d, hoid3d and hoid+. With 1, no '
+        'object does. Lower it when carried objects stay in the map; raise it when objects are '
+        'removed that people only pass in front of.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
@@ -212,8 +212,9 @@ class FilterConfig(Config):
         0.2,  # the HOID paper
         'Greatest depth difference between a person and an object that the person handles (m), '
         'for the strategies hoid3d and hoid+. For hoid+, it limits how far the object may be '
-        'behind the person; in front, 0.6 m are allowed. Raise it when objects at the end of an '
-        'outstretched arm stay in the map; lower it when objects behind people are removed.',
+        'behind the person; in front, 0.6 m are allowed. If a depth is unknown, there is no '
+        'limit. Raise it when objects at the end of an outstretched arm stay in the map; lower it '
+        'when objects behind people are removed.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -229,7 +230,8 @@ class FilterConfig(Config):
     prediction_limit_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time for which boxes are predicted while the detector sends no message (s). '
-        'Raise it, with detections.wait_s, for a detector that takes longer for an image; lower '
+        'If it is shorter than the time that the detector needs for an image, features on people '
+        'are published. Raise it, with detections.wait_s, for a detector that takes longer; lower '
         'it when features are removed where people have been.',
         minimum=0.0,
         maximum=10.0,

@@ -19,8 +19,9 @@ class DetectionInputConfig(Config):
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time that the final classification of an image, which is published on '
         'feature_verdicts, waits for the detections of the same image (s). Raise it, with '
-        'prediction_limit_s, for a detector that takes longer. Features are published without '
-        'waiting, except before the first message of the detector.',
+        'prediction_limit_s, for a detector that takes longer. At most 30 images wait, and none '
+        'while the detector is lost. Features are published without waiting, except before the '
+        'first message of the detector.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,

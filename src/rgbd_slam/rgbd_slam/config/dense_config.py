@@ -115,9 +115,10 @@ class DenseConfig(Config):
     )
     publish_period_s: float = param(
         2.0,  # chosen, for a display; a cloud of a room has several MB
-        'Shortest time between two messages on cloud_map and grid_map (s); they are sent only '
-        'when the dense map has changed. A change of the subscriptions sends outdated messages at '
-        'once. Set a longer period to save time and bandwidth.',
+        'Usual time between two messages on cloud_map and grid_map (s); they are sent only to '
+        'subscribers and when the dense map has changed. The time is longer if making messages '
+        'takes more than a fifth of it, and may be shorter when subscribers join or leave. Set a '
+        'longer period to save time and bandwidth.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,

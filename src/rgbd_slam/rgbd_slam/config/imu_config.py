@@ -21,14 +21,16 @@ class ImuConfig(Config):
     prior: bool = param(
         default=True,
         description='Whether the gyro also supports the rotation of tracked images, beside their '
-        'features. Set it to false to let the features alone determine tracked poses.',
+        'features. Set it to false to let the features alone determine tracked poses. It has no '
+        'effect without imu.gyro.',
         expert=True,
     )
     level: bool = param(
         default=True,
         description='Whether an accelerometer makes the map frame level: z points up also if the '
         'camera is tilted at the start. Set it to false to keep the map frame as the start gives '
-        'it. A saved map keeps its own frame.',
+        'it. A saved map keeps its own frame. It has no effect with frames.planar and '
+        'frames.base.',
         expert=True,
     )
     calibration: str = param(

@@ -26,7 +26,8 @@ class NavigationConfig(Config):
     )
     horizon_s: float = param(
         2.0,  # chosen: a person at 1.2 m/s walks 2.4 m, which is half a room
-        'Time for which the keep-out area follows a walking person into the future (s). Raise it '
+        'Time for which the keep-out area follows a walking person into the future (s); with 0 it '
+        'is only around the present position. People who stand have no keep-out area. Raise it '
         'for a slow robot; a robot that passes behind people needs less.',
         minimum=0.0,
         maximum=10.0,
@@ -34,16 +35,17 @@ class NavigationConfig(Config):
     )
     margin_m: float = param(
         0.4,  # chosen: the personal space of Hall's proxemics starts at 0.45 m
-        'Distance that is kept from the places where a person will be, and from a handled object '
-        '(m). The radius of the robot is added by the inflation layer of Nav2.',
+        'Distance that is kept from the places where a walking person will be, and from the edge '
+        'of a handled object (m). Within 0.4 m of the camera, there is no keep-out area. The '
+        'radius of the robot is added by the inflation layer of Nav2.',
         minimum=0.0,
         maximum=2.0,
         expert=True,
     )
     classes: tuple[str, ...] = param(
         (),
-        'Classes of handled objects around which there is a keep-out area; without any, all '
-        'classes have one.',
+        'Classes of handled objects around which there is a keep-out area. With an empty list, '
+        'all classes have one.',
         expert=True,
     )
     busy_crossings: int = param(
@@ -57,7 +59,8 @@ class NavigationConfig(Config):
     )
     busy_speed_percent: float = param(
         50.0,  # chosen: halves the distance in which a robot stops, or more
-        'Speed limit where people often walk, relative to the largest speed of the robot (%).',
+        'Speed limit where people often walk, relative to the largest speed of the robot (%); '
+        'with 100, the robot is nowhere slowed down. See navigation.busy_crossings.',
         minimum=1.0,
         maximum=100.0,
         expert=True,

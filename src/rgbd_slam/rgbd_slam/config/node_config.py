@@ -87,7 +87,8 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         '',
         'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
         'continue in a place that is already mapped. If it is empty, the node starts with an '
-        'empty map. After a crash in the mode mapping, it resumes from its checkpoint instead.',
+        'empty map. In the mode mapping, a node that was killed resumes from its checkpoint '
+        'instead, unless checkpoint_period_s is 0.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
@@ -110,8 +111,10 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     )
     map_period_s: float = param(
         1.0,  # chosen, for a display
-        'Shortest time between two messages on map_points, path and keyframes (s); they are sent '
-        'only when the map has changed. Set a longer period to save time and bandwidth.',
+        'Usual time between two messages on map_points, path and keyframes (s); they are sent '
+        'only to subscribers and when the map has changed. The time is longer if making messages '
+        'takes more than 5 % of a processor core, and shorter when subscribers join or leave. Set '
+        'a longer period to save time and bandwidth.',
         minimum=0.05,
         maximum=3600.0,
         read_only=False,

@@ -21,7 +21,7 @@ class ObjectTrackerConfig(Config):
         description='Whether to track people and objects in 3-D and to publish them on '
         'tracked_objects, people and tracked_objects/markers. Set it to false to save time if no '
         'node subscribes to these topics. The object map (object_map.enabled) then no longer '
-        'shows which objects people handle.',
+        'shows which objects people handle, and navigation.enabled is refused.',
     )
     rate_hz: float = param(
         10.0,

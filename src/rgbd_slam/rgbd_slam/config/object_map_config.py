@@ -33,7 +33,8 @@ class ObjectMapConfig(Config):
         default=False,  # decision 052: few nodes read it, and a point takes 4 bytes more
         description='Whether each point of cloud_map has the class of its object in a field label '
         '(uint32, 0: no object); the names of the classes are published on cloud_map/labels. Set '
-        'it to true if a node uses the labels. It needs object_map.enabled and dense.enabled.',
+        'it to true if a node uses the labels. It is refused without object_map.enabled, and has '
+        'no effect without dense.enabled.',
         expert=True,
     )
 

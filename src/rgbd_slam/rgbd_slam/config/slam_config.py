@@ -210,8 +210,9 @@ class KeyframeConfig(Config):
         default=True,  # decision 004: 39 keyframes after one pass over a path, 43 after 136 passes
         description='Whether to skip a keyframe where an older keyframe already has the same '
         'view, so that the map does not grow while the robot stays in a known place. A keyframe '
-        'is still made if tracking gets worse quickly, or if many features have newly appeared. '
-        'Set it to false to make keyframes in known views as well, as ORB-SLAM3 does.',
+        'is still made if tracking gets worse quickly, if many features have newly appeared, or '
+        'if the view changes while a keyframe waits for the mapper. Set it to false to make '
+        'keyframes in known views as well, as ORB-SLAM3 does.',
     )
     keep_outliers: bool = param(
         default=False,  # decision 021: the rule of ORB-SLAM3

@@ -97,7 +97,7 @@ class ObjectMap:
         )
 
     def label(self, points_map_m: Float32Array) -> CloudLabels:
-        """Return the classes that confirmed, resting objects of the main map give points (N, 3)."""
+        """Return the classes that confirmed objects at rest in the main map give (N, 3) points."""
         present = [item for item in self._shown() if item.is_present]
         return self._labeler.label(points_map_m, present)
 
