@@ -63,12 +63,13 @@ def tracking(
     num_inliers: int,
     T_map_camera: FloatArray | None = None,
     expected_px: FloatArray = NOTHING,
+    i: int = 0,
 ) -> TrackerOutput:
     T = np.eye(4) if T_map_camera is None else T_map_camera
     points = np.full(FEATURES, NO_POINT, np.int64)
-    points[:num_inliers] = atlas.keyframes.point_of_feature[0, :num_inliers]
+    points[:num_inliers] = atlas.keyframes.point_of_feature[i, :num_inliers]
     seen = replace(frame(), stamp_ns=round(stamp_s * 1e9))
-    tracked = tracked_frame(seen, T, points, atlas, 0)
+    tracked = tracked_frame(seen, T, points, atlas, int(atlas.keyframes.uid[i]))
     estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
     tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
     return TrackerOutput(
@@ -172,3 +173,13 @@ def test_a_frame_becomes_a_keyframe_although_its_reference_keyframe_was_removed(
     removed = replace(seen.tracked, reference_uid=int(atlas.keyframes.uid[1]))
     atlas.remove_keyframe(1)
     assert policy.wants(replace(seen, tracked=removed))
+
+
+@pytest.mark.parametrize(('num_inliers', 'wanted'), [(45, False), (35, True)])
+def test_a_second_map_is_young_beside_a_large_one(num_inliers: int, wanted: bool) -> None:
+    """Of its only keyframe, 40 % of the points are asked for, though each was observed once."""
+    atlas = mapped(newer=10)
+    i = atlas.add_keyframe(frame(30), np.eye(4), 1)
+    atlas.add_points(i, np.arange(SEEN), np.full((SEEN, 3), DEPTH_M))
+    policy = KeyframePolicy(atlas, KeyframeConfig(min_close_tracked=0), CLOSE_PX)
+    assert policy.wants(tracking(atlas, 1.0, num_inliers, i=i)) is wanted

@@ -17,8 +17,8 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 
 # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations from which a point of the
 # reference keyframe counts as confirmed (an observation with depth counts twice); the second
-# number is that while all maps together have at most two keyframes. `reference_share` is then
-# replaced by the share that ORB-SLAM3 uses for a map of one keyframe.
+# number is that while the map of this keyframe has at most two keyframes. `reference_share` is
+# then replaced by the share that ORB-SLAM3 uses for a map of one keyframe.
 _MIN_WEIGHT = 3
 _MIN_WEIGHT_NEW_MAP = 2
 _NEW_MAP_KEYFRAMES = 2
@@ -182,7 +182,8 @@ class KeyframePolicy:
         seen = keyframes.point_of_feature[i]
         seen = seen[seen != NO_POINT]
         weight = points.num_observations[seen] + points.num_stereo[seen]
-        is_new_map = len(keyframes) <= _NEW_MAP_KEYFRAMES
+        in_map = keyframes.alive & (keyframes.map_id == keyframes.map_id[i])
+        is_new_map = np.count_nonzero(in_map) <= _NEW_MAP_KEYFRAMES
         min_weight = _MIN_WEIGHT_NEW_MAP if is_new_map else _MIN_WEIGHT
         share = _NEW_MAP_SHARE if is_new_map else self._config.reference_share
         return bool(num_inliers < share * np.count_nonzero(weight >= min_weight))

@@ -116,8 +116,9 @@ class NewMapPolicy:
     behind it. If the camera was lost in a blur and then sees surfaces that are not in the map, it
     is better to start a new map at once. Whether a surface hides the map is evaluated at the last
     known pose, which is accurate only for the first image after the loss. Therefore, a view counts
-    as covered only if it was covered in that image and still is. After a loss in a map in which
-    fewer than 15 images were tracked, the first image of the loss before it decides.
+    as covered only if it was covered in that image and still is. A loss in a map in which fewer
+    than 15 images were tracked continues the loss after which this map was started, whose first
+    image then decides. The first loss of all has none before it and decides for itself.
 
     Args:
         atlas: The map.
@@ -132,9 +133,10 @@ class NewMapPolicy:
         self._num_tracked = 0  # number of images tracked since the last map was started
         self._num_lost = 0  # number of images since the camera was lost
         self._usual = 0.0  # mean number of features with depth in the images tracked last
-        # Whether the view was covered in the first image after a loss. This is updated only if the
-        # map in which the camera was lost has had `_MIN_TRACKED` tracked images.
-        self._was_covered = False
+        # Whether the view was covered in the first image after a loss; None: no loss yet. After
+        # the first loss, this is updated only if the map in which the camera was lost has had
+        # `_MIN_TRACKED` tracked images: the poses of a younger one are not accurate.
+        self._was_covered: bool | None = None
 
     def started(self) -> None:
         """Register that a map was started.
@@ -178,7 +180,8 @@ class NewMapPolicy:
         if last is None or lost_s > limit_s:
             return lost_s > limit_s
         is_covered = self._is_covered(frame, last)
-        if self._num_lost == 0 and self._num_tracked >= _MIN_TRACKED:
+        is_known = self._num_tracked >= _MIN_TRACKED or self._was_covered is None
+        if self._num_lost == 0 and is_known:
             self._was_covered = is_covered
         self._num_lost += 1
         is_blur = lost_s <= self._wait_s or self._num_lost <= _NEW_GROUND_IMAGES
