@@ -84,20 +84,21 @@ class RobotMap:
     ) -> None:
         self._slam, self._frames = slam, frames
         self._camera, self._config = camera, config
-        # Whether the map has changed since `take_change` in a way that the statistics do not show.
+        # Whether the map has changed since `take_change` in a way that neither the statistics nor
+        # the version of the atlas show.
         self.has_changed = False
         self._made_with = camera  # the camera that the map was made with
-        self._last_stats: SlamStats | None = None
+        self._last_state: tuple[SlamStats, int] | None = None
 
     def take_change(self) -> bool:
         """Return whether the map has changed since the last call; True at the first call.
 
-        Changes of the statistics, new keyframes, loaded maps and turns of the map frame are
-        noticed. Poses that a global adjustment has moved are not, if nothing else has changed.
+        Changes of the statistics, new keyframes, loaded maps, turns of the map frame, and poses
+        and points that the process of the mapper has changed are noticed.
         """
-        stats = self._slam.stats
-        changed = self.has_changed or stats != self._last_stats
-        self.has_changed, self._last_stats = False, stats
+        state = self._slam.stats, self._slam.map.atlas.version  # grows with each applied report
+        changed = self.has_changed or state != self._last_state
+        self.has_changed, self._last_state = False, state
         return changed
 
     def check_extendable(self) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import BoolArray, FeatureVerdicts
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
@@ -166,3 +168,24 @@ def test_a_verdict_that_arrives_before_its_image_removes_its_features() -> None:
     got = session.process(features)
     wanted = others.process(features.select(np.arange(300, len(features))))
     assert got.status.tracked_points == wanted.status.tracked_points
+
+
+def test_poses_that_the_mapping_process_has_moved_are_a_change_of_the_map() -> None:
+    """A global adjustment that ends after the last keyframe changes no statistics."""
+    session, world = new_session(), World()
+    for n in range(10):
+        see(session, world, n)
+    atlas, robot_map = session.slam.map.atlas, session.robot_map
+    assert robot_map.take_change()
+    assert not robot_map.take_change()
+    mapper = Atlas(1.2, 8)
+    whole = atlas.whole()
+    mapper.apply(whole)
+    mapper.version += 1
+    rows = mapper.keyframes.indices()
+    mapper.set_poses(rows, mapper.keyframes.T_map_camera[rows] @ se3.exp(np.full(6, 0.01)))
+    stats = session.slam.stats
+    atlas.apply(mapper.changes_since(whole.version))
+    assert session.slam.stats == stats
+    assert robot_map.take_change()
+    assert not robot_map.take_change()

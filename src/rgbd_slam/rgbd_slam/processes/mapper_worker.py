@@ -71,8 +71,8 @@ class Loaded(NamedTuple):
 class MapperReport(NamedTuple):
     """Report: the changes of the map since the last report.
 
-    It is sent after each request, and between requests when the mapper has applied the result of a
-    background adjustment.
+    It is sent after each request, and between requests when a background adjustment has failed or
+    the mapper has applied its result.
     """
 
     change: MapChange | Loaded  # `Loaded` after a `Load` that discards the running map
@@ -121,8 +121,15 @@ class MapperServer:
         return self._report(completes_request=True, has_features=has_features)
 
     def poll(self) -> MapperReport | None:
-        """Apply the result of a background adjustment, and return its report; None: no result."""
-        return self._report(completes_request=False) if self._mapper.poll() else None
+        """Apply the result of a background adjustment, and return its report.
+
+        An adjustment that has failed is reported as well, because the map is then settled. None is
+        returned while there is nothing to report.
+        """
+        was_adjusting = self._mapper.is_adjusting
+        is_applied = self._mapper.poll()
+        has_ended = was_adjusting and not self._mapper.is_adjusting
+        return self._report(completes_request=False) if is_applied or has_ended else None
 
     def close(self) -> None:
         """Stop the background adjustment."""

@@ -1,0 +1,34 @@
+"""The mapping process reports what ends between two requests."""
+
+from __future__ import annotations
+
+import pytest
+
+from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.processes import mapper_worker
+from rgbd_slam.processes.mapper_worker import MapperServer, Settle
+
+from .ring_world import CAMERA
+
+
+class FailingMapper(mapper_worker.Mapper):
+    """A mapper whose background adjustment fails when it is polled."""
+
+    is_adjusting = True
+
+    def poll(self) -> bool:
+        self.is_adjusting = False
+        return False
+
+
+def test_an_adjustment_that_failed_is_reported_once_as_its_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(mapper_worker, 'Mapper', FailingMapper)
+    server = MapperServer(CAMERA, SlamConfig())
+    assert not server.serve(Settle(0.0)).is_settled
+    report = server.poll()
+    assert report is not None
+    assert report.is_settled
+    assert not report.completes_request
+    assert server.poll() is None
