@@ -200,3 +200,20 @@ def test_a_labeled_cloud_is_published_with_the_names_of_its_labels() -> None:
     assert 0.05 < labels.mean() < 0.6
     assert [field.name for field in no_points.fields] == [field.name for field in cloud.fields]
     assert no_points.width == len(no_names.class_map) == 0
+
+
+def test_a_map_that_was_published_before_the_first_image_is_cleared() -> None:
+    """A loaded map has no image yet, so that its stamp is 0."""
+    scene_outputs, sent = new_outputs(is_map_level=True)
+    scene_outputs.clear(0)
+    assert sent == []  # nothing of a scene was published
+    scene_outputs.note_change()
+    scene_outputs.publish_map(floor_scene(), 0)
+    scene_outputs.clear(0)
+    types = {output.name: output.type for output in MAP_OUTPUTS}
+    clouds = [deserialize_message(o.data, types[o.topic]) for o in sent if o.topic == 'cloud_map']
+    assert clouds[0].width > 1000
+    assert [cloud.width for cloud in clouds[1:]] == [0]
+    num_sent = len(sent)
+    scene_outputs.clear(0)
+    assert len(sent) == num_sent

@@ -92,8 +92,8 @@ class MapLoader:
         """Load a map into a new session, from the node's thread.
 
         Prepares the map, then waits for it for at most 2 s. A larger map is then loaded in the
-        background; no image is tracked until it is loaded. A HoidError in the background is
-        logged.
+        background; no image is tracked until it is loaded. A HoidError or OSError in the
+        background is logged.
 
         Args:
             session: The session.
@@ -120,7 +120,7 @@ class MapLoader:
             try:
                 found = self._complete(session, prepared, first_uid, results)
                 self._load_scene(session, content, found)
-            except HoidError as error:
+            except (HoidError, OSError) as error:
                 self._logger.warning(f'the map is not loaded completely: {error}')
 
         Thread(target=complete, name='first map', daemon=True).start()

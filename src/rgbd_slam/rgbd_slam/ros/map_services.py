@@ -230,7 +230,7 @@ class MapServices:
         if mode is SlamMode.MAPPING:
             return 'mapping: the map grows and is corrected'
         if not self._is_settled_by(time.monotonic() + _SETTLE_S):
-            raise InputError('the map is still being adjusted; try again')
+            return 'localization: the map stays as it is once a running adjustment has ended'
         return 'localization: the map stays as it is'
 
 

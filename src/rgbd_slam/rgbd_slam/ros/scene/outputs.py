@@ -156,6 +156,7 @@ class SceneOutputs:
         # Topics of `MAP_OUTPUTS` and of `OBJECT_MAP_OUTPUTS` whose last message is not up to date.
         self._outdated: set[str] = set()
         self._outdated_objects: set[str] = set()
+        self._has_published = False  # since the scene was discarded last
         self.subscribed: frozenset[str] = frozenset()
 
     def note_change(self) -> None:
@@ -235,20 +236,24 @@ class SceneOutputs:
     def clear(self, stamp_ns: int) -> None:
         """Publish empty maps and no tracks, because the scene was discarded.
 
-        Nothing is published if `stamp_ns`, the stamp of the latest image that was used, is 0.
+        Nothing is published if nothing was published of this scene, which nobody can have then.
+
+        Args:
+            stamp_ns: Stamp of the latest image that was used; 0: none yet.
         """
-        if stamp_ns == 0:
+        self._outdated.clear()
+        self._outdated_objects.clear()
+        if not self._has_published:
             return
         self._steady.clear()
         empty = ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         header = header_to_msg(stamp_ns, self.frame)
-        self._outdated.clear()
         # Late subscribers must not get a map that was discarded.
         labels = CloudLabels(np.empty(0, np.uint32), ()) if self._is_labeled else None
         self._publish(MAP_OUTPUTS, SceneMaps(empty, header, labels=labels, is_discarded=True))
         self._publish(OBJECT_OUTPUTS, (), header)
-        self._outdated_objects.clear()
         self._publish(OBJECT_MAP_OUTPUTS, (), header)
+        self._has_published = False
 
     def _take_level(self, T_map_level: FloatArray) -> FloatArray | None:
         """Return the pose (4, 4) of the level frame, or None if it was published already."""
@@ -265,3 +270,4 @@ class SceneOutputs:
                 self._send(Output(output.name, message.tobytes()))
             elif message is not None:
                 self._send(Output(output.name, serialize_message(message)))
+            self._has_published |= message is not None
