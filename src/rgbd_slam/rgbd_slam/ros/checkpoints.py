@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import partial
 from threading import Event, Lock, Thread, get_native_id
 from typing import NamedTuple
 
@@ -109,7 +110,8 @@ class Checkpoints:
             return
         diagnostics.set_count(_FAILED, 0)
         diagnostics.set_value(_VALUE, 'none yet')
-        Thread(target=self._read, name='read checkpoint', daemon=True).start()
+        read = partial(self._read, self._stored)
+        Thread(target=read, name='read checkpoint', daemon=True).start()
         Thread(target=self._run, name='checkpoints', daemon=True).start()
 
     @property
@@ -201,7 +203,8 @@ class Checkpoints:
         if is_asked_for:
             self.discard()
 
-    def _read(self) -> None:
+    def _read(self, done: Future[Checkpoint | None]) -> None:
+        """Read the checkpoint of a killed node; `discard` may have replaced `done` meanwhile."""
         stored = None
         try:
             if (path := self._folder.outdated) is not None:
@@ -214,7 +217,7 @@ class Checkpoints:
         except (HoidError, OSError) as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
         finally:
-            self._stored.set_result(stored)
+            done.set_result(stored)
 
     def _forget_stored(self) -> None:
         self._stored = Future()
@@ -280,9 +283,14 @@ class Checkpoints:
         return self._writer
 
     def _copy(self, writer: CheckpointWriter) -> _Copied | None:
-        """Copy the next part of the map; None if the map was discarded. Runs between images."""
+        """Copy the next part of the map; None if the map was discarded. Runs between images.
+
+        After a change of the camera, the session has another map than the writer.
+        """
         session = self._find_session()
         if session is None or writer is not self._writer:
+            return None
+        if session.slam.map.atlas is not writer.parts.atlas:
             return None
         start_s = time.perf_counter()
         robot_map, part = session.robot_map, writer.parts.copy()
