@@ -394,3 +394,25 @@ def test_links_in_a_bag_that_lead_nowhere_count_nothing(bag: Path) -> None:
     size = summarize(bag).size_bytes
     (bag / 'loop').symlink_to('loop')
     assert summarize(bag).size_bytes == size
+
+
+def test_images_that_are_too_short_for_a_header_cost_no_other_image(
+    bag: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with (
+        Reader(bag) as reader,
+        Writer(tmp_path / 'copy', version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
+        copies = {
+            c.id: writer.add_connection(c.topic, c.msgtype, typestore=bag_types.shared_typestore())
+            for c in reader.connections
+        }
+        depth_ns = [log_ns for c, log_ns, _ in reader.messages() if c.msgtype.endswith('/Image')]
+        for connection, log_ns, data in reader.messages():
+            is_short = connection.msgtype.endswith('/Image') and log_ns == depth_ns[30]
+            writer.write(copies[connection.id], log_ns, bytes(5) if is_short else data)
+    sequence = open_sequence(tmp_path / 'copy')
+    assert [m.levelname for m in caplog.records if '1 messages left out' in m.message] == [
+        'WARNING'
+    ]
+    assert len(list(sequence)) == len(sequence) == 59

@@ -112,3 +112,19 @@ def test_a_recording_has_an_imu_of_its_own(tmp_path: Path) -> None:
         assert found.accelerations is not None
         np.testing.assert_array_equal(found.rates.values, [[0.1, 0.2, 0.3]])
         np.testing.assert_array_equal(found.accelerations.values, [[0.1, 9.7, 0.3]])
+
+
+def test_a_sensor_whose_values_are_all_zero_is_missing(tmp_path: Path) -> None:
+    """As in the SLAM node: drivers that publish the sensors apart leave the other one zero."""
+    bag, zeros = tmp_path / 'bag', np.zeros(3)
+    with BagWriter(bag) as writer:
+        writer.add_topic('/imu', IMU)
+        for k in range(3):
+            rate, force = np.array([0.1, 0.0, 1.0]), np.array([0.0, 9.8, 0.1])
+            writer.write('/imu', 2 * k + 1, bag_messages.imu(2 * k + 1, zeros, rate_radps=rate))
+            writer.write('/imu', 2 * k + 2, bag_messages.imu(2 * k + 2, force, rate_radps=zeros))
+    found = read_imu('imu', bag)
+    assert found.rates is not None
+    assert found.accelerations is not None
+    assert found.rates.stamps_ns.tolist() == [1, 3, 5]
+    assert found.accelerations.stamps_ns.tolist() == [2, 4, 6]

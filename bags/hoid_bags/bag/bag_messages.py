@@ -141,12 +141,16 @@ def imu(
 def imu_values(message: Message) -> tuple[list[float] | None, list[float] | None]:
     """Return the angular velocity [rad/s] and the acceleration [m/s^2] of a sensor_msgs/Imu.
 
-    A value is None if it is marked as missing: the first entry of its covariance is negative.
+    A value is None if it is marked as missing: the first entry of its covariance is negative. It
+    is None as well if all three entries are zero: drivers that publish the sensors apart leave
+    them zero, and no sensor measures that. The SLAM node reads the messages in the same way.
     """
     rate, force = message.angular_velocity, message.linear_acceleration
+    has_rate = message.angular_velocity_covariance[0] >= 0 and any((rate.x, rate.y, rate.z))
+    has_force = message.linear_acceleration_covariance[0] >= 0 and any((force.x, force.y, force.z))
     return (
-        None if message.angular_velocity_covariance[0] < 0 else [rate.x, rate.y, rate.z],
-        None if message.linear_acceleration_covariance[0] < 0 else [force.x, force.y, force.z],
+        [rate.x, rate.y, rate.z] if has_rate else None,
+        [force.x, force.y, force.z] if has_force else None,
     )
 
 

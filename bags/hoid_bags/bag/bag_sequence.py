@@ -109,7 +109,10 @@ class BagSequence:
                 if message.log_ns > self._last_log_ns:
                     break
                 is_depth = message.topic == depth_name
-                stamp_ns = header_stamp_ns(message.data)
+                try:
+                    stamp_ns = header_stamp_ns(message.data)
+                except MessageError:  # the warning at the opening of the bag counts it
+                    continue
                 if stamp_ns not in missing[is_depth]:  # without partner, or repeated
                     continue
                 missing[is_depth].remove(stamp_ns)
