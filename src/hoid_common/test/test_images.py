@@ -252,3 +252,10 @@ def test_depth_in_whole_millimeters_is_converted_exactly(depth_mm: NDArray[np.ui
 @pytest.mark.parametrize('depth_m', [1.0002, 70.0])
 def test_other_depth_is_not_converted_to_millimeters(depth_m: float) -> None:
     assert images.depth_mm_or_none(np.full((1, 1), depth_m, np.float32)) is None
+
+
+def test_an_image_without_pixels_cannot_be_encoded() -> None:
+    with pytest.raises(MessageError, match=r'image of shape \(0, 4, 3\) has no pixels'):
+        images.encode_jpeg(np.empty((0, 4, 3), np.uint8), 90)
+    with pytest.raises(MessageError, match=r'depth image of shape \(4, 0\) has no pixels'):
+        images.encode_compressed_depth(np.empty((4, 0), np.uint16))

@@ -194,11 +194,12 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
     """Return the field `data` of a compressedDepth message, without loss.
 
     Args:
-        depth_mm: (H, W) uint16 depth in mm, not empty.
+        depth_mm: (H, W) uint16 depth in mm.
 
     Raises:
-        MessageError: OpenCV cannot encode the image.
+        MessageError: The image has no pixels, or OpenCV cannot encode it.
     """
+    _require_pixels(depth_mm, 'depth image')
     # Level 1: higher levels take several times as long and save a few percent of a depth image.
     ok, png = cv2.imencode('.png', depth_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not ok:
@@ -212,15 +213,22 @@ def compressed_depth_of_png(png: bytes) -> bytes:
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
-    """Return the JPEG of a (H, W, 3) uint8 BGR image that is not empty; quality in [1, 100].
+    """Return the JPEG of a (H, W, 3) uint8 BGR image; quality in [1, 100].
 
     Raises:
-        MessageError: OpenCV cannot encode the image, such as one with a side above 65,500 px.
+        MessageError: The image has no pixels, or OpenCV cannot encode it, such as one with a side
+            above 65,500 px.
     """
+    _require_pixels(image_bgr, 'image')
     ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:
         raise MessageError(f'image of shape {image_bgr.shape} cannot be encoded as JPEG')
     return jpeg.tobytes()
+
+
+def _require_pixels(image: NDArray[Any], name: str) -> None:
+    if image.size == 0:
+        raise MessageError(f'{name} of shape {image.shape} has no pixels and cannot be encoded')
 
 
 def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:

@@ -167,10 +167,11 @@ class Reading(NamedTuple):
     def candidates(self, table: Float32Array, threshold: float) -> Candidates:
         """Return the boxes in a (N, C) table whose score is at least the threshold.
 
-        Rows with a negative class id are left out, since they mark no object.
+        Rows with a negative class id or without a positive score are left out, since they mark no
+        object. Their class ids may be beyond the class names.
         """
         found = columns(table, self.order)
-        keep = (found.scores >= threshold) & (found.ids >= 0)
+        keep = (found.scores >= threshold) & (found.scores > 0) & (found.ids >= 0)
         index = self.ids.index_of_id[np.rint(found.ids[keep]).astype(np.int64)]
         return Candidates(found.boxes[keep], found.scores[keep], index)
 
