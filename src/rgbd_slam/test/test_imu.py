@@ -7,8 +7,10 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, FloatArray
+from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.faults import GyroFault
 from rgbd_slam.inertial.gyro_integral import rotation_between
+from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import Mounting
 from rgbd_slam.inertial.report import ImuReport, report_of
 from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
@@ -242,3 +244,31 @@ def test_up_is_found_from_a_tilted_start(R_camera_imu: FloatArray, gyro: bool) -
     assert np.rad2deg(error_rad) < 1.2
     assert error_rad < 3 * up.sigma_rad
     assert np.rad2deg(up.sigma_rad) < 1.5
+
+
+def test_a_fault_stays_while_too_few_images_are_tracked() -> None:
+    shaken = ShakenImu(distort=lambda rates: rates * np.array([1.0, -1.0, 1.0]))
+    shaken.run(4.0)
+    assert shaken.imu.fault is GyroFault.MIRRORED
+    num_refused = shaken.imu.num_refused
+    later_ns = 34 * NS_PER_S  # more than the window of the comparison
+    shaken.sample(later_ns + NS_PER_S // 10)
+    last_ns = START_NS + later_ns
+    shaken.imu.observe(last_ns - IMAGE_NS, last_ns, np.eye(4))
+    assert shaken.imu.num_refused == num_refused + 1
+    assert shaken.imu.fault is GyroFault.MIRRORED
+
+
+@pytest.mark.parametrize(('offset_s', 'fault'), [(0.0, None), (0.3, GyroFault.LATE)])
+def test_the_offset_of_a_mounting_that_becomes_known_is_used(
+    offset_s: float, fault: GyroFault | None
+) -> None:
+    """Samples that end at the latest image are 0.3 s late if the stamps of the IMU are later."""
+    imu = Imu(ImuConfig())
+    imu.mount(Mounting(np.eye(3), offset_s))
+    rng = np.random.default_rng(0)
+    times_ns = np.arange(-NS_PER_S, NS_PER_S, NS_PER_S // 200)
+    imu.add_rates(Samples(START_NS + times_ns, rng.normal(0, 0.1, (len(times_ns), 3))))
+    for last_ns in (START_NS, START_NS + NS_PER_S):
+        imu.observe(last_ns - IMAGE_NS, last_ns, np.eye(4))
+    assert imu.fault is fault

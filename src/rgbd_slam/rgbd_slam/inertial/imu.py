@@ -41,6 +41,7 @@ _CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of trackin
 # because real gyros also have errors of their scale.
 _NOISE_RAD = 0.002
 _SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
+_FAULTS_OF_SAMPLES = GyroFault.STUCK, GyroFault.LATE  # the samples show their end as well
 _LEFT_OUT = 'imu: the gyro is left out: {}'
 _SATURATED = 'imu: it turns faster than the range of the gyro; such turns are left out'
 
@@ -161,12 +162,14 @@ class Imu:
         return UNKNOWN_BIAS_RADPS if self.fit is None else self.fit.bias_sigma_radps
 
     def mount(self, mounting: Mounting) -> None:
-        """Use the rotation of a mounting that has become known, but not its `offset_s`.
+        """Use a mounting that has become known; its `offset_s` only before there is a `fit`.
 
         A mounting that was given before is kept instead.
         """
         if self._mounting is None:
             self._mounting = mounting
+            if self.fit is None:
+                self._offset_s = mounting.offset_s
 
     def stop_measuring_up(self) -> None:
         """Ignore the accelerometer from now on, because the map is level for good."""
@@ -197,18 +200,24 @@ class Imu:
     def _compare(self, image_ns: int) -> None:
         """Update `fit` and `fault` by a comparison with the tracked rotation.
 
-        A fault is counted and stored for `take_news`.
+        A fault is counted and stored for `take_news`. A fault that an earlier comparison has shown
+        stays while too few rotations are tracked.
         """
+        shown = None if self.fault in _FAULTS_OF_SAMPLES else self.fault
         offset_ns = round(self._offset_s * NS_PER_S)
         self.fault = fault_of_samples(self._gyro, image_ns, offset_ns)
         if self.fault is None:
-            self._fit()
+            self._fit(shown)
         if self.fault is not None:
             self.num_refused += 1
             self._say(self.problem)
 
-    def _fit(self) -> None:
-        """Update the calibration and its fault; the last calibration stays if there is a fault."""
+    def _fit(self, shown: GyroFault | None) -> None:
+        """Update the calibration and its fault; the last calibration stays if there is a fault.
+
+        Args:
+            shown: The fault by earlier comparisons, which stays if this one shows nothing.
+        """
         before = self.fit
         if before is not None and self._is_mounting_known:
             recent = self._calibration.recent_rates(self._gyro, before)
@@ -218,6 +227,7 @@ class Imu:
         is_known = before is not None and before.offset_sigma_s < _KNOWN_OFFSET_S
         free = self._calibration.fit(self._gyro, None, self._offset_s if is_known else None)
         if free is None:
+            self.fault = shown
             return
         self.fault = fault_of_fit(free)
         if self.fault is not None:
