@@ -5,13 +5,14 @@ from __future__ import annotations
 import pytest
 
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.mapper import Mapper
 from rgbd_slam.processes import mapper_worker
 from rgbd_slam.processes.mapper_worker import MapperServer, Settle
 
 from .ring_world import CAMERA
 
 
-class FailingMapper(mapper_worker.Mapper):
+class FailingMapper(Mapper):
     """A mapper whose background adjustment fails when it is polled."""
 
     is_adjusting = True
