@@ -59,9 +59,9 @@ def true_carries(truth: RoomTruth, sequence: BagSequence) -> list[TrueCarry]:
         centers_m = _centers_m(placed, track)
         change = np.diff(track.handled[:frames].astype(int), prepend=0, append=0)
         grips, ends = (np.flatnonzero(change == step).tolist() for step in (1, -1))
-        untils_ns = [*grips[1:], frames][: len(grips)]
+        next_grips = [*grips[1:], frames][: len(grips)]
         begins = [0, *ends][: len(grips)]
-        for begin, first, end, until in zip(begins, grips, ends, untils_ns, strict=True):
+        for begin, first, end, until in zip(begins, grips, ends, next_grips, strict=True):
             at_m = centers_m[[first - 1, end]]
             name = placed.prop.class_name
             is_shown = bool(
