@@ -52,7 +52,7 @@ class InputConfig(Config):
         'Time by which the stamps of depth images are later than those of the color images that '
         'were taken at the same instant (s). Set it, for hoid_filter and rgbd_slam alike, to the '
         'value that hoid_filter suggests when it reports a constant offset between the stamps. '
-        'hoid_detector does not use it.',
+        'The node hoid_detector does not use it.',
         minimum=-1.0,
         maximum=1.0,
         expert=True,
@@ -61,7 +61,7 @@ class InputConfig(Config):
         0.0,
         'Number of units of depth images per meter (1/m); 0 means 1000 for whole numbers and 1 '
         'for floats (REP 118). Set it, for hoid_filter and rgbd_slam alike, for a driver with '
-        'other units, such as 10000 for 0.1 mm. hoid_detector does not use it.',
+        'other units, such as 10000 for 0.1 mm. The node hoid_detector ignores it.',
         minimum=0.0,
         maximum=1e6,
         expert=True,

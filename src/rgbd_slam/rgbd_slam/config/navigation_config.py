@@ -60,7 +60,8 @@ class NavigationConfig(Config):
     busy_speed_percent: float = param(
         50.0,  # chosen: halves the distance in which a robot stops, or more
         'Speed limit where people often walk, relative to the largest speed of the robot (%); '
-        'with 100, the robot is nowhere slowed down. See navigation.busy_crossings.',
+        'with 100, the robot is nowhere slowed down. The parameter navigation.busy_crossings '
+        'says where that is.',
         minimum=1.0,
         maximum=100.0,
         expert=True,
