@@ -20,8 +20,8 @@ class DetectionInputConfig(Config):
         'Longest time that the final classification of an image, which is published on '
         'feature_verdicts, waits for the detections of the same image (s). Raise it, with '
         'prediction_limit_s, for a detector that takes longer. At most 30 images wait, and none '
-        'while the detector is lost. Features are published without waiting, except before the '
-        'first message of the detector.',
+        'while the detector is lost. Before the first message of the detector, features wait too, '
+        'at most for this time; afterwards they are published without waiting.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,

@@ -20,7 +20,9 @@ class InputConfig(Config):
         'Reliability that subscriptions request. Choose reliable to have lost messages sent '
         'again; then nothing is received from best-effort publishers. Choose best_effort to '
         'receive from every publisher, without lost messages being sent again. With auto, a '
-        'subscription is reliable unless a publisher of its topic offers best effort only.',
+        'subscription is reliable unless a publisher of its topic offers best effort only. It '
+        'does not apply to IMU topics, which are always best effort, nor to feature_verdicts and '
+        'the initial pose, which are always reliable.',
         choices=(AUTO, BEST_EFFORT, RELIABLE),
         expert=True,
     )

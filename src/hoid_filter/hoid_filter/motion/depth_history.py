@@ -18,8 +18,8 @@ from hoid_native import depth_ranges_3x3, occlusion_log_odds
 # Chosen, least time between stored images: every image of a 30 Hz camera is stored, and every
 # other image of a 60 Hz camera.
 _MIN_SPACING_S = 1 / 40
-# Chosen: an image may differ from the wanted age by 30 % of this age, or by 0.1 s where that is
-# more, as at low frame rates.
+# Chosen: an image may differ from the wanted age by 30 % of this age, and always by 0.1 s, so that
+# low frame rates have an image of the shortest age too.
 _AGE_TOLERANCE, _MIN_AGE_TOLERANCE_S = 0.3, 0.1
 # A point is in front when it is nearer by more than 0.03 m + 1.5 % z + 0.8 % z^2. Chosen: well
 # above depth noise, which grows with the square of the depth, and the error of the poses.

@@ -49,7 +49,7 @@ class FrameConfig(Config):
         'or a node that fuses sensors (such as robot_localization) sends odom -> base itself: '
         'map -> odom is then computed from that transform, and the visual odometry is published '
         'on visual_odom instead of odom, in a frame with the name of frames.odom and visual_ in '
-        'front of it (visual_odom). The node then also reads odom -> base, to predict the camera '
+        'front of its last part (visual_odom; robot1/visual_odom for robot1/odom). The node then also reads odom -> base, to predict the camera '
         'pose and to continue it while the camera is lost. Do not feed visual_odom into the node '
         'that sends odom -> base: while the camera is lost, that node would receive its own '
         'estimate.',
@@ -88,7 +88,8 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
         'continue in a place that is already mapped. If it is empty, the node starts with an '
         'empty map. In the mode mapping, a node that was killed resumes from its checkpoint '
-        'instead, unless checkpoint_period_s is 0.',
+        'instead, if images arrive again within ten minutes, by their stamps, and the camera '
+        'fits; it does not if checkpoint_period_s is 0.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),

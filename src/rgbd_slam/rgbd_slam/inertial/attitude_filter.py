@@ -11,7 +11,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.inertial.gyro_integral import rotation_vector
 
 # Chosen: time over which the tracked rotations are averaged. In this time, an error of 0.005 rad/s
-# in the bias of the gyro turns the attitude by 0.15 degrees. A prior that rests on the last image
+# in the bias of the gyro turns the attitude by 0.14 degrees. A prior that rests on the last image
 # alone does harm: if the rotation of that image is wrong, the prior holds on to it.
 _AVERAGING_S = 0.5
 _LEAST_S = 0.1  # chosen: before images of this time, no filtered attitude is given
