@@ -24,8 +24,8 @@ from rgbd_slam.places.geometric_verification import PlaceMatch
 _MIN_SHARED = 15
 # Not tuned: standard deviations of the translation of an edge (a constant [m], plus a share of its
 # length) and of its rotation [rad], as good visual odometry has. Long edges and edges with few
-# shared points absorb most of a correction. How far a loop is closed depends on their size, compared
-# with the covariance of the loop (`link_covariance`).
+# shared points absorb most of a correction. How far a loop is closed depends on their size in
+# comparison with the covariance of the loop (`link_covariance`).
 _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
