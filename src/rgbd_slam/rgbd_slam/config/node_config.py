@@ -50,9 +50,9 @@ class FrameConfig(Config):
         'map -> odom is then computed from that transform, and the visual odometry is published '
         'on visual_odom instead of odom, in a frame with the name of frames.odom and visual_ in '
         'front of its last part (visual_odom; robot1/visual_odom for robot1/odom). '
-        'The node then also reads odom -> base, to predict the camera pose and to continue it while the camera is lost. Do not feed visual_odom into the node '
-        'that sends odom -> base: while the camera is lost, that node would receive its own '
-        'estimate.',
+        'The node then also reads odom -> base, to predict the camera pose and to continue it '
+        'while the camera is lost. Do not feed visual_odom into the node that sends odom -> '
+        'base: while the camera is lost, that node would receive its own estimate.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
