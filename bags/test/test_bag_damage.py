@@ -6,7 +6,6 @@ import os
 import re
 import tracemalloc
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,23 +13,18 @@ from backports import zstd
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import (
-    CompressionFormat,
-    CompressionMode,
-    Reader,
     ReaderError,
-    StoragePlugin,
-    Writer,
 )
 
-from hoid_bags.bag import bag_types
-from hoid_bags.bag.bag_reader import BagMessage, BagReader
+from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.info import summarize
 from hoid_bags.live.playback import PlayConfig, open_plan
-from hoid_bags.mcap import chunks
 from hoid_bags.mcap.chunks import MAX_CHUNK_BYTES, split_records, unpack
 from hoid_bags.sequence import open_sequence
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
+
+from .bag_copies import read_messages
 
 
 @pytest.mark.parametrize('keep_metadata', [True, False])
@@ -222,7 +216,7 @@ def test_a_cut_bag_with_a_damaged_chunk_gives_the_rest(bag: Path) -> None:
 
 
 def test_a_damaged_index_costs_no_message(bag: Path) -> None:
-    whole = _messages(bag)
+    whole = read_messages(bag)
     file = bag / 'bag.mcap'
     data = bytearray(file.read_bytes())
     data[-28] ^= 1  # place of the index, in the footer
@@ -237,7 +231,7 @@ def test_a_damaged_index_costs_no_message(bag: Path) -> None:
 def test_other_layouts_of_mcap_files_are_read(
     bag: Path, tmp_path: Path, chunked: bool, indexed: bool
 ) -> None:
-    whole = _messages(bag)
+    whole = read_messages(bag)
     path = tmp_path / 'other.mcap'
     with path.open('wb') as file:
         kinds = IndexType.ALL if indexed else IndexType.NONE
@@ -328,91 +322,7 @@ def test_no_bag(tmp_path: Path) -> None:
         summarize(tmp_path / 'x.db3')
 
 
-def pack_file(bag: Path, data: bytes) -> None:
-    """Replace a bag's file by a packed one, as `ros2 bag record --compression-mode file` does."""
-    (bag / 'bag.mcap').unlink()
-    (bag / 'bag.mcap.zstd').write_bytes(zstd.compress(data))
-    metadata = bag / 'metadata.yaml'
-    text = metadata.read_text()
-    text = re.sub(r'compression_format: .*', "compression_format: 'zstd'", text)
-    text = re.sub(r'compression_mode: .*', "compression_mode: 'FILE'", text)
-    metadata.write_text(text.replace('bag.mcap', 'bag.mcap.zstd'))
-
-
-def test_a_bag_packed_as_a_file_is_read(bag: Path) -> None:
-    whole = [(m.topic, m.log_ns, m.data) for m in _messages(bag)]
-    pack_file(bag, (bag / 'bag.mcap').read_bytes())
-    assert [(m.topic, m.log_ns, m.data) for m in _messages(bag)] == whole
-
-
-def pack_messages(bag: Path, packed: Path, extra: bytes = b'') -> None:
-    """Copy a bag as `ros2 bag record --compression-mode message` writes it."""
-    unopened = Writer(packed, version=9, storage_plugin=StoragePlugin.MCAP)
-    unopened.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
-    with Reader(bag) as reader, unopened as writer:
-        copies = {
-            c.id: writer.add_connection(c.topic, c.msgtype, typestore=bag_types.shared_typestore())
-            for c in reader.connections
-        }
-        for connection, log_ns, data in reader.messages():
-            writer.write(copies[connection.id], log_ns, data + extra)
-
-
-def test_a_bag_packed_by_messages_is_read(bag: Path, tmp_path: Path) -> None:
-    pack_messages(bag, tmp_path / 'packed')
-    assert _messages(tmp_path / 'packed') == _messages(bag)
-
-
-def test_a_message_that_unpacks_to_more_than_any_is_refused(bag: Path, tmp_path: Path) -> None:
-    pack_messages(bag, tmp_path / 'packed', bytes(1 << 24))
-    with mock.patch.object(chunks, 'MAX_CHUNK_BYTES', 1 << 22):
-        tracemalloc.start()
-        with BagReader(tmp_path / 'packed') as reader:
-            assert list(reader.messages()) == []
-        _, peak = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
-    assert 'unpacks to over 4194304 bytes' in (reader.fault or '')
-    assert peak < 1 << 24
-
-
-def _messages(bag: Path) -> list[BagMessage]:
-    with BagReader(bag) as reader:
-        return list(reader.messages())
-
-
-def test_a_packed_file_that_unpacks_to_more_than_any_bag_is_refused(bag: Path) -> None:
-    pack_file(bag, bytes(1 << 28))  # 256 MB in 25 kB
-    tracemalloc.start()
-    with pytest.raises(InputError, match='which no bag does'), BagReader(bag):
-        pass
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 1 << 25
-
-
 def test_links_in_a_bag_that_lead_nowhere_count_nothing(bag: Path) -> None:
     size = summarize(bag).size_bytes
     (bag / 'loop').symlink_to('loop')
     assert summarize(bag).size_bytes == size
-
-
-def test_images_that_are_too_short_for_a_header_cost_no_other_image(
-    bag: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    with (
-        Reader(bag) as reader,
-        Writer(tmp_path / 'copy', version=9, storage_plugin=StoragePlugin.MCAP) as writer,
-    ):
-        copies = {
-            c.id: writer.add_connection(c.topic, c.msgtype, typestore=bag_types.shared_typestore())
-            for c in reader.connections
-        }
-        depth_ns = [log_ns for c, log_ns, _ in reader.messages() if c.msgtype.endswith('/Image')]
-        for connection, log_ns, data in reader.messages():
-            is_short = connection.msgtype.endswith('/Image') and log_ns == depth_ns[30]
-            writer.write(copies[connection.id], log_ns, bytes(5) if is_short else data)
-    sequence = open_sequence(tmp_path / 'copy')
-    assert [m.levelname for m in caplog.records if '1 messages left out' in m.message] == [
-        'WARNING'
-    ]
-    assert len(list(sequence)) == len(sequence) == 59

@@ -45,7 +45,7 @@ class DirectCalls:
 
 
 class FullDisk:
-    """A scene client whose file of the dense map cannot be written."""
+    """Stands for the scene client on a full disk: the dense map cannot be written."""
 
     def use_keyframes(self, loaded: LoadedMap, *, keep: bool) -> None:
         pass

@@ -1,4 +1,4 @@
-"""Publishers of debug images and masked images, which publish only for subscribers."""
+"""Publishers of debug images and masked images; without subscribers, nothing is published."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ ALWAYS_INLINE double value(uint32_t bits)
   return number;
 }
 
-// Return the element at place `rank` (from 0) in ascending order, found bit by bit below the bits
-// that all elements share. `count` is at least 1.
+// Return the element that has the position `rank` (from 0) when the elements are sorted. Its bits
+// are found one by one, from the highest bit in which elements differ. `count` is at least 1.
 ALWAYS_INLINE uint32_t select(const uint32_t* bits, int count, int rank)
 {
   uint32_t in_all = ~uint32_t{0}, in_any = 0;

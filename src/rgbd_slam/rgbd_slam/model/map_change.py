@@ -104,7 +104,7 @@ class Redirects:
                 del self._removed[next(iter(self._removed))]
 
     def take(self) -> tuple[Redirect, ...]:
-        """Return the redirects that were added since the last call."""
+        """Return the redirects of removed keyframes that were added since the last call."""
         redirects, self._to_take = tuple(self._to_take), []
         return redirects
 

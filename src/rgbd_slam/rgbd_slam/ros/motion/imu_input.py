@@ -70,7 +70,7 @@ class ImuInput:
                 )
 
     def start(self) -> Imu:
-        """Return the IMU of a new session, which `deliver` gives the samples from now on."""
+        """Create and return the IMU of a new session; `deliver` gives it the later samples."""
         self._imu = Imu(self._config, self._calibrated)
         return self._imu
 

@@ -24,7 +24,9 @@ class GridPatch(NamedTuple):
 
 
 class SteadyGrid:
-    """Extends grids to a size that never shrinks until `clear`, while the resolution is the same.
+    """Extends each grid to cover the one before it, so that the published map never shrinks.
+
+    It starts anew after `clear`, and with a grid of another resolution.
 
     `place` extends a grid, and `take_patch` stores the extended grid as the one to cover next.
     """
