@@ -10,12 +10,16 @@ from hoid_common.values import FloatArray
 # filter does not know the readout time of its camera. While a camera turns slowly, the shift of
 # the image rows is below the other tolerances.
 _READOUT_S = 0.03
+# The least tolerance of a tracked point, 6 sigmas of 0.25 px. The measured noise already contains
+# smaller shifts, and to count them again hides surface that moves slowly (decision 050).
+_MIN_SHIFT_PX = 1.5
 
 
 def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
     """Return the (...) largest shift [px] of a row between two images, against the middle row.
 
-    It is 0 if the turn rate is the same in both images, which are then distorted alike.
+    It is 0 if the turn rates are nearly the same in both images, which are then distorted alike:
+    a shift below 1.5 px counts as none, because the measured noise contains it.
 
     Args:
         turn_radps: (..., 3) turn rates of the camera in one image.
@@ -23,4 +27,5 @@ def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float)
         focal_px: Focal length, in the pixels that the result has as well.
     """
     change_radps = np.linalg.norm(turn_radps - earlier_radps, axis=-1)
-    return np.asarray(0.5 * _READOUT_S * focal_px * change_radps)
+    shift_px = 0.5 * _READOUT_S * focal_px * change_radps
+    return np.where(shift_px < _MIN_SHIFT_PX, 0.0, shift_px)
