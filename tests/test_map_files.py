@@ -230,12 +230,15 @@ def test_images_are_tracked_while_a_large_map_is_saved(begin: Begin, folder: Pat
 
 
 @pytest.mark.alone
-def test_images_are_tracked_while_a_large_map_is_loaded(begin: Begin, folder: Path) -> None:
+@pytest.mark.parametrize('merge', [False, True])
+def test_images_are_tracked_while_a_large_map_is_loaded(
+    begin: Begin, folder: Path, merge: bool
+) -> None:
     peer, _ = begin()
     peer.send(*range(40))
     large = saved_large_map(peer, folder)
     client = ready_client(peer, LoadMap, 'load_map')
-    loading = client.call_async(LoadMap.Request(name='large'))
+    loading = client.call_async(LoadMap.Request(name='large', merge=merge))
     statuses, start_s = [], time.monotonic()
     while not loading.done():
         statuses += peer.send(39)
@@ -244,14 +247,19 @@ def test_images_are_tracked_while_a_large_map_is_loaded(begin: Begin, folder: Pa
     # Tracking continues in the old map; the first image after that is found in the new one.
     assert len([status for status in statuses if status.maps == 1]) > 4
     assert {status.state for status in statuses} == {SlamStatus.TRACKING}
+    assert len(statuses) / loading_s > 5  # images per second, on a busy machine
     status = peer.send(39)[-1]
-    num_maps = len(np.unique(large.map.map_id))
+    num_maps = len(np.unique(large.map.map_id)) + merge
     assert (status.state, status.maps) == (SlamStatus.TRACKING, num_maps)
     assert num_maps > 50
     check_pose(peer, 39)
-    assert len(statuses) / loading_s > 5  # images per second, on a busy machine
     assert peer.save('again').success
-    assert map_file.load(folder / 'again.hoidmap').map.digest() == large.map.digest()
+    saved = map_file.load(folder / 'again.hoidmap').map
+    if merge:  # the running map is still there, as the youngest
+        assert len(saved) > len(large.map)
+        assert np.isin(large.map.stamp_ns, saved.stamp_ns[saved.map_id < num_maps - 1]).all()
+    else:
+        assert saved.digest() == large.map.digest()
 
 
 @contextmanager

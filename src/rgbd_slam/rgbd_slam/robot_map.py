@@ -229,44 +229,12 @@ class RobotMap:
             self._camera, config.scale_factor, config.num_octaves, self._frames.T_map_core
         )
 
-    def prepare_load(self, content: MapFile, *, extend: bool = True) -> PreparedMap:
+    def prepare_load(
+        self, content: MapFile, *, keep: bool = False, extend: bool = True
+    ) -> PreparedMap:
         """Return a saved map for `begin_load`. Any thread may call this.
 
         From now on, the map frame is not leveled, because it becomes that of the saved map.
-
-        Args:
-            content: The saved map.
-            extend: Whether the map will be extended, and not only localized in.
-
-        Raises:
-            MapFileError: The map was made with a camera that differs too much to extend it, or
-                with other features.
-        """
-        state = self._in_core(content, extend=extend)
-        return PreparedMap(self._slam.prepare_load(state), content.camera)
-
-    def begin_load(self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]) -> int:
-        """Begin to replace the map by a saved one; return the uid of its first keyframe.
-
-        The map frame becomes that of the saved map. Another thread must restore the map with that
-        uid; see `SlamMap.begin_load`.
-
-        Args:
-            prepared: The saved map.
-            on_loaded: Called between two images, when the map has been replaced.
-        """
-
-        def loaded(uids: IntArray) -> None:
-            self.has_changed = True
-            self._made_with = prepared.made_with
-            on_loaded(LoadedMap(uids, self.keyframes()))
-
-        return self._slam.begin_load(prepared.loading, loaded)
-
-    def load(self, content: MapFile, *, keep: bool = False, extend: bool = True) -> LoadedMap:
-        """Load a saved map between two images; the map frame becomes that of the saved map.
-
-        With `keep`, this is the case only once a recognized place has merged the two maps.
 
         Args:
             content: The saved map.
@@ -276,23 +244,53 @@ class RobotMap:
 
         Raises:
             MapFileError: The map was made with a camera that differs too much to extend it, or
-                with other features; the running map is unchanged.
-            MapperStoppedError: As in `SlamMap.load`.
-        """
-        uids = self._slam.load(self._in_core(content, extend=extend), keep=keep)
-        self.has_changed = True
-        self._made_with = content.camera
-        return LoadedMap(uids, self.keyframes())
-
-    def _in_core(self, content: MapFile, *, extend: bool) -> MapState:
-        """Return a saved map as this camera would have made it, in the core's map frame.
-
-        From now on, the map frame is not leveled any more: it is that of the saved map.
-
-        Raises:
-            MapFileError: As `load` does.
+                with other features.
         """
         octaves = self._config.scale_factor, self._config.num_octaves
         state = content.seen_by(self._camera, *octaves, extend=extend).map
         self._frames.is_fixed = True
-        return state.moved(se3.inverse(self._frames.T_map_core))
+        in_core = state.moved(se3.inverse(self._frames.T_map_core))
+        return PreparedMap(self._slam.prepare_load(in_core, keep=keep), content.camera)
+
+    def begin_load(self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]) -> int:
+        """Begin to load a saved map; return the uid of its first keyframe.
+
+        The map frame becomes that of the saved map; if the running map is kept, only once a
+        recognized place has merged the two maps. Another thread must restore the map with that
+        uid; see `SlamMap.begin_load`.
+
+        Args:
+            prepared: The saved map. If it keeps the running map, the mapper must be settled.
+            on_loaded: Called between two images, when the map has been loaded.
+        """
+        loaded = self._when_loaded(prepared, on_loaded)
+        return self._slam.begin_load(prepared.loading, loaded)
+
+    def load(self, content: MapFile, *, extend: bool = True) -> LoadedMap:
+        """Replace the map by a saved one between two images, and relocalize the camera in it.
+
+        The map frame becomes that of the saved map.
+
+        Args:
+            content: The saved map.
+            extend: Whether the map will be extended, and not only localized in.
+
+        Raises:
+            MapFileError: The map was made with a camera that differs too much to extend it, or
+                with other features; the running map is unchanged.
+            MapperStoppedError: As in `SlamMap.load`.
+        """
+        prepared, found = self.prepare_load(content, extend=extend), list[LoadedMap]()
+        loaded = self._when_loaded(prepared, found.append)
+        self._slam.map.load(prepared.loading, loaded)
+        return found[0]
+
+    def _when_loaded(
+        self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]
+    ) -> Callable[[IntArray], None]:
+        def loaded(uids: IntArray) -> None:
+            self.has_changed = True
+            self._made_with = prepared.made_with
+            on_loaded(LoadedMap(uids, self.keyframes()))
+
+        return loaded

@@ -152,31 +152,45 @@ class RgbdSlam:
         self._forget_pose()
 
     def load(self, state: MapState, *, keep: bool) -> IntArray:
-        """Load a saved map and return the (K,) uids of its keyframes; see `SlamMap.load`.
+        """Load a saved map between two frames, and return the (K,) uids of its keyframes.
 
-        Unless the running map is kept, the camera is relocalized in the saved map.
+        Args:
+            state: The saved map.
+            keep: True: keep the running map beside the saved one until a recognized place merges
+                the two. False: discard the running map, and relocalize the camera in the saved
+                one.
 
         Raises:
             MapperStoppedError: As in `SlamMap.load`.
         """
-        uids = self.map.load(state, keep=keep)
-        if not keep:
-            self._forget_pose()
-        return uids
+        loading, found = self.prepare_load(state, keep=keep), list[IntArray]()
+        self.map.load(loading, self._when_loaded(loading, found.append))
+        return found[0]
 
-    def prepare_load(self, state: MapState) -> MapLoading:
-        """Return a saved map for `begin_load`. Any thread may call this."""
-        return MapLoading(state, self._camera, self._config, self._relocalizer.prepare_index)
+    def prepare_load(self, state: MapState, *, keep: bool) -> MapLoading:
+        """Return a saved map for `begin_load`; `keep` as in `load`. Any thread may call this."""
+        return MapLoading(
+            state,
+            self._camera,
+            self._config,
+            running=self._atlas if keep else None,
+            prepare=self._relocalizer.prepare_index,
+        )
 
     def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
-        """Begin to replace the map (`SlamMap.begin_load`); then relocalize the camera in it."""
+        """Begin to load a map as `SlamMap.begin_load` does; afterwards, continue as in `load`."""
+        return self.map.begin_load(loading, self._when_loaded(loading, on_loaded))
 
+    def _when_loaded(
+        self, loading: MapLoading, on_loaded: Callable[[IntArray], None]
+    ) -> Callable[[IntArray], None]:
         def loaded(uids: IntArray) -> None:
             self._relocalizer.use_prepared_index()
-            self._forget_pose()
+            if not loading.keeps_running:
+                self._forget_pose()
             on_loaded(uids)
 
-        return self.map.begin_load(loading, loaded)
+        return loaded
 
     def reconfigure(self, config: SlamConfig) -> None:
         """Apply the parameters that may change at run time."""

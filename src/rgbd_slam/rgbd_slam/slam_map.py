@@ -12,7 +12,6 @@ from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_change import Redirect
-from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.processes.mapper_client import InlineMapper, MapperClient
 from rgbd_slam.processes.mapper_process import MapperProcess
@@ -52,6 +51,7 @@ class SlamMap:
         self.is_growing = True  # False: localization, no keyframe is inserted
         self._on_redirects = on_redirects
         self._on_loaded: Callable[[], None] | None = None  # while a saved map is on its way
+        self._is_leaving = False  # whether that map will replace the running one
         self._next_map_id = 0  # the id of a map that was merged into another is not used again
         self._next_uid = 0  # uid of the next keyframe
 
@@ -89,8 +89,8 @@ class SlamMap:
     def update(self) -> None:
         """Apply the changes that the mapper has finished, without waiting for unfinished ones.
 
-        Removed keyframes are passed to `on_redirects`. If a saved map has replaced the map, the
-        function that `begin_load` was given is called.
+        Removed keyframes are passed to `on_redirects`. If a saved map is loaded, the function that
+        `begin_load` was given is called.
 
         Raises:
             MapperStoppedError: The mapping process has ended for good, does not respond, or a
@@ -100,6 +100,7 @@ class SlamMap:
         self._on_redirects(self.atlas.redirects.take())
         if self._on_loaded is not None and not self.mapper.is_loading:
             on_loaded, self._on_loaded = self._on_loaded, None
+            self._is_leaving = False
             self._count_maps()
             on_loaded()
 
@@ -122,47 +123,43 @@ class SlamMap:
 
     @property
     def is_loading(self) -> bool:
-        """Return whether a saved map is being loaded that will replace the map."""
+        """Return whether a saved map is being loaded that is not in the map yet."""
         return self._on_loaded is not None
 
     @property
     def takes_keyframes(self) -> bool:
-        """Return whether keyframes may be inserted and maps be started now."""
-        return self.is_growing and not self.is_loading
+        """Return whether keyframes may be inserted now.
+
+        None is inserted into a map that a saved one is about to replace.
+        """
+        return self.is_growing and not self._is_leaving
 
     def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
-        """Begin to replace the map by a saved one; return the uid of its first keyframe.
+        """Begin to load a saved map; return the uid of its first keyframe.
 
-        Tracking continues in the old map meanwhile, without new keyframes. Another thread must
-        call `loading.restore` with that uid; an `update` then exchanges the maps. A mapper in this
-        process exchanges them before this call returns.
+        Tracking continues in the running map meanwhile. Unless it is kept, it gets no new
+        keyframes, and in any case no map is started. Another thread must call `loading.restore`
+        with that uid; an `update` then exchanges the maps. A mapper in this process exchanges them
+        before this call returns.
 
         Args:
-            loading: The saved map.
+            loading: The saved map. If it keeps the running map, the mapper must be settled.
             on_loaded: Called by the `update` after the exchange, or the one that makes it, with
                 the (K,) uids of the saved keyframes.
         """
         first_uid = self.take_uids(len(loading))
         uids = first_uid + np.arange(len(loading))
         self._on_loaded = lambda: on_loaded(uids)
+        self._is_leaving = not loading.keeps_running
         self.mapper.begin_load(loading, first_uid)
         return first_uid
 
-    def load(self, state: MapState, *, keep: bool) -> IntArray:
-        """Load a saved map and return the (K,) uids of its keyframes.
-
-        The running map must have no pending keyframes.
-
-        Args:
-            state: The saved map.
-            keep: True: keep the running map beside the saved one until a recognized place merges
-                the two. False: discard the running map.
+    def load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> None:
+        """Load a saved map as `begin_load` does, and wait until it is loaded.
 
         Raises:
-            MapperStoppedError: As in `update`.
+            MapperStoppedError: As in `update`, or the mapping process takes too long.
         """
-        first_uid = self.take_uids(len(state))
-        self.mapper.load(state, first_uid, keep=keep)
+        first_uid = self.begin_load(loading, on_loaded)
+        self.mapper.finish_load(loading, first_uid)
         self.update()
-        self._count_maps()
-        return first_uid + np.arange(len(state))

@@ -14,7 +14,7 @@ from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.processes.mapper_process import MapperProcess
 from rgbd_slam.processes.mapper_worker import Start
@@ -27,10 +27,10 @@ CONFIG = SlamConfig()
 
 
 def offline_run(
-    monkeypatch: pytest.MonkeyPatch, count: int
+    monkeypatch: pytest.MonkeyPatch, count: int, seed: int = 0
 ) -> tuple[Atlas, list[Start | KeyframeRequest]]:
-    """Return the map of an offline run and the requests to its mapper."""
-    slam, world = RgbdSlam(CAMERA, CONFIG), World()
+    """Return the map of an offline run in the world of a seed, and the requests to its mapper."""
+    slam, world = RgbdSlam(CAMERA, CONFIG), World(seed=seed)
     mapper, requests = slam.map.mapper, list[Start | KeyframeRequest]()
     start_map, insert = mapper.start_map, mapper.insert
 
@@ -121,14 +121,20 @@ def test_retracted_observations_are_removed_from_both_copies(
     assert_same(live.points, offline.points)
 
 
+def loading_of(saved: MapState, running: Atlas | None = None) -> MapLoading:
+    camera = StereoCamera.from_model(CAMERA, CONFIG.camera)
+    return MapLoading(saved, camera, CONFIG, running=running)
+
+
 def test_a_loaded_map_is_the_same_live_and_offline(
     mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saved = snapshot(offline_run(monkeypatch, 30)[0])
     offline, client, live = RgbdSlam(CAMERA, CONFIG), *mapper
-    offline.map.load(saved, keep=False)
-    client.load(saved, 0, keep=False)
-    client.update()
+    offline.load(saved, keep=False)
+    loading = loading_of(saved)
+    client.begin_load(loading, 0)
+    client.finish_load(loading, 0)
     assert_same(live.keyframes, offline.map.atlas.keyframes)
     assert_same(live.points, offline.map.atlas.points)
 
@@ -146,8 +152,7 @@ def test_a_map_that_is_loaded_in_the_background_replaces_the_running_one(
             client.insert(request)
     client.wait()
     before, uids = snapshot(live).digest(), live.points.uid.copy()
-    camera = CONFIG.camera
-    loading = MapLoading(saved, StereoCamera.from_model(CAMERA, camera), CONFIG)
+    loading = loading_of(saved)
     client.begin_load(loading, 100)
     client.update()
     assert client.is_loading
@@ -159,7 +164,7 @@ def test_a_map_that_is_loaded_in_the_background_replaces_the_running_one(
     assert not np.isin(live.points.uid[live.points.alive], uids).any()
     # Both copies have the same rows: further changes apply.
     wanted = RgbdSlam(CAMERA, CONFIG)
-    wanted.map.load(saved, keep=False)
+    wanted.load(saved, keep=False)
     first = requests[0]
     assert isinstance(first, Start)
     for mapper_client in (client, wanted.map.mapper):
@@ -167,3 +172,38 @@ def test_a_map_that_is_loaded_in_the_background_replaces_the_running_one(
     client.wait()
     assert len(live.keyframes) == len(saved) + 1
     assert snapshot(live).digest() == snapshot(wanted.map.atlas).digest()
+
+
+def test_a_map_that_is_loaded_beside_the_running_one_delays_no_keyframe(
+    mapper: tuple[MapperProcess, Atlas], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved = snapshot(offline_run(monkeypatch, 60, seed=7)[0])  # a place that is not seen again
+    _, requests = offline_run(monkeypatch, 60)
+    client, live = mapper
+    wanted = RgbdSlam(CAMERA, CONFIG)
+    start = requests[0]
+    assert isinstance(start, Start)
+    first, *later = [request for request in requests[1:6] if isinstance(request, KeyframeRequest)]
+    for mapper_client in (client, wanted.map.mapper):
+        mapper_client.start_map(*start)
+        mapper_client.insert(first)
+    client.wait()
+    loading = loading_of(saved, live)
+    client.begin_load(loading, 100)
+    wanted.map.mapper.begin_load(loading_of(saved, wanted.map.atlas), 100)
+    before = snapshot(live).digest()
+    for request in later:  # while the map is being loaded
+        client.insert(request)
+        wanted.map.mapper.insert(request)
+    assert set(live.pending) == {request.uid for request in later}
+    assert snapshot(live).digest() == before  # tracking continues in it
+    loading.restore(100)
+    client.wait()
+    assert not client.is_loading
+    assert not live.pending
+    assert len(live.keyframes) > len(saved) + 2  # the mapper may cull some
+    assert_same(live.keyframes, wanted.map.atlas.keyframes)
+    assert_same(live.points, wanted.map.atlas.points)
+    row = live.keyframes.index_of(start.uid)
+    assert row is not None
+    assert live.keyframes.map_id[row] == 1 + saved.map_id.max()  # younger than the saved maps

@@ -307,17 +307,20 @@ class Atlas(MapTables):
         kf.append_features(i, saved.features)
         return i
 
-    def adopt(self, loaded: Atlas, version: int, first_point_uid: int) -> None:
+    def adopt(
+        self, loaded: Atlas, version: int, uid_offset: int, *, keep_pending: bool = False
+    ) -> None:
         """Exchange the content of this atlas with that of another one.
 
         The tables stay the same objects, because others refer to them; their columns are
-        exchanged. Pending keyframes are discarded, and redirects are kept. The old content is not
-        freed here: that takes 90 ms for 10,000 keyframes.
+        exchanged. Redirects are kept. The old content is not freed here: that takes 90 ms for
+        10,000 keyframes.
 
         Args:
             loaded: An atlas that a saved map was restored in.
             version: The version of the map from now on.
-            first_point_uid: The uid of its first point in the mapper's atlas; the others follow.
+            uid_offset: Is added to the uids of its points, so that they are those of the mapper.
+            keep_pending: False: discard the pending keyframes, whose map is gone.
         """
         for table, new in ((self.keyframes, loaded.keyframes), (self.points, loaded.points)):
             if new.capacity < table.capacity:  # rows of the old map may still be looked up
@@ -326,9 +329,10 @@ class Atlas(MapTables):
             old = dict(vars(table))
             vars(table).update(vars(new))
             vars(new).update(old)
-        self.points.shift_uids(first_point_uid)
+        self.points.shift_uids(uid_offset)
         self._graph, loaded._graph = loaded._graph, self._graph
-        self.pending.clear()
+        if not keep_pending:
+            self.pending.clear()
         self._moves.clear()
         self.version = version
 

@@ -3,7 +3,7 @@
 The mapper restores the map in its process, and another thread restores it in a separate atlas for
 the tracker, from the same temporary file, which both processes map into memory. Both calculate the
 same, so that neither has to send its result to the other. The tracker then exchanges its map for
-the new one at once.
+the new one at once. A running map that is kept is copied into the separate atlas first.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rgbd_slam.records.shared_record import SharedRecord
 
 
 class MapLoading:
-    """A saved map that replaces the running one.
+    """A saved map that replaces the running one, or is added to it.
 
     Any thread may make this object and call `restore`. Afterwards `atlas` is the restored map,
     until the tracker exchanges its contents for those of the running map. It is None before
@@ -31,6 +31,8 @@ class MapLoading:
         state: The saved map.
         camera: The camera with its configured noise.
         config: Parameters of the core.
+        running: The tracker's copy of the running map, which is kept beside the saved one and must
+            not change until `restore` has ended; None: the running map is discarded.
         prepare: Called by `restore` with the restored map, before the tracker uses it; None: no
             function is called.
     """
@@ -40,9 +42,11 @@ class MapLoading:
         state: MapState,
         camera: StereoCamera,
         config: SlamConfig,
+        *,
+        running: Atlas | None = None,
         prepare: Callable[[Atlas], None] | None = None,
     ) -> None:
-        self._camera, self._prepare = camera, prepare
+        self._camera, self._running, self._prepare = camera, running, prepare
         self._octaves = config.camera.scale_factor, config.camera.num_octaves
         self._shared: SharedRecord[MapState] | None = None
         with suppress(OSError):  # the state is sent through the pipe instead
@@ -54,20 +58,27 @@ class MapLoading:
     def __len__(self) -> int:
         return len(self.state)
 
+    @property
+    def keeps_running(self) -> bool:
+        """Return whether the running map is kept beside the saved one."""
+        return self._running is not None
+
     def request(self, first_uid: int) -> Load:
-        """Return the request to the mapper to replace its map by this one.
+        """Return the request to the mapper to load this map.
 
         Args:
             first_uid: Uid of the first keyframe of the saved map; the others get the next ones.
         """
         source = self.state if self._shared is None else self._shared.location
-        return Load(source, first_uid, keep=False)
+        return Load(source, first_uid, self.keeps_running)
 
     def restore(self, first_uid: int) -> None:
         """Restore the map for the tracker, with the `first_uid` that `request` was called with."""
         try:
             atlas = Atlas(*self._octaves)
-            restore(atlas, self.state, self._camera, first_uid, keep=False)
+            if self._running is not None:
+                atlas.apply(self._running.whole())
+            restore(atlas, self.state, self._camera, first_uid, keep=self.keeps_running)
             if self._prepare is not None:
                 self._prepare(atlas)
             self.atlas = atlas

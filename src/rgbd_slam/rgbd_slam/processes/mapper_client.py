@@ -8,7 +8,6 @@ from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.map_loading import MapLoading
 
 
@@ -67,33 +66,29 @@ class MapperClient(Protocol):
             verdicts: Which features of the keyframe with this stamp turned out to be dynamic.
         """
 
-    def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map, and wait until it is loaded.
-
-        Args:
-            state: The saved map.
-            first_uid: Uid of its first keyframe; the others get the next ones.
-            keep: True: keep the running map beside it. False: discard the running map.
-
-        Raises:
-            MapperStoppedError: The process of the mapper takes too long, or cannot be kept
-                running.
-        """
-
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Start to replace the running map by a saved one, without waiting for the end.
+        """Start to load a saved map, without waiting for the end.
 
-        Once both the mapper and the other thread have restored it, the next `update` replaces the
-        tracker's map.
+        Once both the mapper and the other thread have restored it, the next `update` exchanges the
+        tracker's map. If the running map is kept, the mapper must be settled (`is_settled`), so
+        that both restore the saved map beside the same running one.
 
         Args:
             loading: The saved map, which another thread restores for the tracker.
             first_uid: Uid of its first keyframe; the others get the next ones.
         """
 
+    def finish_load(self, loading: MapLoading, first_uid: int) -> None:
+        """Restore the map of `begin_load` for the tracker, and wait until the mapper has it too.
+
+        Raises:
+            MapperStoppedError: The process of the mapper takes too long, or cannot be kept
+                running, or the map could not be restored.
+        """
+
     @property
     def is_loading(self) -> bool:
-        """Return whether `begin_load` was called and has not replaced the tracker's map yet."""
+        """Return whether `begin_load` was called and has not exchanged the tracker's map yet."""
 
     def update(self) -> None:
         """Apply the changes that the mapper has finished to the tracker's map, without waiting.
@@ -137,8 +132,11 @@ class InlineMapper(Mapper):
     is_loading = False
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Replace the running map by the saved one before the call returns."""
-        self.load(loading.state, first_uid, keep=False)
+        """Load the saved map before the call returns."""
+        self.load(loading.state, first_uid, keep=loading.keeps_running)
+
+    def finish_load(self, loading: MapLoading, first_uid: int) -> None:
+        """Do nothing: the map is loaded already."""
 
     def update(self) -> None:
         """Do nothing: the tracker and the mapper share one map."""

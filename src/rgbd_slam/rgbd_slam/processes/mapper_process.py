@@ -29,7 +29,6 @@ from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_change import PendingKeyframe
-from rgbd_slam.model.map_state import MapState
 from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.processes.mapper_worker import (
     Load,
@@ -103,9 +102,9 @@ class MapperProcess:
 
     Raises:
         MapperStoppedError: The process does not start. Methods that receive reports (`update`,
-            `wait`, `load` and `finish`) raise it too, if the process has ended before it completed
-            a request, if a loaded map could not be restored for the tracker, or if they wait for
-            a report that is late.
+            `wait`, `finish_load` and `finish`) raise it too, if the process has ended before it
+            completed a request, if a loaded map could not be restored for the tracker, or if they
+            wait for a report that is late.
     """
 
     def __init__(
@@ -126,7 +125,6 @@ class MapperProcess:
         self._is_settled = True
         self._loading: MapLoading | None = None
         self._loaded: Loaded | None = None  # of the map that is being loaded, from the mapper
-        self._camera, self._config = camera, config
         self._clock = clock
         self._worker = worker or ChildWorker[Request, Ready | MapperReport](
             'mapper', run_mapper, camera, config
@@ -185,31 +183,27 @@ class MapperProcess:
         """Queue the removal of the observations of a keyframe's dynamic features."""
         self._append(verdicts)
 
-    def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
-        """Load a saved map as described at `MapperClient.load`, and wait until it is loaded.
-
-        Raises:
-            MapperStoppedError: The process takes too long, or cannot be kept running.
-        """
-        if keep:
-            self._append(Load(state, first_uid, keep))
-        else:
-            loading = MapLoading(state, self._camera, self._config)
-            self.begin_load(loading, first_uid)
-            loading.restore(first_uid)
-        self.wait(_LOAD_S)
-
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Request that a saved map replaces the running one; see `MapperClient.begin_load`.
+        """Request that a saved map is loaded; see `MapperClient.begin_load`.
 
         Requests that follow apply to the new map.
         """
         self._loading = loading
         self._append(loading.request(first_uid))
 
+    def finish_load(self, loading: MapLoading, first_uid: int) -> None:
+        """Restore the map of `begin_load` for the tracker, and wait until the mapper has it too.
+
+        Raises:
+            MapperStoppedError: The process takes too long or cannot be kept running, or the map
+                could not be restored.
+        """
+        loading.restore(first_uid)
+        self.wait(_LOAD_S)
+
     @property
     def is_loading(self) -> bool:
-        """Return whether `begin_load` was called and has not replaced the tracker's map yet."""
+        """Return whether `begin_load` was called and has not exchanged the tracker's map yet."""
         return self._loading is not None
 
     def update(self) -> None:
@@ -357,7 +351,7 @@ class MapperProcess:
             return False
         if loading.atlas is None:
             raise MapperStoppedError('the map that was being loaded could not be restored')
-        self._atlas.adopt(loading.atlas, *loaded)
+        self._atlas.adopt(loading.atlas, *loaded, keep_pending=loading.keeps_running)
         self._loaded = self._loading = None
         return True
 

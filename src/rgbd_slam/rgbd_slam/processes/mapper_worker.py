@@ -62,10 +62,12 @@ class Ready(NamedTuple):
 
 
 class Loaded(NamedTuple):
-    """In a report: a saved map has replaced the mapper's map; the tracker restores it itself."""
+    """In a report: the mapper has loaded a saved map, which the tracker restores itself."""
 
     version: int  # version of the new map, after which the tracker needs the changes
-    first_point_uid: int  # uid of its first point; the others have the next ones
+    # To be added to the uids of points that the tracker gives from 0 on; 0 if the running map was
+    # kept, because both count on from its points.
+    uid_offset: int
 
 
 class MapperReport(NamedTuple):
@@ -75,7 +77,7 @@ class MapperReport(NamedTuple):
     the mapper has applied its result.
     """
 
-    change: MapChange | Loaded  # `Loaded` after a `Load` that discards the running map
+    change: MapChange | Loaded  # `Loaded` after a `Load`
     loops: LoopCounts  # the numbers of loops and merges so far
     completes_request: bool  # False: the report follows from a background adjustment
     is_settled: bool  # whether no adjustment is running in the background
@@ -113,8 +115,7 @@ class MapperServer:
             case Load(state, first_uid, keep):
                 state = state.map() if isinstance(state, RecordLocation) else state
                 mapper.load(state, first_uid, keep=keep)
-                if not keep:
-                    return self._report_loaded()
+                return self._report_loaded(keep=keep)
             case Start():
                 mapper.start_map(*request)
         has_features = isinstance(request, KeyframeRequest | Start)
@@ -135,10 +136,10 @@ class MapperServer:
         """Stop the background adjustment."""
         self._mapper.close()
 
-    def _report_loaded(self) -> MapperReport:
+    def _report_loaded(self, *, keep: bool) -> MapperReport:
         points = self.map.points
         self._version = self.map.skip_changes()
-        loaded = Loaded(self._version, int(points.uid[points.alive].min()))
+        loaded = Loaded(self._version, 0 if keep else int(points.uid[points.alive].min()))
         return MapperReport(loaded, self._mapper.loops, True, not self._mapper.is_adjusting)
 
     def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:

@@ -2,7 +2,7 @@
 
 Reading, checking and restoring a map of 10,000 keyframes takes seconds, and is done in other
 threads and processes. The tracker's thread only starts the loading and later exchanges the maps,
-both between two images. While a map is loaded beside the running one, it tracks no images.
+both between two images.
 """
 
 from __future__ import annotations
@@ -70,15 +70,15 @@ class MapLoader:
             MapperStoppedError: The mapping process takes too long, or cannot be kept running.
             OSError: The dense map cannot be written to a file for the scene process.
         """
-        if keep:
-            loaded = self._poll(session, lambda: self._add(session, content, extend), _QUEUE_S)
-        else:
-            prepared = session.robot_map.prepare_load(content, extend=extend)
-            results: list[LoadedMap] = []
-            first_uid = self._poll(
-                session, lambda: self._begin(session, prepared, results.append), _QUEUE_S
-            )
-            loaded = self._complete(session, prepared, first_uid, results)
+        prepared = session.robot_map.prepare_load(content, keep=keep, extend=extend)
+        results: list[LoadedMap] = []
+        first_uid = self._poll(
+            session,
+            lambda: self._begin(session, prepared, results.append),
+            _QUEUE_S,
+            'keyframes or an adjustment of the map still occupy the mapper; try again',
+        )
+        loaded = self._complete(session, prepared, first_uid, results)
         return self._load_scene(session, content, loaded)
 
     def load_first(
@@ -137,32 +137,24 @@ class MapLoader:
     ) -> int | None:
         """Begin to load a map, and return the uid of its first keyframe.
 
-        None is returned, and no loading begins, while the mapper has requests.
+        None is returned, and no loading begins, while the mapper has requests, and if the running
+        map is kept, also while it is adjusted.
 
         Raises:
             InputError: Another map is being loaded.
         """
-        if not _is_idle(session):
+        keep, running = prepared.loading.keeps_running, session.slam.map
+        if running.is_loading:
+            raise InputError('another map is being loaded; try again')
+        running.update()
+        if running.mapper.queue_length > 0 or (keep and not running.mapper.is_settled):
             return None
 
         def loaded(result: LoadedMap) -> None:
-            self._scene.use_keyframes(result, keep=False)
+            self._scene.use_keyframes(result, keep=keep)
             on_loaded(result)
 
         return session.robot_map.begin_load(prepared, loaded)
-
-    def _add(self, session: SlamSession, content: MapFile, extend: bool) -> LoadedMap | None:
-        """Load a map beside the running one; None, and nothing is loaded, if the mapper is busy.
-
-        Raises:
-            MapFileError: The map does not fit the camera.
-            InputError: Another map is being loaded.
-        """
-        if not _is_idle(session):
-            return None
-        loaded = session.robot_map.load(content, keep=True, extend=extend)
-        self._scene.use_keyframes(loaded, keep=True)
-        return loaded
 
     def _complete(
         self,
@@ -188,7 +180,8 @@ class MapLoader:
             session.slam.map.update()
             return results[0] if results else None
 
-        return self._poll(session, loaded, _LOAD_S)
+        late = 'the mapper has not loaded the map in ten minutes; free the computer'
+        return self._poll(session, loaded, _LOAD_S, late)
 
     def _load_scene(self, session: SlamSession, content: MapFile, loaded: LoadedMap) -> str:
         note, send = self._scene.prepare(content, loaded.keyframe_uids)
@@ -200,14 +193,16 @@ class MapLoader:
         self._node_thread.call(send_if_running)
         return note
 
-    def _poll(self, session: SlamSession, function: Callable[[], T | None], limit_s: float) -> T:
+    def _poll(
+        self, session: SlamSession, function: Callable[[], T | None], limit_s: float, late: str
+    ) -> T:
         """Call a function in the node's thread until it returns a value, and return this value.
 
         As long as the function returns None, it is called again every 50 ms.
 
         Raises:
-            InputError: There is no value within the limit, the node is too busy, or the session
-                has ended.
+            InputError: There is no value within the limit (with the message `late`), the node is
+                too busy, or the session has ended.
             Exception: Any exception that the function raises.
         """
 
@@ -219,18 +214,6 @@ class MapLoader:
         end_s = time.monotonic() + limit_s
         while (value := self._node_thread.call(checked)) is None:
             if time.monotonic() > end_s:
-                raise InputError('keyframes still wait for the mapper; try again')
+                raise InputError(late)
             time.sleep(_POLL_S)
         return value
-
-
-def _is_idle(session: SlamSession) -> bool:
-    """Apply the mapper's finished changes, and return whether it has no request left.
-
-    Raises:
-        InputError: A map is being loaded.
-    """
-    if session.slam.map.is_loading:
-        raise InputError('another map is being loaded; try again')
-    session.slam.map.update()
-    return session.slam.map.mapper.queue_length == 0
