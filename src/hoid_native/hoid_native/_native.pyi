@@ -307,6 +307,43 @@ class ObservationGraph:
             keyframes: (N,) rows of keyframes in `point_of_feature`.
         """
 
+def point_statistics(
+    T_map_camera: numpy.typing.NDArray[Any],
+    keyframe_uid: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    octave: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, None, 32), writable=False)],
+    position_m: numpy.typing.NDArray[Any],
+    reference_uid: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    i: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    k: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    octave_scale: numpy.typing.NDArray[Any],
+) -> hoid_native.results.PointStatistics:
+    """
+    Return viewing direction, scale range and descriptor of points, nearly as ORB-SLAM's MapPoint.
+
+    The largest distance is that at which some octave can detect the point: its distance in the
+    reference keyframe times the scale of the octave in which it was observed there. If the reference
+    keyframe does not observe the point, the keyframe of its first observation becomes the reference.
+    The descriptor is one of the point's last eight observations: the one with the least median
+    distance to them (ComputeDistinctiveDescriptors of ORB-SLAM); of two, it is the second one.
+
+    Args:
+        T_map_camera: (K, 4, 4) poses of the keyframes.
+        keyframe_uid: (K,) int64 uids of the keyframes.
+        octave: (K, F) uint8 octaves of their features.
+        descriptors: (K, F, 32) uint8 descriptors of their features.
+        position_m: (P, 3) positions of all points.
+        reference_uid: (P,) int64 uids of their reference keyframes.
+        i: (N,) int64 rows of keyframes, which observe
+        k: (N,) int64 in these features
+        j: (N,) int64 these points; ascending.
+        octave_scale: (L,) scales of the octaves; octaves from L on have the last one.
+
+    Raises:
+        ValueError: Lengths differ, a row or a feature is out of range, or `j` does not ascend.
+    """
+
 def move_points(
     motions: numpy.typing.NDArray[Any],
     which: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
@@ -434,22 +471,40 @@ def match_along_segments(
         ValueError: Lengths differ, or an octave is not below L.
     """
 
-def distinctive_descriptors(
+def hash_keys(
     descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
-    starts: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    bits: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+) -> Annotated[NDArray[numpy.uint64], dict(shape=(None, None))]:
     """
-    Return the (G,) int64 row, for each group, of the descriptor that represents the group best.
+    Return the (T, N) uint64 keys of descriptors in T hash tables, in the 32 upper bits.
 
-    This descriptor has the smallest median distance to the descriptors of its group, itself included,
-    as in ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
+    The lower bits are 0. Each key consists of some bits of the descriptor (locality-sensitive hashing,
+    Indyk and Motwani, STOC 1998).
 
     Args:
-        descriptors: (M, 32) uint8 descriptors, sorted by group. Of a group, only the last 8 are used.
-        starts: (G,) int64 first row of each group, ascending.
+        descriptors: (N, 32) uint8 ORB descriptors.
+        bits: (T, B) uint8 bits of the descriptor, at most 32, that are bits 0, 1, ... of the keys of
+            each table. They are numbered as `numpy.unpackbits` orders them.
 
     Raises:
-        ValueError: `starts` does not ascend strictly, or a group starts beyond the descriptors.
+        ValueError: There are more than 32 bits.
+    """
+
+def sorted_hash_keys(
+    descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
+    bits: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+    first: int,
+) -> Annotated[NDArray[numpy.uint64], dict(shape=(None, None))]:
+    """
+    Return the keys of `hash_keys`, sorted in each table, with row numbers in the 32 lower bits.
+
+    Args:
+        descriptors: (N, 32) uint8 ORB descriptors.
+        bits: as in `hash_keys`.
+        first: row number of the first descriptor; the others have the next ones.
+
+    Raises:
+        ValueError: There are more than 32 bits, or a row number has more than 32 bits.
     """
 
 class StereoParams:

@@ -49,6 +49,16 @@ class Edges(NamedTuple):
     shared: NDArray[np.int64]  # (E,) numbers of common map points
 
 
+class PointStatistics(NamedTuple):
+    """What is derived from the observations of R map points."""
+
+    rows: NDArray[np.int64]  # (R,) rows of the points, ascending
+    view_direction: NDArray[np.float32]  # (R, 3) unit vectors from the cameras to the point
+    reference: NDArray[np.int64]  # (R,) rows of the reference keyframes
+    max_distance_m: NDArray[np.float32]  # (R,)
+    descriptors: NDArray[np.uint8]  # (R, 32)
+
+
 class PoseFit(NamedTuple):
     """A camera pose fitted to N matches of map points."""
 

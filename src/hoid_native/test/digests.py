@@ -50,6 +50,7 @@ def features_and_matches() -> dict[str, Any]:
     x, y = corners.xy_px.T.copy()
     angle_deg = kernels.orientations_deg(image, x, y)
     descriptors = kernels.orb_descriptors(image, x, y, angle_deg)
+    key_bits = np.arange(0, 240, 6, np.uint8).reshape(2, 20)
     octave = rng.integers(0, 4, len(x))
     measured = np.stack([x, y, x - 15], 1).astype(np.float32)
     low, high = (np.clip(octave + d, 0, 3).astype(np.int8) for d in (-1, 1))
@@ -70,9 +71,8 @@ def features_and_matches() -> dict[str, Any]:
         'match_by_projection': kernels.match_by_projection(
             near, radius_px, queries, features, threshold
         ),
-        'distinctive_descriptors': kernels.distinctive_descriptors(
-            descriptors, np.arange(0, len(x), 5)
-        ),
+        'hash_keys': kernels.hash_keys(descriptors, key_bits),
+        'sorted_hash_keys': kernels.sorted_hash_keys(descriptors, key_bits, 0),
         'match_along_segments': kernels.match_along_segments(
             segments, np.arange(2.0, 6.0), queries, features, threshold
         ),
@@ -108,6 +108,17 @@ def poses() -> dict[str, Any]:
             camera, gates, points, measured[:200], weight[:200], T[0], 0.5
         ),
         'move_points': moved_points(),
+        'point_statistics': kernels.point_statistics(
+            moved,
+            np.arange(8),
+            rng.integers(0, 8, (8, 200)).astype(np.uint8),
+            rng.integers(0, 256, (8, 200, 32)).astype(np.uint8),
+            points,
+            np.arange(200) % 9,
+            *(part.T.ravel() for part in np.mgrid[:8, :200]),
+            np.arange(200).repeat(8),
+            1.2 ** np.arange(6),
+        ),
         'adjust_bundle': kernels.adjust_bundle(
             camera, gates, moved, 5, points, camera_index, point_index, measured, weight, 2, 6
         ),

@@ -263,7 +263,12 @@ class RobotMap:
             prepared: The saved map. If it keeps the running map, the mapper must be settled.
             on_loaded: Called between two images, when the map has been loaded.
         """
-        loaded = self._when_loaded(prepared, on_loaded)
+
+        def loaded(uids: IntArray) -> None:
+            self.has_changed = True
+            self._made_with = prepared.made_with
+            on_loaded(LoadedMap(uids, self.keyframes()))
+
         return self._slam.begin_load(prepared.loading, loaded)
 
     def load(self, content: MapFile, *, extend: bool = True) -> LoadedMap:
@@ -278,19 +283,9 @@ class RobotMap:
         Raises:
             MapFileError: The map was made with a camera that differs too much to extend it, or
                 with other features; the running map is unchanged.
-            MapperStoppedError: As in `SlamMap.load`.
+            MapperStoppedError: As in `SlamMap.finish_load`.
         """
         prepared, found = self.prepare_load(content, extend=extend), list[LoadedMap]()
-        loaded = self._when_loaded(prepared, found.append)
-        self._slam.map.load(prepared.loading, loaded)
+        first_uid = self.begin_load(prepared, found.append)
+        self._slam.map.finish_load(prepared.loading, first_uid)
         return found[0]
-
-    def _when_loaded(
-        self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]
-    ) -> Callable[[IntArray], None]:
-        def loaded(uids: IntArray) -> None:
-            self.has_changed = True
-            self._made_with = prepared.made_with
-            on_loaded(LoadedMap(uids, self.keyframes()))
-
-        return loaded

@@ -151,24 +151,15 @@ class RgbdSlam:
         self._relocalizer.relocalize_near(hint)
         self._forget_pose()
 
-    def load(self, state: MapState, *, keep: bool) -> IntArray:
-        """Load a saved map between two frames, and return the (K,) uids of its keyframes.
+    def prepare_load(self, state: MapState, *, keep: bool) -> MapLoading:
+        """Return a saved map for `begin_load`. Any thread may call this.
 
         Args:
             state: The saved map.
             keep: True: keep the running map beside the saved one until a recognized place merges
                 the two. False: discard the running map, and relocalize the camera in the saved
                 one.
-
-        Raises:
-            MapperStoppedError: As in `SlamMap.load`.
         """
-        loading, found = self.prepare_load(state, keep=keep), list[IntArray]()
-        self.map.load(loading, self._when_loaded(loading, found.append))
-        return found[0]
-
-    def prepare_load(self, state: MapState, *, keep: bool) -> MapLoading:
-        """Return a saved map for `begin_load`; `keep` as in `load`. Any thread may call this."""
         return MapLoading(
             state,
             self._camera,
@@ -178,19 +169,15 @@ class RgbdSlam:
         )
 
     def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
-        """Begin to load a map as `SlamMap.begin_load` does; afterwards, continue as in `load`."""
-        return self.map.begin_load(loading, self._when_loaded(loading, on_loaded))
+        """Begin to load a map as `SlamMap.begin_load` does; then relocalize if it replaces one."""
 
-    def _when_loaded(
-        self, loading: MapLoading, on_loaded: Callable[[IntArray], None]
-    ) -> Callable[[IntArray], None]:
         def loaded(uids: IntArray) -> None:
             self._relocalizer.use_prepared_index()
             if not loading.keeps_running:
                 self._forget_pose()
             on_loaded(uids)
 
-        return loaded
+        return self.map.begin_load(loading, loaded)
 
     def reconfigure(self, config: SlamConfig) -> None:
         """Apply the parameters that may change at run time."""

@@ -154,12 +154,11 @@ class SlamMap:
         self.mapper.begin_load(loading, first_uid)
         return first_uid
 
-    def load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> None:
-        """Load a saved map as `begin_load` does, and wait until it is loaded.
+    def finish_load(self, loading: MapLoading, first_uid: int) -> None:
+        """Restore the map of `begin_load`, which returned `first_uid`; wait until it is loaded.
 
         Raises:
             MapperStoppedError: As in `update`, or the mapping process takes too long.
         """
-        first_uid = self.begin_load(loading, on_loaded)
         self.mapper.finish_load(loading, first_uid)
         self.update()

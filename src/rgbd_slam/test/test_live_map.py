@@ -21,7 +21,7 @@ from rgbd_slam.processes.mapper_worker import Start
 from rgbd_slam.records.soa_table import SoaTable
 from rgbd_slam.slam import RgbdSlam
 
-from .world import CAMERA, PERIOD_NS, World, sway
+from .world import CAMERA, PERIOD_NS, World, load, sway
 
 CONFIG = SlamConfig()
 
@@ -131,7 +131,7 @@ def test_a_loaded_map_is_the_same_live_and_offline(
 ) -> None:
     saved = snapshot(offline_run(monkeypatch, 30)[0])
     offline, client, live = RgbdSlam(CAMERA, CONFIG), *mapper
-    offline.load(saved, keep=False)
+    load(offline, saved)
     loading = loading_of(saved)
     client.begin_load(loading, 0)
     client.finish_load(loading, 0)
@@ -164,7 +164,7 @@ def test_a_map_that_is_loaded_in_the_background_replaces_the_running_one(
     assert not np.isin(live.points.uid[live.points.alive], uids).any()
     # Both copies have the same rows: further changes apply.
     wanted = RgbdSlam(CAMERA, CONFIG)
-    wanted.load(saved, keep=False)
+    load(wanted, saved)
     first = requests[0]
     assert isinstance(first, Start)
     for mapper_client in (client, wanted.map.mapper):

@@ -15,7 +15,7 @@ from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
-from .world import CAMERA, PERIOD_NS, World, sway
+from .world import CAMERA, PERIOD_NS, World, load, sway
 
 
 def run(slam: RgbdSlam, world: World, poses: FloatArray, first: int = 0) -> list[TrackingResult]:
@@ -50,7 +50,7 @@ def errors(results: list[TrackingResult], poses: FloatArray) -> tuple[FloatArray
 def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
     slam.map.is_growing = False
-    slam.load(saved, keep=False)
+    load(slam, saved)
     before = snapshot(slam.map.atlas).digest()
     assert before == saved.digest()
     poses = turn(40)
@@ -67,7 +67,7 @@ def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
 def test_odometry_starts_at_the_first_pose_and_does_not_jump(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
     first = run(slam, World(), sway(90)[:10])
-    slam.load(saved, keep=False)
+    load(slam, saved)
     poses = turn(20)
     results = run(slam, World(), poses, 10)
     odom = np.array([result.T_odom_camera for result in (*first, *results)])
@@ -82,7 +82,7 @@ def test_odometry_starts_at_the_first_pose_and_does_not_jump(saved: MapState) ->
 def test_an_unknown_place_is_not_believed_and_localisation_stays_lost(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
     slam.map.is_growing = False
-    slam.load(saved, keep=False)
+    load(slam, saved)
     elsewhere = World(seed=7)
     results = run(slam, elsewhere, sway(90)[:20]) + run(slam, elsewhere, sway(90)[:5], 300)
     assert all(result.state is SlamState.LOST for result in results)
@@ -91,7 +91,7 @@ def test_an_unknown_place_is_not_believed_and_localisation_stays_lost(saved: Map
 
 def test_mapping_goes_on_in_a_loaded_map(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
-    slam.load(saved, keep=False)
+    load(slam, saved)
     run(slam, World(), turn(60, end_rad=1.8), first=100)  # later than any image of that session
     state = snapshot(slam.map.atlas)
     kept = np.isin(state.stamp_ns, saved.stamp_ns)
@@ -110,7 +110,7 @@ def test_mapping_goes_on_in_a_loaded_map(saved: MapState) -> None:
 
 def test_a_place_unknown_for_long_starts_a_map_beside_the_loaded_one(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig().updated({'places.new_map_after_s': 0.3}))
-    slam.load(saved, keep=False)
+    load(slam, saved)
     results = run(slam, World(seed=7), sway(90)[:16])
     assert all(result.state is SlamState.LOST for result in results[:10])
     assert results[10].is_keyframe
@@ -123,7 +123,7 @@ def test_two_sessions_are_joined_when_a_known_place_is_seen(saved: MapState) -> 
     slam = RgbdSlam(CAMERA, SlamConfig())
     poses = turn(90, 1.8, -0.2)
     run(slam, World(), poses[:25])
-    slam.load(saved, keep=True)
+    load(slam, saved, keep=True)
     assert slam.stats.num_maps == 2
     results = run(slam, World(), poses[25:], 25)
     assert slam.stats.num_maps == 1
@@ -139,7 +139,7 @@ def test_the_mapping_process_takes_a_map_over_at_once(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig(), background=True)
     try:
         run(slam, World(), sway(90)[:5])
-        uids = slam.load(saved, keep=False)
+        uids = load(slam, saved)
         assert len(uids) == len(saved)
         assert snapshot(slam.map.atlas).digest() == saved.digest()
         poses = turn(60, end_rad=1.8)
@@ -171,7 +171,7 @@ def test_another_camera_is_localized_in_the_map(saved: MapState, camera: CameraM
     octaves = config.scale_factor, config.num_octaves
     slam = RgbdSlam(camera, SlamConfig())
     slam.map.is_growing = False
-    slam.load(content.seen_by(camera, *octaves, extend=False).map, keep=False)
+    load(slam, content.seen_by(camera, *octaves, extend=False).map)
     world, poses = World(), turn(20)
     results = [
         slam.process(world.features(n * PERIOD_NS, T, camera=camera)) for n, T in enumerate(poses)
@@ -198,13 +198,13 @@ def test_a_camera_that_differs_much_does_not_extend_the_map(saved: MapState) -> 
 def test_in_localization_a_camera_in_a_map_that_nothing_joins_is_lost(saved: MapState) -> None:
     config = SlamConfig().updated({'places.new_map_after_s': 0.3})
     mapping, poses = RgbdSlam(CAMERA, config), sway(90)[:40]
-    mapping.load(saved, keep=False)
+    load(mapping, saved)
     run(mapping, World(seed=7), poses)
     assert mapping.stats.num_maps == 2
     two_maps = snapshot(mapping.map.atlas)
     for is_growing, state in ((True, SlamState.TRACKING), (False, SlamState.LOST)):
         slam = RgbdSlam(CAMERA, config)
-        slam.load(two_maps, keep=False)
+        load(slam, two_maps)
         slam.map.is_growing = is_growing
         results = run(slam, World(seed=7), poses[20:22], first=200)
         assert [result.state for result in results] == [state] * 2

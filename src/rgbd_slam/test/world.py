@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import CameraModel, Features, FloatArray, Trajectory
+from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
+from rgbd_slam.model.map_state import MapState
+from rgbd_slam.slam import RgbdSlam
 
 CAMERA = CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0)
 PERIOD_NS = 33_000_000
@@ -81,3 +83,10 @@ def position_errors_m(estimate: Trajectory, poses: FloatArray) -> FloatArray:
     expected = se3.inverse(poses[0]) @ poses[n]
     apart = estimate.T_world_camera[:, :3, 3] - expected[:, :3, 3]
     return np.asarray(np.linalg.norm(apart, axis=1))
+
+
+def load(slam: RgbdSlam, state: MapState, *, keep: bool = False) -> IntArray:
+    """Load a saved map, wait until it is loaded, and return the (K,) uids of its keyframes."""
+    loading, found = slam.prepare_load(state, keep=keep), list[IntArray]()
+    slam.map.finish_load(loading, slam.begin_load(loading, found.append))
+    return found[0]

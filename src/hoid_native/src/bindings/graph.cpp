@@ -1,14 +1,18 @@
 #include "graph/observation_graph.hpp"
 #include "graph/moved_points.hpp"
+#include "graph/point_statistics.hpp"
 
 #include <nanobind/stl/optional.h>
 
+#include <algorithm>
+#include <array>
 #include <limits>
 #include <optional>
 
 #include "bindings/arrays.hpp"
 #include "bindings/checks.hpp"
 #include "bindings/module.hpp"
+#include "matching/matching.hpp"
 
 namespace hoid::bindings {
 
@@ -20,6 +24,7 @@ using graph::ObservationGraph;
 HOID_RESULT(Observations);
 HOID_RESULT(Neighbors);
 HOID_RESULT(Edges);
+HOID_RESULT(PointStatistics);
 
 using Rows = Vector<int64_t>;
 
@@ -154,6 +159,43 @@ void move_points(
   });
 }
 
+PointStatistics point_statistics(
+  const RealArray<-1, 4, 4>& T_map_camera, const Rows& keyframe_uid,
+  const Array<uint8_t, -1, -1>& octave,
+  const Array<uint8_t, -1, -1, matching::kDescriptorBytes>& descriptors,
+  const RealArray<-1, 3>& position_m, const Rows& reference_uid, const Rows& i, const Rows& k,
+  const Rows& j, const RealArray<-1>& octave_scale)
+{
+  const int num_keyframes = T_map_camera.size(), num_points = position_m.size();
+  require_length("keyframe_uid", keyframe_uid, num_keyframes);
+  require_length("octave", octave, num_keyframes);
+  require_length("descriptors", descriptors, num_keyframes);
+  require(descriptors.size(1) == octave.size(1), "descriptors: not as many features as octave");
+  require_length("reference_uid", reference_uid, num_points);
+  require_length("k", k, i.size());
+  require_length("j", j, i.size());
+  require_range("i", i, 0, num_keyframes);
+  require_range("k", k, 0, octave.size(1));
+  require_range("j", j, 0, num_points);
+  require(std::is_sorted(j.data(), j.data() + j.size()), "j: must ascend");
+  require(octave_scale.size() > 0, "octave_scale: must not be empty");
+  auto found = unlocked([&] {
+    return graph::point_statistics(
+      {T_map_camera.data(), keyframe_uid.data(), octave.data(), descriptors.data(),
+       octave.size(1)},
+      {position_m.data(), reference_uid.data()}, {i.data(), k.data(), j.data(), i.size()},
+      octave_scale.data(), octave_scale.size());
+  });
+  const std::size_t count = found.rows.size();
+  return make<PointStatistics>(
+    give(std::move(found.rows)),
+    give(std::move(found.view_direction), std::array<std::size_t, 2>{count, 3}),
+    give(std::move(found.reference)), give(std::move(found.max_distance_m)),
+    give(
+      std::move(found.descriptors),
+      std::array<std::size_t, 2>{count, static_cast<std::size_t>(matching::kDescriptorBytes)}));
+}
+
 }  // namespace
 
 void bind_graph(nb::module_& module)
@@ -275,6 +317,31 @@ Args:
     point_of_feature: (K, F) int32 row of the point that each feature of each keyframe observes, or
         -1. The values are not checked.
     keyframes: (N,) rows of keyframes in `point_of_feature`.)");
+  module.def(
+    "point_statistics", &point_statistics, "T_map_camera"_a, "keyframe_uid"_a, "octave"_a,
+    "descriptors"_a, "position_m"_a, "reference_uid"_a, "i"_a, "k"_a, "j"_a, "octave_scale"_a, R"(
+Return viewing direction, scale range and descriptor of points, nearly as ORB-SLAM's MapPoint.
+
+The largest distance is that at which some octave can detect the point: its distance in the
+reference keyframe times the scale of the octave in which it was observed there. If the reference
+keyframe does not observe the point, the keyframe of its first observation becomes the reference.
+The descriptor is one of the point's last eight observations: the one with the least median
+distance to them (ComputeDistinctiveDescriptors of ORB-SLAM); of two, it is the second one.
+
+Args:
+    T_map_camera: (K, 4, 4) poses of the keyframes.
+    keyframe_uid: (K,) int64 uids of the keyframes.
+    octave: (K, F) uint8 octaves of their features.
+    descriptors: (K, F, 32) uint8 descriptors of their features.
+    position_m: (P, 3) positions of all points.
+    reference_uid: (P,) int64 uids of their reference keyframes.
+    i: (N,) int64 rows of keyframes, which observe
+    k: (N,) int64 in these features
+    j: (N,) int64 these points; ascending.
+    octave_scale: (L,) scales of the octaves; octaves from L on have the last one.
+
+Raises:
+    ValueError: Lengths differ, a row or a feature is out of range, or `j` does not ascend.)");
   module.def(
     "move_points", &move_points, "motions"_a, "which"_a, "position_m"_a.noconvert(),
     "view_direction"_a.noconvert(), R"(

@@ -2,8 +2,8 @@
 
 #include <nanobind/stl/optional.h>
 
-#include <algorithm>
-#include <functional>
+#include <array>
+#include <limits>
 #include <optional>
 
 #include "bindings/arrays.hpp"
@@ -112,17 +112,46 @@ Pairs match_along_segments(
   }));
 }
 
-nb::ndarray<nb::numpy, int64_t, nb::ndim<1>> distinctive_descriptors(
-  const Array<uint8_t, -1, kDescriptorBytes>& descriptors, const Vector<int64_t>& starts)
+void require_bits(const Array<uint8_t, -1, -1>& bits)
 {
-  require_range("starts", starts, 0, descriptors.size());
-  const int64_t *first = starts.data(), *last = first + starts.size();
+  require_range("bits", bits, 0, 8 * kDescriptorBytes);
+  require(bits.size(1) <= 32, "bits: a key has at most 32 bits");
+}
+
+nb::ndarray<nb::numpy, uint64_t, nb::ndim<2>> hash_keys(
+  const Array<uint8_t, -1, kDescriptorBytes>& descriptors, const Array<uint8_t, -1, -1>& bits)
+{
+  require_bits(bits);
+  const int count = descriptors.size(), num_tables = bits.size();
+  auto keys = unlocked([&] {
+    return matching::hash_keys(descriptors.data(), count, bits.data(), num_tables, bits.size(1));
+  });
+  return give<uint64_t>(
+    std::move(keys),
+    std::array{static_cast<std::size_t>(num_tables), static_cast<std::size_t>(count)});
+}
+
+nb::ndarray<nb::numpy, uint64_t, nb::ndim<2>> sorted_hash_keys(
+  const Array<uint8_t, -1, kDescriptorBytes>& descriptors, const Array<uint8_t, -1, -1>& bits,
+  int64_t first)
+{
+  require_bits(bits);
+  const int count = descriptors.size(), num_tables = bits.size();
   require(
-    std::adjacent_find(first, last, std::greater_equal<>()) == last, "starts: must ascend");
-  return give(unlocked([&] {
-    return matching::distinctive_descriptors(
-      descriptors.data(), descriptors.size(), first, starts.size());
-  }));
+    first >= 0 && first + count <= std::numeric_limits<uint32_t>::max(),
+    "first: a row must fit into 32 bits");
+  auto keys = unlocked([&] {
+    auto found =
+      matching::hash_keys(descriptors.data(), count, bits.data(), num_tables, bits.size(1));
+    for (std::size_t n = 0; n < found.size(); ++n) {
+      found[n] |= static_cast<uint64_t>(first) + n % count;
+    }
+    matching::sort_hash_keys(found.data(), count, num_tables, bits.size(1));
+    return found;
+  });
+  return give<uint64_t>(
+    std::move(keys),
+    std::array{static_cast<std::size_t>(num_tables), static_cast<std::size_t>(count)});
 }
 
 }  // namespace
@@ -202,18 +231,30 @@ Args:
 Raises:
     ValueError: Lengths differ, or an octave is not below L.)");
   module.def(
-    "distinctive_descriptors", &distinctive_descriptors, "descriptors"_a, "starts"_a, R"(
-Return the (G,) int64 row, for each group, of the descriptor that represents the group best.
+    "hash_keys", &hash_keys, "descriptors"_a, "bits"_a, R"(
+Return the (T, N) uint64 keys of descriptors in T hash tables, in the 32 upper bits.
 
-This descriptor has the smallest median distance to the descriptors of its group, itself included,
-as in ComputeDistinctiveDescriptors of ORB-SLAM. In a group of two, it is the second one.
+The lower bits are 0. Each key consists of some bits of the descriptor (locality-sensitive hashing,
+Indyk and Motwani, STOC 1998).
 
 Args:
-    descriptors: (M, 32) uint8 descriptors, sorted by group. Of a group, only the last 8 are used.
-    starts: (G,) int64 first row of each group, ascending.
+    descriptors: (N, 32) uint8 ORB descriptors.
+    bits: (T, B) uint8 bits of the descriptor, at most 32, that are bits 0, 1, ... of the keys of
+        each table. They are numbered as `numpy.unpackbits` orders them.
 
 Raises:
-    ValueError: `starts` does not ascend strictly, or a group starts beyond the descriptors.)");
+    ValueError: There are more than 32 bits.)");
+  module.def(
+    "sorted_hash_keys", &sorted_hash_keys, "descriptors"_a, "bits"_a, "first"_a, R"(
+Return the keys of `hash_keys`, sorted in each table, with row numbers in the 32 lower bits.
+
+Args:
+    descriptors: (N, 32) uint8 ORB descriptors.
+    bits: as in `hash_keys`.
+    first: row number of the first descriptor; the others have the next ones.
+
+Raises:
+    ValueError: There are more than 32 bits, or a row number has more than 32 bits.)");
 }
 
 }  // namespace hoid::bindings

@@ -64,10 +64,13 @@ Pairs match_along_segments(
   const Segments& segments, const QueryConstraints& queries, const Candidates& candidates,
   const MatchThreshold& threshold);
 
-// Return the row of each group's descriptor with the smallest median distance to all of them, as
-// ORB-SLAM's ComputeDistinctiveDescriptors. Only the last 8 rows of a group are compared. Groups
-// are consecutive and not empty.
-std::vector<int64_t> distinctive_descriptors(
-  const uint8_t* descriptors, int64_t count, const int64_t* starts, int num_groups);
+// Return the (num_tables, count) keys of descriptors (count, 32) in hash tables, in the 32 upper
+// bits; the others are 0. Bit n of a key of table t is bit bits[t][n] of the descriptor.
+std::vector<uint64_t> hash_keys(
+  const uint8_t* descriptors, int count, const uint8_t* bits, int num_tables, int key_bits);
+
+// Sort the keys of each table (num_tables, count) by their upper 32 bits. Equal ones keep their
+// order.
+void sort_hash_keys(uint64_t* keys, int count, int num_tables, int key_bits);
 
 }  // namespace hoid::matching

@@ -14,6 +14,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
+from hoid_native import point_statistics
 from hoid_native.results import Observations
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, SavedKeyframes
@@ -22,7 +23,6 @@ from rgbd_slam.model.map_change import (
     Redirect,
 )
 from rgbd_slam.model.map_tables import MapTables
-from rgbd_slam.model.point_statistics import point_statistics
 from rgbd_slam.model.points import MAX_POSITION_M, PointCounts
 from rgbd_slam.records.soa_table import DEAD, Column
 
@@ -260,9 +260,19 @@ class Atlas(MapTables):
         seen = self.observations_by_point(j[points.uid[j] != DEAD])
         if len(seen.j) == 0:
             return
-        new = point_statistics(self.keyframes, points, seen, self.octave_scale)
+        kf = self.keyframes
+        new = point_statistics(
+            kf.T_map_camera,
+            kf.uid,
+            kf.octave,
+            kf.descriptors,
+            points.position_m,
+            points.reference_keyframe_uid,
+            *seen,
+            self.octave_scale,
+        )
         points.view_direction[new.rows] = new.view_direction
-        points.reference_keyframe_uid[new.rows] = new.reference_keyframe_uid
+        points.reference_keyframe_uid[new.rows] = kf.uid[new.reference]
         points.max_distance_m[new.rows] = new.max_distance_m
         points.min_distance_m[new.rows] = new.max_distance_m / self.octave_scale[-1]
         points.descriptors[new.rows] = new.descriptors

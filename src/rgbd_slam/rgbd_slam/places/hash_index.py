@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, IntArray
+from hoid_native import hash_keys, sorted_hash_keys
 from rgbd_slam.config.place_config import IndexConfig
 from rgbd_slam.matching.matching import hamming
 from rgbd_slam.model.atlas import Atlas
@@ -27,8 +28,7 @@ _HASH_SEED = 12345  # chosen: the bits of the keys are the same in all runs
 _MERGE_SHARE = 1 / 16
 _ROW_BITS = np.uint64(32)
 _ROW_MASK = np.uint64(0xFFFFFFFF)
-_FLOAT32_BITS = 24  # longest keys that single precision, whose products are faster, holds exactly
-_BLOCK = 256  # chosen: number of descriptors whose unpacked bits fit into the cache
+_INITIAL_ROWS = 256  # chosen: rows of a new pool, which doubles when it is full
 
 KeyArray = NDArray[np.uint64]
 
@@ -48,17 +48,14 @@ class HashIndex:
         self._config = config
         rng = np.random.default_rng(_HASH_SEED)
         orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
-        # (256, T) value of each descriptor bit in the key of each table
-        number = np.float32 if config.key_bits <= _FLOAT32_BITS else np.float64
-        self._weights = np.zeros((8 * DESCRIPTOR_BYTES, config.num_tables), number)
-        for t, order in enumerate(orders):
-            self._weights[order[: config.key_bits], t] = 2.0 ** np.arange(config.key_bits)
+        # (T, B) bits of the descriptor that are the key of each table
+        self._bits = np.array([order[: config.key_bits] for order in orders], np.uint8)
         self._members: IntArray = np.empty(0, np.int64)  # (K,) uids, ascending
         self._pending: list[tuple[int, ByteArray]] = []
         self._num_rows = 0  # number of rows of the pool that are in use
-        self._pool: ByteArray = np.empty((_BLOCK, DESCRIPTOR_BYTES), np.uint8)
+        self._pool: ByteArray = np.empty((_INITIAL_ROWS, DESCRIPTOR_BYTES), np.uint8)
         # uid of the keyframe of each row of the pool, or _REMOVED
-        self._uid: IntArray = np.full(_BLOCK, _REMOVED)
+        self._uid: IntArray = np.full(_INITIAL_ROWS, _REMOVED)
         self._rows: dict[int, slice] = {}  # rows of the pool, by the uid of their keyframe
         self._segments: list[KeyArray] = []  # from the largest to the smallest
 
@@ -103,7 +100,7 @@ class HashIndex:
         """
         self._insert_pending()
         descriptors = self._thinned(descriptors)
-        keys = self._keys(descriptors)
+        keys = hash_keys(descriptors, self._bits)
         parts = [_NOTHING, *(self._collisions(segment, keys) for segment in self._segments)]
         query, row = (np.concatenate(column) for column in zip(*parts, strict=True))
         uid = self._uid[row]
@@ -122,16 +119,6 @@ class HashIndex:
         count = min(len(descriptors), self._config.max_features)
         rows = np.linspace(0, len(descriptors) - 1, count).astype(np.int64)
         return descriptors[rows]
-
-    def _keys(self, descriptors: ByteArray) -> KeyArray:
-        """Return the (T, N) keys of descriptors (N, 32) in the 32 upper bits; the others are 0."""
-        keys = np.empty((self._config.num_tables, len(descriptors)), np.uint64)
-        for start in range(0, len(descriptors), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            bits = np.unpackbits(descriptors[part], axis=1).astype(self._weights.dtype)
-            keys[:, part] = (bits @ self._weights).T
-        keys <<= _ROW_BITS
-        return keys
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
         """Return all pairs of a descriptor and a pool row of a segment that have the same key.
@@ -175,10 +162,7 @@ class HashIndex:
             self._uid[self._rows[uid]] = uid
             self._num_rows += len(descriptors)
         self._pending = []
-        segment = self._keys(new)
-        segment |= np.arange(first, end, dtype=np.uint64)
-        segment.sort(axis=1)
-        self._segments.append(segment)
+        self._segments.append(sorted_hash_keys(new, self._bits, first))
         while len(self._segments) > 1 and self._is_large(-1):
             small, large = self._segments.pop(), self._segments.pop()
             self._segments.append(self._merged(large, small))
