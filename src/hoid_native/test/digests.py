@@ -50,7 +50,7 @@ def features_and_matches() -> dict[str, Any]:
     x, y = corners.xy_px.T.copy()
     angle_deg = kernels.orientations_deg(image, x, y)
     descriptors = kernels.orb_descriptors(image, x, y, angle_deg)
-    key_bits = np.arange(0, 240, 6, np.uint8).reshape(2, 20)
+    key_bits = np.arange(0, 240, 6).astype(np.uint8).reshape(2, 20)
     octave = rng.integers(0, 4, len(x))
     measured = np.stack([x, y, x - 15], 1).astype(np.float32)
     low, high = (np.clip(octave + d, 0, 3).astype(np.int8) for d in (-1, 1))
@@ -115,7 +115,8 @@ def poses() -> dict[str, Any]:
             rng.integers(0, 256, (8, 200, 32)).astype(np.uint8),
             points,
             np.arange(200) % 9,
-            *(part.T.ravel() for part in np.mgrid[:8, :200]),
+            np.tile(np.arange(8), 200),
+            np.arange(200).repeat(8),
             np.arange(200).repeat(8),
             1.2 ** np.arange(6),
         ),

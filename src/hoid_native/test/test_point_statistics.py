@@ -17,7 +17,7 @@ def world(seed: int = 0) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
     T_map_camera = np.tile(np.eye(4), (KEYFRAMES, 1, 1))
     T_map_camera[:, :3, 3] = rng.uniform(-1, 1, (KEYFRAMES, 3))
-    pairs = [(i, j) for j in range(POINTS) for i in chosen(rng, KEYFRAMES, rng.integers(1, 14))]
+    pairs = [(i, j) for j in range(POINTS) for i in chosen(rng, KEYFRAMES)]
     i, j = np.array(pairs).T
     return {
         'T_map_camera': T_map_camera,
@@ -33,8 +33,8 @@ def world(seed: int = 0) -> dict[str, Any]:
     }
 
 
-def chosen(rng: np.random.Generator, end: int, count: int) -> NDArray[np.int64]:
-    return np.sort(rng.choice(end, count, replace=False))
+def chosen(rng: np.random.Generator, end: int) -> NDArray[np.int64]:
+    return np.sort(rng.choice(end, int(rng.integers(1, 14)), replace=False))
 
 
 def test_the_statistics_are_those_of_numpy() -> None:

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from hoid_common import se3
-from hoid_common.errors import ConfigError
+from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.dense_config import DenseConfig, GridConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
@@ -31,6 +31,7 @@ from rgbd_slam.scene.scene_mapper import SceneMapper
 from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 ALL_FREE = 0xFFFF
+NO_CELLS = SubmapCells(np.empty((0, 2), np.int64), np.empty(0, np.uint8), np.empty(0, np.uint16))
 
 
 def project_grid(
@@ -155,6 +156,14 @@ def test_a_grid_whose_image_cannot_be_written_leaves_no_file(tmp_path: Path) -> 
     with pytest.raises(IsADirectoryError):
         write_map_server(grid, tmp_path / 'map')
     assert not (tmp_path / 'map.yaml').exists()
+
+
+def test_a_grid_without_cells_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
+    empty = compose_grid([NO_CELLS], np.eye(4), GridConfig())
+    assert empty.cells.shape == (0, 0)
+    with pytest.raises(InputError, match='no cell of the grid is confirmed yet'):
+        write_map_server(empty, tmp_path / 'map')
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_tilted_floor_gives_a_level_grid() -> None:

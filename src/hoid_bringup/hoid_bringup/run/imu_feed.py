@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from hoid_bags.imu_recording import ImuRecording
 from hoid_common.io.tum_text import NumberTable
 from hoid_common.values import NS_PER_S
 from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.inertial.mounting import read_kalibr
+from rgbd_slam.inertial.mounting import kalibr_mounting
 from rgbd_slam.inertial.sample_buffer import Samples
 
 # Chosen: up to this time after the stamp of an image, samples are added before the image is
@@ -29,8 +27,7 @@ class ImuFeed:
     """
 
     def __init__(self, recording: ImuRecording, config: ImuConfig) -> None:
-        path = config.calibration
-        self.imu = Imu(config, read_kalibr(Path(path)) if path else None)
+        self.imu = Imu(config, kalibr_mounting(config))
         self._rates, self._accelerations = recording
         self._num_rates = self._num_accelerations = 0  # samples that have been added
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from hoid_common.errors import InputError, ModelError
-from hoid_common.io.untrusted import read_text
+from hoid_common.io.untrusted import expand_home, read_text
 from hoid_common.io.yaml_file import parse_yaml
 from hoid_common.values import PERSON
 
@@ -24,13 +24,17 @@ def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | Non
     """Return the class names of a model; None if no file is given and the metadata have none.
 
     Args:
-        file: Path of a text file with the names; if it is empty, the metadata are used.
+        file: Path of a text file with the names, `~` for the home folder; if it is empty, the
+            metadata are used.
         metadata: Metadata of the model.
 
     Raises:
+        ConfigError: The home folder in the path is unknown.
         ModelError: The file cannot be read or is empty, or the metadata are malformed.
     """
-    return names_in_file(Path(file)) if file else names_in_metadata(metadata)
+    if not file:
+        return names_in_metadata(metadata)
+    return names_in_file(expand_home(file, 'class_names_file'))
 
 
 def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[str, ...]:

@@ -10,8 +10,10 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.errors import InputError
+from hoid_common.io.untrusted import expand_home
 from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import FloatArray
+from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.gyro_integral import rotation_vector
 
 # Chosen: an estimated rotation is replaced by the nearest rotation between parallel axes if it
@@ -41,6 +43,18 @@ def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
     nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
     angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
     return nearest if angle_rad < _AXES_RAD + _NUM_SIGMAS * sigma_rad else R_camera_imu
+
+
+def kalibr_mounting(config: ImuConfig) -> Mounting | None:
+    """Return the mounting in the file `imu.calibration`; None if there is no such parameter.
+
+    Raises:
+        ConfigError: The home folder in the path is unknown.
+        InputError: As in `read_kalibr`.
+    """
+    if not config.calibration:
+        return None
+    return read_kalibr(expand_home(config.calibration, 'imu.calibration'))
 
 
 def read_kalibr(path: Path) -> Mounting:

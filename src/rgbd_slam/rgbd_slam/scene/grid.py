@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common.errors import InputError
 from hoid_common.values import BoolArray, FloatArray
 from rgbd_slam.config.dense_config import GridConfig
 from rgbd_slam.scene.free_space import required_bits
@@ -139,8 +140,11 @@ def write_map_server(grid: Grid, stem: Path) -> None:
     The origin in the file is the corner of cell (0, 0) in the level frame, with height and yaw 0.
 
     Raises:
+        InputError: The grid has no cell.
         OSError: A file cannot be written.
     """
+    if grid.cells.size == 0:
+        raise InputError('no cell of the grid is confirmed yet: show the camera the place longer')
     cells = grid.cells[::-1]  # the image's first row is at the largest y
     # The value 205 is an occupancy of 1 - 205 / 255 = 0.196, which is just not below the limit of
     # free cells.

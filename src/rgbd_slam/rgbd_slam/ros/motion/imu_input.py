@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import Imu as ImuMsg
@@ -15,7 +13,7 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.static_frames import StaticFrames
 from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.inertial.mounting import Mounting, read_kalibr
+from rgbd_slam.inertial.mounting import Mounting, kalibr_mounting
 from rgbd_slam.inertial.sample_buffer import Samples
 from rgbd_slam.ros.motion.imu_message import imu_from_msg
 
@@ -48,7 +46,7 @@ class ImuInput:
     ) -> None:
         self._node, self._config, self._static = node, config, static
         self._diagnostics = diagnostics
-        self._calibrated = read_kalibr(Path(config.calibration)) if config.calibration else None
+        self._calibrated = kalibr_mounting(config)
         self._rates: list[_Row] = []
         self._accelerations: list[_Row] = []
         self._frame = ''  # of the newest message

@@ -39,7 +39,8 @@ def save_grid(
         path: Path of the YAML file; the image beside it has the same name with another extension.
 
     Raises:
-        InputError: There is no dense map, no floor is known, or a file cannot be written.
+        InputError: There is no dense map, no floor or no cell is known, or a file cannot be
+            written.
     """
     scene = _require_map(scene)
     grid = grid_of(scene, scene.cloud())

@@ -55,7 +55,7 @@ _PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict 
 # Chosen: largest ratio of the time that is spent on publishing dense map and grid, and on fusing
 # submaps again that corrections have deformed, to the pause that follows. They take at most a
 # fifth of the time; the rest is left for new images.
-_MAX_SHARE = 0.25
+_WORK_PER_PAUSE = 0.25
 # Chosen: number of fused images without a floor from which this is reported. They take several
 # seconds, in which a robot sees its floor.
 _MAX_IMAGES_WITHOUT_FLOOR = 30
@@ -278,7 +278,7 @@ class SceneNode(Node):
             self._outputs.publish_map(self._scene, self._stamp_ns)
             self._report_floor(self._scene)
         end_s = time.monotonic()
-        self._rest_until_s = end_s + (end_s - start_s) / _MAX_SHARE
+        self._rest_until_s = end_s + (end_s - start_s) / _WORK_PER_PAUSE
 
     def _report_floor(self, scene: SceneMapper) -> None:
         """Report a problem if the dense map has enough images, but no floor is known."""
