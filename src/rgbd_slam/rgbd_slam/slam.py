@@ -154,11 +154,8 @@ class RgbdSlam:
     def prepare_load(self, state: MapState, *, keep: bool) -> MapLoading:
         """Return a saved map for `begin_load`. Any thread may call this.
 
-        Args:
-            state: The saved map.
-            keep: True: keep the running map beside the saved one until a recognized place merges
-                the two. False: discard the running map, and relocalize the camera in the saved
-                one.
+        With `keep`, the running map stays beside the saved one until a recognized place merges the
+        two. Otherwise it is discarded, and the camera is relocalized in the saved one.
         """
         return MapLoading(
             state,
