@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hoid_bags.sequence import Sequence
+from hoid_benchmarks.plan.moving_picture import MovingPicture
 from hoid_benchmarks.plan.plan import Perturbation
 from hoid_benchmarks.plan.rearranged import Arrangement, RearrangedSequence
 from hoid_bringup.run.detection_source import DetectionSource
@@ -40,6 +41,9 @@ class PerturbedSequence:
         self._perturbation = perturbation
         self._seed = seed
         self._first_black = _middle(len(recording))
+        self._screen: MovingPicture | None = None
+        if perturbation.screen_m > 0 and base.ground_truth is not None:
+            self._screen = MovingPicture(base.camera, base.ground_truth, perturbation.screen_m)
         self.name = base.name
         self.camera: CameraModel = base.camera
         self.ground_truth: Trajectory | None = base.ground_truth
@@ -58,7 +62,8 @@ class PerturbedSequence:
             if n in black:
                 yield _black(frame)
             else:
-                yield self._perturb(frame, rng, texture)
+                shown = frame if self._screen is None else self._screen.painted(frame)
+                yield self._perturb(shown, rng, texture)
 
     def _perturb(
         self, frame: RgbdFrame, rng: np.random.Generator, texture: ByteArray

@@ -49,6 +49,7 @@ class Perturbation:
     depth_missing_share: float = 0.0  # of the pixels whose depth is removed
     # Of the image width, hidden by a moving box with the texture of noise.
     covered_share: float = 0.0
+    screen_m: float = 0.0  # width of a screen with a moving picture; needs ground truth
     loops: int = 1  # number of passes over the recording, alternately forward and backward
     black_images: int = 0  # number of successive black images from the middle of the recording on
     cut_images: int = 0  # number of images left out after the black ones
