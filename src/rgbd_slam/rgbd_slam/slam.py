@@ -196,7 +196,8 @@ class RgbdSlam:
         if self._loss_timer.add(frame.stamp_ns):
             self.odometry.forget_velocity()
             self._policy.restart()
-        return self._shutter.compensated(frame, self._camera, self.odometry.twist)
+        twist, _ = self.odometry.twist_at(frame.stamp_ns)
+        return self._shutter.compensated(frame, self._camera, twist)
 
     def _estimate_pose(self, frame: Frame) -> TrackingResult:
         start_s = time.thread_time()
@@ -348,7 +349,8 @@ class RgbdSlam:
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
         if self._config.camera.rolling_shutter:
-            self._shutter.add(tracked, self._atlas, self._noise.camera, self.odometry.twist)
+            view = self.odometry.moving_view(tracking)
+            self._shutter.add(view, self._atlas, self._noise.camera)
         self._tracker.use_camera(self._noise.camera)
         self._loss_timer.reset()
         self._new_map.found(tracked.frame)

@@ -66,6 +66,26 @@ def test_nothing_is_predicted_before_the_gyro_has_been_compared() -> None:
     assert source.bridge() is None
 
 
+def test_the_velocity_at_an_image_has_the_rate_of_the_gyro() -> None:
+    observed = np.array([9.0, 9.0, 9.0, 0.1, 0.2, 0.3])
+    for unknown in (None, followed(0.3)[0]):
+        odometry = Odometry(Atlas(1.2, 8), gyro=unknown)
+        odometry.twist = observed
+        twist, is_measured = odometry.twist_at(START_NS + IMAGE_NS)
+        assert twist is observed
+        assert not is_measured
+    source, _, num = followed(6.0)
+    odometry = Odometry(Atlas(1.2, 8), gyro=source)
+    odometry.twist = observed
+    twist, is_measured = odometry.twist_at(START_NS + num * IMAGE_NS)
+    around = se3.inverse(image_pose(num - 0.1)) @ image_pose(num + 0.1)
+    rate_radps = se3.log(around)[:3] / (0.2e-9 * IMAGE_NS)
+    assert np.linalg.norm(rate_radps) > 0.2
+    assert is_measured
+    np.testing.assert_allclose(twist[:3], -rate_radps, atol=0.05)
+    np.testing.assert_array_equal(twist[3:], [0.1, 0.2, 0.3])
+
+
 def test_a_prior_of_the_rotation_is_near_the_truth_and_can_be_switched_off() -> None:
     source, shaken, num = followed(6.0)
     source.advance(START_NS + (num + 1) * IMAGE_NS)

@@ -12,9 +12,10 @@ from hoid_common.values import S_PER_NS, Features, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import tracked_frame
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.rolling_shutter import RollingShutter
+from rgbd_slam.tracking.rolling_shutter import MovingView, RollingShutter
 
 from .world import CAMERA as MODEL
 from .world import PERIOD_NS, World, position_errors_m
@@ -86,7 +87,20 @@ class Images:
             frame = Frame.from_features(seen, MODEL, CAMERA)
             straight = shutter.compensated(frame, CAMERA, twist)
             tracked = tracked_frame(straight, np.eye(4), self._points, self.atlas, 0)
-            shutter.add(tracked, self.atlas, CAMERA, twist)
+            view = MovingView(tracked, self._points, np.eye(4), twist, is_measured=False)
+            shutter.add(view, self.atlas, CAMERA)
+
+    def show_to_gyro(self, shutter: RollingShutter, count: int) -> None:
+        """Add images whose velocity a gyro knows, and whose matches do not fit the map."""
+        for n in range(count):
+            twist = self._rng.normal(0, 0.3, 6)
+            whole = self._world.features(n * PERIOD_NS, np.eye(4))
+            frame = Frame.from_features(rolled(whole, twist, self._readout_s), MODEL, CAMERA)
+            straight = shutter.compensated(frame, CAMERA, twist)
+            nothing = np.full_like(self._points, NO_POINT)
+            tracked = tracked_frame(straight, np.eye(4), nothing, self.atlas, 0)
+            view = MovingView(tracked, self._points, np.eye(4), twist, is_measured=True)
+            shutter.add(view, self.atlas, CAMERA)
 
 
 @pytest.mark.parametrize('readout_s', [READOUT_S, -READOUT_S])
@@ -121,6 +135,17 @@ def test_the_rows_of_an_image_that_was_turned_are_its_columns() -> None:
     images.show(upright, 120)
     assert turned.readout_s == pytest.approx(READOUT_S, rel=0.08)
     assert upright.readout_s == 0
+
+
+@pytest.mark.parametrize('readout_s', [READOUT_S, -READOUT_S, 0.01, 0.0])
+def test_with_a_gyro_pairs_of_images_show_the_readout_time(readout_s: float) -> None:
+    images, shutter = Images(readout_s), RollingShutter(*MODEL.size_px)
+    images.show_to_gyro(shutter, 20)
+    assert shutter.readout_s == 0
+    images.show_to_gyro(shutter, 60)
+    assert shutter.readout_s == pytest.approx(readout_s, rel=0.08)
+    Images(-0.02).show(shutter, 120)  # from now on, residuals of map points do not count
+    assert shutter.readout_s == pytest.approx(readout_s, rel=0.08)
 
 
 @pytest.mark.parametrize(('readout_s', 'speed'), [(0.0, 1.0), (0.002, 1.0), (READOUT_S, 1e-3)])

@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import S_PER_NS, FloatArray
+from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
 from rgbd_slam.inertial.attitude_filter import AttitudeFilter
+from rgbd_slam.inertial.gyro_integral import rotation_vector
 from rgbd_slam.inertial.imu import Imu, MeasuredRotation
 from rgbd_slam.tracking.motion_sources import BridgedMotion
 
@@ -18,6 +19,7 @@ _SMOOTHING_S = 0.1
 _SPREAD_S = 5.0  # chosen: time over which the spread of the velocity is averaged
 _INITIAL_SPREAD_MPS = 0.2  # chosen: along each axis, of a hand-held camera
 _MAX_BRIDGE_S = 1.5  # chosen: later the position is known to no better than about 0.2 m
+_RATE_NS = NS_PER_S // 50  # chosen: time of a measured rate, that of a usual rolling shutter
 _SOURCE = 'the gyro'
 
 
@@ -81,6 +83,17 @@ class InertialMotion:
         """
         rotation = self._rotation()
         return None if rotation is None else se3.inverse(self._motion(rotation))
+
+    def rate_radps(self, stamp_ns: int) -> FloatArray | None:
+        """Return the rate (3,) at which the camera turns at an image, about its own axes.
+
+        None is returned if the gyro has no rotation around this time (`Imu.rotation`).
+        """
+        half_ns = _RATE_NS // 2
+        turn = self._imu.rotation(stamp_ns - half_ns, stamp_ns + half_ns)
+        if turn is None:
+            return None
+        return rotation_vector(turn.R_first_second) / (S_PER_NS * 2 * half_ns)
 
     def rotation_prior(self) -> MeasuredRotation | None:
         """Return how the camera has turned since the last tracked image by a filtered attitude.

@@ -21,6 +21,7 @@ from rgbd_slam.tracking.motion_sources import (
     MotionLookup,
 )
 from rgbd_slam.tracking.pose_noise import PoseNoise
+from rgbd_slam.tracking.rolling_shutter import MovingView
 from rgbd_slam.tracking.tracker import TrackerOutput
 
 # Chosen: number of inliers that is enough for a pose that agrees with the motion predicted by the
@@ -84,6 +85,24 @@ class Odometry:
         """Let the motion sources measure or extrapolate the motion up to the next image."""
         for source in self._sources:
             source.advance(stamp_ns)
+
+    def twist_at(self, stamp_ns: int) -> tuple[FloatArray, bool]:
+        """Return the velocity at an image, and whether a gyro has measured its rotation.
+
+        The (6,) velocity is that of points in the camera frame, rotation first [rad/s, m/s].
+        Without a measurement around this time, it is `twist`, the last observed velocity. The
+        translation is always the observed one.
+        """
+        rate_radps = None if self._gyro is None else self._gyro.rate_radps(stamp_ns)
+        if rate_radps is None:
+            return self.twist, False
+        return np.append(-rate_radps, self.twist[3:]), True
+
+    def moving_view(self, tracking: TrackerOutput) -> MovingView:
+        """Return the newly tracked image with the velocity of the camera; see `advance`."""
+        tracked = tracking.tracked
+        twist = self.twist_at(tracked.frame.stamp_ns)
+        return MovingView(tracked, tracking.matched, self.T_odom_camera, *twist)
 
     def predict(self) -> list[FloatArray]:
         """Return the predicted motions T_camera_last (4, 4), the most reliable first.

@@ -5,6 +5,10 @@ poses, which displaces the features. A wrong pose of the whole image explains mo
 displacement. The rest depends on the row and is proportional to the readout time, which is
 estimated from the residuals of several seconds.
 
+Without a gyro, these are the residuals of map points. A map that was made of displaced features
+agrees with them in fast turns, so that only a small part of the readout time shows. With a gyro,
+the velocity at each image is known well enough to compare images with each other instead.
+
 Sensors have more columns than rows. An image with more rows than columns was therefore rotated by
 its driver, and the rows of the sensor are its columns.
 """
@@ -13,12 +17,13 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.io.depth import MAX_DEPTH_M, MIN_DEPTH_M
-from hoid_common.values import Float32Array, FloatArray
+from hoid_common.values import NS_PER_S, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
@@ -29,7 +34,12 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 # Number of successive images that give one estimate. Estimates of single images would not be
 # independent, because the errors of the map are the same in all images of one motion.
 _IMAGES_PER_ESTIMATE = 10
+# The same for pairs of images, which depend less on the map.
+_PAIRS_PER_ESTIMATE = 5
 _MAX_ESTIMATES = 12  # number of the latest estimates, which are averaged
+# The same for pairs of images, of which the newest are the best, because they are matched best:
+# matches favor the readout time that they are compensated for.
+_MAX_ESTIMATES_OF_PAIRS = 8
 _MIN_ESTIMATES = 4  # number of estimates before which the readout time counts as 0
 # Standard deviation of a prior readout time of 0, which prevails while the camera is at rest.
 _PRIOR_S = 1e-3
@@ -40,6 +50,21 @@ _MAX_READOUT_S = 0.05  # chosen: the interval of images at 20 Hz
 _MIN_STANDARD_ERRORS = 3.0
 _MAX_MATCHES = 300  # largest number of matches of an image that are used
 _CAUCHY_SCALE = 2.0  # of the robust weights, in standard deviations (95 % efficiency: 2.385)
+_APART = 2  # chosen: images from the first to the second one of a pair
+_MIN_MATCHES = 30  # chosen: number of matches that a pair needs
+_MAX_APART_NS = NS_PER_S // 5  # chosen: images farther apart are not compared
+_OF_PAIR = 2**0.5  # factor of the standard deviation of the difference of two measurements
+
+
+class MovingView(NamedTuple):
+    """A tracked image, compensated before it was tracked, and the velocity of its camera."""
+
+    tracked: TrackedFrame
+    matched: IntArray  # (N,) map point matched with each feature, outliers included, or NO_POINT
+    T_odom_camera: FloatArray  # (4, 4)
+    # (6,) velocity of points in the camera frame, rotation first [rad/s, m/s].
+    twist: FloatArray
+    is_measured: bool  # whether a gyro has measured the rotation of `twist`
 
 
 class RollingShutter:
@@ -58,6 +83,9 @@ class RollingShutter:
         self._num_rows = min(width_px, height_px)
         # Estimates of the readout time [s], each with its information [1/s^2].
         self._estimates: deque[tuple[float, float]] = deque(maxlen=_MAX_ESTIMATES)
+        # The latest images whose rotation a gyro has measured.
+        self._views: deque[MovingView] = deque(maxlen=_APART + 1)
+        self._compares_pairs = False
         self._begin()
 
     def _begin(self) -> None:
@@ -89,19 +117,25 @@ class RollingShutter:
         compensated_m = np.where(has_depth, x[2], 0).astype(np.float32)
         return replace(frame, measurement_px=measurement_px, depth_m=compensated_m)
 
-    def add(
-        self, tracked: TrackedFrame, atlas: Atlas, camera: StereoCamera, twist: FloatArray
-    ) -> None:
-        """Update the estimated readout time with the residuals of a tracked frame.
+    def add(self, view: MovingView, atlas: Atlas, camera: StereoCamera) -> None:
+        """Update the estimated readout time with a tracked image.
 
-        A new estimate follows from every ten frames in which points with depth are tracked.
+        Without a gyro, the residuals of ten images with points that have depth give a new
+        estimate. From the first image on whose rotation a gyro has measured, only comparisons of
+        such an image with the one before the last count. Five of them give a new estimate.
 
         Args:
-            tracked: The frame, which was compensated before it was tracked.
+            view: The image.
             atlas: The map.
             camera: The camera with its measured noise.
-            twist: (6,) velocity of points in the camera frame, rotation first [rad/s, m/s].
         """
+        if view.is_measured:
+            self._add_pair(view, camera, atlas.octave_scale)
+        elif not self._compares_pairs:
+            self._add_residuals(view, atlas, camera)
+
+    def _add_residuals(self, view: MovingView, atlas: Atlas, camera: StereoCamera) -> None:
+        tracked = view.tracked
         k = np.flatnonzero((tracked.points != NO_POINT) & tracked.frame.has_depth)
         k = k[:: 1 + len(k) // _MAX_MATCHES]
         if len(k) == 0:
@@ -109,17 +143,68 @@ class RollingShutter:
         position_m = atlas.points.position_m.take(tracked.points[k], 0)
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
         measured = tracked.frame.measurement_px.take(k, 0).T.astype(np.float64)
-        sigma = np.empty((3, len(k)))
-        sigma[:2] = camera.pixel_noise * atlas.octave_scale[tracked.frame.octave[k]]
-        sigma[2] = camera.disparity_sigma_px(measured[0] - measured[2])
-        residual = _with_disparity(measured - camera.project_rows(x)) / sigma
-        by_pose = _pose_derivatives(camera, x) / sigma
-        by_time = self._rows(measured) * (twist @ by_pose.reshape(6, -1)).reshape(3, -1)
+        scale = atlas.octave_scale[tracked.frame.octave[k]]
+        by_pose, residual = _linearized(camera, x, measured, scale)
+        by_twist = (view.twist @ by_pose.reshape(6, -1)).reshape(3, -1)
+        by_time = self._rows(measured) * by_twist
         information, weighted_s = _marginal_of_time(by_pose, by_time, residual)
+        self._count(information, weighted_s, _IMAGES_PER_ESTIMATE)
+
+    def _add_pair(self, view: MovingView, camera: StereoCamera, octave_scale: FloatArray) -> None:
+        """Compare an image with the one before the last one, if they are at most 0.2 s apart."""
+        if not self._compares_pairs:
+            self._compares_pairs = True
+            self._estimates = deque(maxlen=_MAX_ESTIMATES_OF_PAIRS)
+            self._begin()
+        stamp_ns = view.tracked.frame.stamp_ns
+        if self._views and stamp_ns <= self._views[-1].tracked.frame.stamp_ns:
+            self._views.clear()
+        self._views.append(view)
+        first = self._views[0]
+        apart_ns = stamp_ns - first.tracked.frame.stamp_ns
+        if len(self._views) == _APART + 1 and apart_ns <= _MAX_APART_NS:
+            compared = self._compare(first, view, camera, octave_scale)
+            self._count(*compared, _PAIRS_PER_ESTIMATE)
+
+    def _compare(
+        self, first: MovingView, second: MovingView, camera: StereoCamera, scale: FloatArray
+    ) -> tuple[float, float]:
+        """Return what two images say about the readout time; see `_marginal_of_time`.
+
+        The first image and its depth predict where the second one shows a point. A rolling
+        shutter displaces it from there if the camera has changed its velocity or the point its
+        row. Matches that do not fit the poses are compared as well, because displaced features do
+        not fit. Both results are 0 if fewer than 30 points are matched with depth in both images.
+
+        Args:
+            first: The earlier image.
+            second: The later image.
+            camera: The camera with its measured noise.
+            scale: (L,) size of a pixel of each octave in pixels of the image.
+        """
+        k_first, k_second = _common(first, second)
+        if len(k_first) < _MIN_MATCHES:
+            return 0.0, 0.0
+        T_second_first = se3.inverse(second.T_odom_camera) @ first.T_odom_camera
+        before, after = first.tracked.frame, second.tracked.frame
+        before_px = before.measurement_px[k_first]
+        position_m = camera.back_project(before_px[:, :2], before.depth_m[k_first])
+        x = to_camera(T_second_first, position_m.T)
+        np.maximum(x[2], MIN_DEPTH_M, out=x[2])
+        measured = after.measurement_px[k_second].T.astype(np.float64)
+        linearized = _linearized(camera, x, measured, scale[after.octave[k_second]])
+        by_pose, residual = (value / _OF_PAIR for value in linearized)
+        twists = np.stack([second.twist, se3.adjoint(T_second_first) @ first.twist])
+        by_twist = (twists @ by_pose.reshape(6, -1)).reshape(2, 3, -1)
+        by_time = self._rows(measured) * by_twist[0] - self._rows(before_px.T) * by_twist[1]
+        return _marginal_of_time(by_pose, by_time, residual)
+
+    def _count(self, information: float, weighted_s: float, num_images: int) -> None:
+        """Add the result of an image to the sums, of which `num_images` make an estimate."""
         self._information += information
         self._weighted_s += weighted_s + self.readout_s * information
         self._num_images += 1
-        if self._num_images == _IMAGES_PER_ESTIMATE:
+        if self._num_images == num_images:
             self._update()
 
     def _update(self) -> None:
@@ -142,6 +227,43 @@ class RollingShutter:
         """Return the (N,) sensor rows of pixels (3, N) u, v, u_right, from -0.5 (first) to 0.5."""
         row_px = measured_px[0 if self._is_turned else 1]
         return np.asarray(row_px, np.float64) / self._num_rows - 0.5
+
+
+def _common(first: MovingView, second: MovingView) -> tuple[IntArray, IntArray]:
+    """Return the features (M,) of two images that are matched with the same points.
+
+    They have depth in both images. At most 300 are returned.
+    """
+    k_first, k_second = (
+        np.flatnonzero((view.matched != NO_POINT) & view.tracked.frame.has_depth)
+        for view in (first, second)
+    )
+    _, at_first, at_second = np.intersect1d(
+        first.matched[k_first], second.matched[k_second], return_indices=True
+    )
+    every = 1 + len(at_first) // _MAX_MATCHES
+    return k_first[at_first[::every]], k_second[at_second[::every]]
+
+
+def _linearized(
+    camera: StereoCamera, x: FloatArray, measured_px: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives (6, 3, N) and residuals (3, N) of u, v and disparity of points.
+
+    Both are divided by the standard deviations of a measurement. The derivatives are by a twist
+    that moves the points.
+
+    Args:
+        camera: The camera with its measured noise.
+        x: (3, N) points in the camera frame [m].
+        measured_px: (3, N) u, v, u_right.
+        scale: (N,) size of a pixel of each feature's octave in pixels of the image.
+    """
+    sigma = np.empty((3, len(scale)))
+    sigma[:2] = camera.pixel_noise * scale
+    sigma[2] = camera.disparity_sigma_px(measured_px[0] - measured_px[2])
+    residual = _with_disparity(measured_px - camera.project_rows(x)) / sigma
+    return _pose_derivatives(camera, x) / sigma, residual
 
 
 def _pose_derivatives(camera: StereoCamera, x: FloatArray) -> FloatArray:
