@@ -24,6 +24,7 @@ _FIELDS = {
     '--played': 'played_s',
     '--rest': 'rest_s',
     '--people-seed': 'people_seed',
+    '--away': 'away_seed',
     '--start': 'start_s',
     '--rooms': 'num_rooms',
     '--every': 'every',

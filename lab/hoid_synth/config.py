@@ -75,6 +75,11 @@ class SceneConfig(Config):
     people_seed: int = param(
         0, 'seed of the people and their actions; 0: that of the scene', minimum=0
     )
+    away_seed: int = param(
+        0,
+        'seed of what was moved, taken and added in the room while nobody watched; 0: nothing',
+        minimum=0,
+    )
     num_rooms: int = param(
         12, 'least number of rooms on the path floor, whose rows are equally long', minimum=2,
         maximum=16,
@@ -130,6 +135,8 @@ class SceneConfig(Config):
                 f'SceneConfig.speed_mps needs a passing object: event must be one of '
                 f'{", ".join(PASSING_MPS)}, got "{self.event}"'
             )
+        if self.away_seed and self.path == FLOOR:
+            raise ConfigError(f'SceneConfig.away_seed is not possible with the path "{FLOOR}"')
         if self.rest_s and self.event == 'followed':
             raise ConfigError('SceneConfig.rest_s is not possible with the event "followed"')
 

@@ -52,7 +52,7 @@ def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> O
     best: dict[int, tuple[float, int]] = {}
     num_double = num_false = 0
     for f, item in enumerate(found):
-        ratings = [_rating(item, other) for other in true]
+        ratings = [rating(item, other) for other in true]
         t = int(np.argmax(ratings)) if ratings else -1
         if t < 0 or ratings[t] <= 0:
             num_false += 1
@@ -81,7 +81,7 @@ def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> O
     )
 
 
-def _rating(found: FoundObject, true: TrueObject) -> float:
+def rating(found: FoundObject, true: TrueObject) -> float:
     """Return how well an object fits a true one; 0: it does not."""
     low, high = found.center_m - found.size_m / 2, found.center_m + found.size_m / 2
     best = 0.0

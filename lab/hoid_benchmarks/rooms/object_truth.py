@@ -31,6 +31,7 @@ class TrueObject(NamedTuple):
     seen_m: FloatArray  # (N, 3) points of this part
     is_expected: bool  # shown large, near and long enough to be found
     was_carried: bool
+    instance: int = 0  # of the object in the world
 
 
 def true_objects(truth: RoomTruth) -> list[TrueObject]:
@@ -51,7 +52,17 @@ def true_objects(truth: RoomTruth) -> list[TrueObject]:
         is_expected = frames[instance] * _EVERY >= _EXPECTED_FRAMES
         was_carried = since[instance] > 0
         out.append(
-            TrueObject(name, whole.min(0), whole.max(0), low, high, seen, is_expected, was_carried)
+            TrueObject(
+                name,
+                whole.min(0),
+                whole.max(0),
+                low,
+                high,
+                seen,
+                is_expected,
+                was_carried,
+                instance,
+            )
         )
     return out
 

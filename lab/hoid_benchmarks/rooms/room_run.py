@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 from tqdm import tqdm
 
-from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.sequence import Sequence as Recording
 from hoid_bringup.run.detection_source import detection_source
+from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.run_config import RunConfig
+from hoid_common.slam_status import SlamMode
 from hoid_common.values import DynamicObject, RgbdFrame, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.dense.voxel_map import ColoredCloud
+from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.grid import Grid
 from rgbd_slam.scene.object_tracker import TrackedObject
@@ -52,9 +56,19 @@ class MappedRoom:
 
 
 def map_room(
-    sequence: BagSequence, config: RunConfig, observers: Sequence[FusionObserver] = ()
+    sequence: Recording,
+    config: RunConfig,
+    observers: Sequence[FusionObserver] = (),
+    files: MapFiles = MapFiles(),  # noqa: B008 - immutable
 ) -> MappedRoom:
-    """Process every frame as the nodes do, and return all maps and tracks."""
+    """Process every frame as the nodes do, and return all maps and tracks.
+
+    Args:
+        sequence: The recording.
+        config: Parameters of all stages.
+        observers: They receive the images that are fused.
+        files: Map files to load before the first frame, and to save at the end.
+    """
     detect = detection_source(sequence, config)
     feature_filter = FeatureFilter(config.filter, sequence.camera)
     session = SlamSession(
@@ -68,6 +82,8 @@ def map_room(
     scene = SceneMapper(
         sequence.camera, config.slam.dense, config.slam.objects, config.slam.object_map
     )
+    if files.load is not None:
+        _load(files.load, session, scene, localize=files.localize)
     publish = Rate(1 / config.slam.dense.publish_period_s)
     tracks: Tracks = {}
     history: ObjectHistory = {}
@@ -90,6 +106,8 @@ def map_room(
     session.slam.map.finish()
     session.close()
     scene.correct(session.robot_map.keyframes(), force=True)
+    if files.save is not None:
+        _save(files.save, session, scene)
     cloud = scene.cloud()
     trajectory = session.robot_map.trajectory('final')
     return MappedRoom(
@@ -101,3 +119,19 @@ def map_room(
         trajectory,
         session.slam.stats,
     )
+
+
+def _load(path: Path, session: SlamSession, scene: SceneMapper, *, localize: bool) -> None:
+    content = map_file.load(path)
+    loaded = session.robot_map.load(content, extend=not localize)
+    if content.dense is not None:
+        scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
+    if content.objects is not None:
+        scene.load_objects(content.objects, loaded.keyframes, loaded.keyframe_uids)
+    session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
+
+
+def _save(path: Path, session: SlamSession, scene: SceneMapper) -> None:
+    objects = scene.export_objects(session.robot_map.keyframes().uids)
+    content = session.robot_map.export()
+    map_file.save(path, content._replace(dense=scene.export(), objects=objects))

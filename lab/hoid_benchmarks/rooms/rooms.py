@@ -2,7 +2,9 @@
 
 Each room is mapped with several filter strategies and without a filter. Boxes are ground truth
 unless a detector is named. A second table compares the objects at rest with the true ones, and a
-third one shows how the maps follow the objects that people carry.
+third one shows how the maps follow the objects that people carry. A room that was rearranged
+(`synth-1-away=1`) is mapped as it was before first; a fourth table shows what the object map says
+of the changes.
 """
 
 from __future__ import annotations
@@ -23,6 +25,9 @@ from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_benchmarks.rooms.room_ghost import Ghost
 from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.room_scores import Carried, RoomScores, score
+from hoid_benchmarks.rooms.visits.change_table import HEADER as CHANGE_HEADER
+from hoid_benchmarks.rooms.visits.change_table import ChangeTable
+from hoid_benchmarks.rooms.visits.second_visit import first_name, map_visits, truth_of
 from hoid_bringup.run.provenance import machine
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
@@ -55,18 +60,30 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
         InputError: A name is not that of a rendered recording.
     """
     rows: list[tuple[str, ...]] = [_WANTED]
-    objects, carries = ObjectTable(), CarryTable()
+    objects, carries, changes = ObjectTable(), CarryTable(), ChangeTable()
+    model = detector or TRUTH
     for name in names or ROOMS:
-        rows += _rows(name, store, detector or TRUTH, objects, carries)
-    tables = '\n'.join(
-        [
-            _table(_HEADER, rows),
-            _table(OBJECT_HEADER, objects.rows()),
-            _table(CARRY_HEADER, carries.rows()),
-        ]
-    )
+        scene = _scene(name)
+        if scene.away_seed:
+            _add_visits(name, scene, store, model, changes)
+        else:
+            rows += _rows(name, scene, store, model, objects, carries)
+    parts = [
+        (_HEADER, rows if len(rows) > 1 else []),
+        (OBJECT_HEADER, objects.rows()),
+        (CARRY_HEADER, carries.rows()),
+        (CHANGE_HEADER, changes.rows()),
+    ]
+    tables = '\n'.join(_table(header, part) for header, part in parts if part)
     made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
     return f'{tables}\n{made}, with {detector or "ground-truth boxes"}.\n'
+
+
+def _scene(name: str) -> SceneConfig:
+    scene = scene_of(name)
+    if scene is None:
+        raise InputError(f'{name}: ground truth is known for rendered rooms only, such as synth-1')
+    return scene
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -74,13 +91,24 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 
 
+def _add_visits(
+    name: str, scene: SceneConfig, store: Store, model: str, changes: ChangeTable
+) -> None:
+    """Map a room before and after it was rearranged, and score what the object map says."""
+    config = RunConfig().updated({'detector.model': model, 'object_map.enabled': True})
+    visits = map_visits(store.find(first_name(name)), store.find(name), config)
+    changes.add(name, visits, truth_of(scene))
+
+
 def _rows(
-    name: str, store: Store, model: str, objects: ObjectTable, carries: CarryTable
+    name: str,
+    scene: SceneConfig,
+    store: Store,
+    model: str,
+    objects: ObjectTable,
+    carries: CarryTable,
 ) -> Iterable[tuple[str, ...]]:
     """Yield the rows of one room; the objects found with the first strategy are scored."""
-    scene = scene_of(name)
-    if scene is None:
-        raise InputError(f'{name}: ground truth is known for rendered rooms only, such as synth-1')
     ghost = _ghost(name, scene.seed, store) if scene.num_people else '-'
     sequence = BagSequence(store.find(name))
     truth = RoomTruth(scene, T_BODY_OPTICAL)

@@ -12,6 +12,7 @@ from hoid_synth.mesh import Rect, box, merged
 from hoid_synth.noise import Rng
 from hoid_synth.people.body import dress
 from hoid_synth.room import furniture
+from hoid_synth.room.away import rearrange
 from hoid_synth.room.movers import make_mover
 from hoid_synth.room.props import FLOOR_PROPS, TABLE_PROPS, Maker
 from hoid_synth.room.rooms import DEPTH_M, HEIGHT_M, Furnisher
@@ -66,6 +67,13 @@ def build_world(config: SceneConfig) -> World:
     if config.event:
         made = make_mover(config.event, people, furnishers[0].palette)
         mover = made, builder.new_instance(made.class_name)
+    if config.away_seed:
+        away = Studio(
+            textures,
+            np.random.default_rng([config.seed, 5, config.away_seed]),
+            studio.texels_per_m,
+        )
+        props, free = rearrange(away, furnishers[0].palette, builder, props, free)
     return World(
         builder.mesh(),
         tuple(builder.class_names),

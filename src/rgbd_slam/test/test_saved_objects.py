@@ -18,6 +18,7 @@ from .test_object_map import BEAR, BOOK, CUP, TABLE, moved, only
 
 UIDS = np.array([0])
 HOUR_NS = 3600 * 10**9
+VASE = Box('vase', (1.9, -0.65, -0.45), (2.0, -0.55, -0.15))
 
 
 def next_session(state: ObjectMapState) -> ObjectWorld:
@@ -62,9 +63,8 @@ def test_the_next_session_finds_what_is_gone_moved_and_new() -> None:
     world = ObjectWorld()
     before = world.look(TABLE, CUP, BOOK, times=6)
     target = moved(BOOK, (0.1, 0.5, 0.0))
-    vase = Box('vase', (1.9, -0.65, -0.45), (2.0, -0.55, -0.15))
     second = next_session(world.map.export(UIDS))
-    after = second.look(TABLE, target, vase, times=10)
+    after = second.look(TABLE, target, VASE, times=10)
     book = only(after, 'book')
     assert book.state is PlaceState.MOVED
     assert book.object_id == only(before, 'book').object_id
@@ -72,6 +72,14 @@ def test_the_next_session_finds_what_is_gone_moved_and_new() -> None:
     assert only(after, 'cup').state is PlaceState.GONE
     assert [item.class_name for item in after if item.is_new] == ['vase']
     assert [item.class_name for item in find(after, ObjectQuery(state='new'))] == ['vase']
+
+
+def test_what_was_seen_five_times_is_not_called_new_yet() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, times=6)
+    second = next_session(world.map.export(UIDS))
+    assert [item.is_new for item in second.look(TABLE, CUP, VASE, times=5)] == [False, False]
+    assert only(second.look(TABLE, CUP, VASE, times=1), 'vase').is_new
 
 
 def test_what_is_much_larger_is_not_what_is_gone() -> None:

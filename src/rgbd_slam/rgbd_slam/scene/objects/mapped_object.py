@@ -69,7 +69,7 @@ class MapObject:
     # (3,) center of its box at the place before, in the map frame; None: it was not moved.
     moved_from_map_m: FloatArray | None = None
     moved_ns: int = 0  # stamp of its last sighting at the place before; 0: it was not moved
-    is_new: bool = False  # whether a map was loaded that did not contain it
+    is_new: bool = False  # whether a loaded map did not contain it, although it is seen often
 
     @property
     def is_present(self) -> bool:
@@ -340,7 +340,7 @@ class MappedObject:
 
         Args:
             floor: The floor, down to which furniture reaches; None: it is unknown.
-            is_new: Whether a map was loaded that did not contain the object.
+            is_new: Whether a loaded map did not contain the object, although it is seen often.
         """
         low, high = self._full_box(floor)
         T = self.T_map_object.copy()

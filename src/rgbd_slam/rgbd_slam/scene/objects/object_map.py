@@ -37,7 +37,7 @@ from rgbd_slam.scene.objects.association import (
     overlap_much,
     prior_of,
 )
-from rgbd_slam.scene.objects.carrying import Carrying, is_at_rest
+from rgbd_slam.scene.objects.carrying import Carrying, is_at_rest, is_brief
 from rgbd_slam.scene.objects.cloud_labels import CloudLabeler, CloudLabels
 from rgbd_slam.scene.objects.mapped_object import MapObject, MappedObject, PlaceState
 from rgbd_slam.scene.objects.object_map_state import ObjectMapState
@@ -92,7 +92,7 @@ class ObjectMap:
             floor: The floor, down to which furniture reaches; None: it is unknown.
         """
         return tuple(
-            item.value(floor, is_new=self._is_reused and not item.is_loaded)
+            item.value(floor, is_new=self._is_reused and not (item.is_loaded or is_brief(item)))
             for item in self._shown()
         )
 
