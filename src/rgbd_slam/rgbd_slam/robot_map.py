@@ -180,9 +180,11 @@ class RobotMap:
         """Return the camera poses T_map_camera of a kind: `final`, `online` or `keyframes`.
 
         Online poses are those that were estimated when the frames arrived, in the present map
-        frame. Final poses follow from the current map. Call `slam.map.finish` before, so that they
-        follow from the map after its last adjustment. For the kind `final`, the map counts as
-        changed (`take_change`).
+        frame. Final poses follow from the current map. They lack frames of maps that are not
+        linked with the main one, and frames whose reference keyframe is pending or gone
+        (`TrajectoryRecorder.final`). Call `slam.map.finish` before, so that they follow from the
+        map after its last adjustment. For the kind `final`, the map counts as changed
+        (`take_change`). Keyframes are those of this session in the main map.
 
         Raises:
             ConfigError: There is no such kind.

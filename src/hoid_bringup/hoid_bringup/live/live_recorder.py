@@ -80,7 +80,7 @@ class LiveRecorder:
                 time.sleep(min(left_s, _PAUSE_S))
 
     def missing(self, camera_info: bytes) -> str:
-        """Return a text that says why the nodes cannot receive images yet; empty: they can.
+        """Return why filter or SLAM node cannot receive images yet; empty: both can.
 
         Once all connections exist, each call also publishes camera_info until the SLAM node has
         published its status, so that it starts its mapping process before the first image.

@@ -110,10 +110,13 @@ class _LiveRun:
                 return self._result(recorder, nodes, summary_options)
 
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
-        """Wait until all nodes can receive images.
+        """Wait until the filter and the SLAM node can receive images.
+
+        The detector is not waited for: the player waits for its subscription, which exists before
+        its model is loaded.
 
         Raises:
-            InputError: A node ended, or the nodes are not ready after 90 s.
+            InputError: A node ended, or filter and SLAM node are not ready after 90 s.
         """
         end_s = time.monotonic() + _READY_TIMEOUT_S
         while missing := recorder.missing(self._camera_info):

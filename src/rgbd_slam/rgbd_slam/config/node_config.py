@@ -87,9 +87,10 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         '',
         'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
         'continue in a place that is already mapped. If it is empty, the node starts with an '
-        'empty map. In the mode mapping, a node that was killed resumes from its checkpoint '
-        'instead, if images arrive again within ten minutes, by their stamps, and the camera '
-        'fits; it does not if checkpoint_period_s is 0.',
+        'empty map. In the mode mapping, a node that crashed or was ended by SIGKILL resumes from '
+        'its checkpoint instead, if images arrive again within ten minutes, by their stamps, and '
+        'the camera fits. Ctrl-C, SIGTERM and launch delete the checkpoint, unless launch ends '
+        'the node because another one failed. With checkpoint_period_s 0, nothing is resumed.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),

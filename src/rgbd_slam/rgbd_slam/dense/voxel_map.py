@@ -56,7 +56,8 @@ class VoxelMap:
 
     Args:
         camera: The camera of depth and color.
-        config: Gives the size of a voxel, and the number of them that are kept in memory.
+        config: Parameters of the dense map. `max_voxels` holds only if `limit_memory` is called
+            after images.
     """
 
     def __init__(self, camera: CameraModel, config: DenseConfig) -> None:

@@ -285,7 +285,10 @@ def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray |
 
 
 def _mean_difference(steps: _Steps, aligned: _Alignment) -> tuple[FloatArray, float]:
-    """Return the mean (3,) of the remaining differences of the rates, and its standard deviation.
+    """Return the mean (3,) of tracked minus measured rates [rad/s], and its standard deviation.
+
+    The rates are along the camera's axes; the mean is left after the weighted means were
+    subtracted.
 
     Steps weigh all or nothing here, so that noise of the poses cancels: each pose ends one
     rotation and begins the next. The standard deviation follows from the spread of the means of

@@ -59,8 +59,9 @@ _WORK_PER_PAUSE = 0.25
 # Chosen: number of fused images without a floor from which this is reported. They take several
 # seconds, in which a robot sees its floor.
 _MAX_IMAGES_WITHOUT_FLOOR = 30
-# The pose is that of the color image, so that a gap is no error of the driver, which the filter
-# reports: poses are late.
+# A pose has the stamp of its color image. With `sync_slop_s` of the filter up to 20 ms, an image
+# has a pose only if the stamps of depth and color fit, so that a gap means late poses. With a
+# larger one, the stamps themselves may differ too much.
 _LATE_POSES = (
     'the dense map and the tracks get no images: poses arrive too long after their depth images. '
     'Reduce the load of the computer. If it is low, the stamps of depth and color differ by more '
