@@ -235,5 +235,11 @@ def test_the_example_for_nav2_marks_and_clears_with_published_topics() -> None:
             (f'/{topics.STATIC_POINTS}', False, True),
         ]
         assert {s['data_type'] for s in sources} == {'PointCloud2'}
-    static = parameters['global_costmap']['global_costmap']['ros__parameters']['static_layer']
-    assert static['map_topic'] == f'/{topics.GRID_MAP}'
+        # No source marks what is at rest: it enters a costmap only by the grid, before people do.
+        assert layers['plugins'].index('static_layer') < layers['plugins'].index('obstacle_layer')
+        assert layers['static_layer'] == {
+            'plugin': 'nav2_costmap_2d::StaticLayer',
+            'map_topic': f'/{topics.GRID_MAP}',
+            'map_subscribe_transient_local': True,
+            'subscribe_to_updates': True,
+        }

@@ -86,8 +86,6 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
     Some outliers are found only with this measured noise, and have distorted the solution until
     then. Therefore the problem is solved a third time without them.
 
-    With 309 keyframes, 18,000 points and 157,000 observations, it takes 4.7 s.
-
     Args:
         camera: The camera with its configured noise.
         bundle: The problem.
