@@ -164,11 +164,11 @@ def _shown(column: str, cell: str) -> str:
     return _DETECTORS.get(cell, cell) if column == 'detector' else cell
 
 
-def _made(rows: Sequence[Row]) -> str:
+def _made(rows: Sequence[Row], verb: str = 'Made') -> str:
     commits = sorted({row.commit for row in rows})
     machines = '; '.join(sorted({row.machine for row in rows} - {''}))
     of = f'at commit {commits[0]}' if len(commits) == 1 else f'at commits {", ".join(commits)}'
-    return f'Made {of}, on {machines}.' if machines else f'Made {of}.'
+    return f'{verb} {of}, on {machines}.' if machines else f'{verb} {of}.'
 
 
 def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -190,7 +190,7 @@ def _summary(kept: dict[str, Kept]) -> str:
             (wanted['words'], wanted['orb_slam3'], *errors, _DETECTORS[wanted['detector']])
         )
     heads = ('sequence', 'ORB-SLAM3', *table['filters'].values(), 'detector')
-    return f'{_markdown(heads, rows)}\n{_made(shown)}\n'
+    return f'{_markdown(heads, rows)}\n{_made(shown, "Ours made")}\n'
 
 
 def _found(kept: dict[str, Kept], wanted: dict[str, Any], name: str) -> Any:
