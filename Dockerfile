@@ -1,8 +1,8 @@
-# The suite on ROS 2 Jazzy: `docker build -t hoid .`, then `docker run --network host --ipc host hoid nodes --camera realsense`.
+# The suite on ROS 2 Jazzy; docs/howto/another_camera.md says how to run it.
 FROM ros:jazzy
 
 RUN apt-get update && apt-get install -y --no-install-recommends \
-    git python3-venv python3-dev build-essential cmake \
+    git python3-venv python3-dev build-essential cmake python3-opencv \
     && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/hoid

@@ -1,9 +1,10 @@
 """Launches detector, filter and SLAM for a camera driver that is chosen by name.
 
-ros2 launch hoid_bringup hoid.launch.py camera:=realsense base_frame:=base_link
+./hoid env ros2 launch hoid_bringup hoid.launch.py camera:=realsense base_frame:=base_link
 
-`./hoid nodes` limits discovery to this computer and uses the transport profile of the suite. With
-`ros2 launch`, set both in the shell:
+`./hoid env` sets the Python environment of the nodes, limits discovery to this computer, and sets
+the transport profile of the suite. In another environment that has their packages, set both in the
+shell:
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
 share=$(ros2 pkg prefix --share hoid_common)

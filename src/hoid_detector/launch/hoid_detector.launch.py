@@ -1,6 +1,6 @@
 """Launches the detector alone, for example on another computer than the rest of the suite.
 
-ros2 launch hoid_detector hoid_detector.launch.py image:=/camera/color/image_raw
+./hoid env ros2 launch hoid_detector hoid_detector.launch.py image:=/camera/color/image_raw
 
 See hoid.launch.py of hoid_bringup for discovery and transport settings.
 """

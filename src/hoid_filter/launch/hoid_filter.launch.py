@@ -1,6 +1,6 @@
 """The filter node alone.
 
-ros2 launch hoid_filter hoid_filter.launch.py strategy:=hoid2d image:=/camera/color/image_raw
+./hoid env ros2 launch hoid_filter hoid_filter.launch.py strategy:=hoid2d image:=/color/image_raw
 
 hoid.launch.py of hoid_bringup explains how discovery is limited to one computer.
 """

@@ -1,6 +1,6 @@
 """The SLAM node alone.
 
-ros2 launch rgbd_slam rgbd_slam.launch.py base_frame:=base_link
+./hoid env ros2 launch rgbd_slam rgbd_slam.launch.py base_frame:=base_link
 
 hoid_bringup's hoid.launch.py explains how discovery is kept to one computer.
 """
