@@ -10,10 +10,11 @@ from hoid_benchmarks.report.literature import own_names, published
 from hoid_benchmarks.report.tables import text
 
 _ATE, _SEQUENCE, _FILTER = 'RMSE [m]', 'sequence', 'filter'
+_SOURCE = 'run here, median (JPEG color images, see [results](index.md))'
 _HEAD = """# Published values
 
 ATE RMSE in meters as stated in the papers, which was not reproduced here. `./hoid bench official
-DATA` adds the values of this project for the recordings in the folder `DATA`
+DATA` prints them beside the values of this project for the recordings in the folder `DATA`
 ([how](../howto/official_sequences.md)). `make reference` writes this page.
 """
 
@@ -24,7 +25,7 @@ def literature_page(kept: Mapping[str, Kept]) -> str:
     for table in published():
         names = own_names(table.id)
         ours = [_without_filter(kept, names.get(column)) for column in table.columns[1:]]
-        row = tuple(map(text, ('this project, no filter', *ours[:-1], 'run here, median')))
+        row = tuple(map(text, ('this project, no filter', *ours[:-1], _SOURCE)))
         rows = (*table.rows, row) if any(cell != '-' for cell in ours) else table.rows
         parts.append(f'## {table.title}\n\n{replace(table, rows=rows).markdown()}')
     return '\n'.join(parts)
