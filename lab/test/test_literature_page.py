@@ -19,6 +19,6 @@ def test_a_rendered_scene_is_not_taken_for_a_recording_of_the_same_name() -> Non
         'rendered': Kept(COLUMNS, (row('crowd', 'none', '0.0023'), row('crowd', 'hoid+', '1'))),
     }
     page = literature_page(kept)
-    assert '| this project, no filter | 0.0067 | - | - | - | - | - | run here, median |' in page
+    assert '| this project, no filter | 0.0067 | - | - | - | - | - | run here, median (' in page
     assert page.count('this project, no filter') == 1
     assert '0.0023' not in page
