@@ -172,6 +172,16 @@ class MotionConfig(Config):
         read_only=False,
     )
 
+    depth_decides: bool = param(
+        default=True,  # hand_held.md: fr1_xyz with a large screen, ATE 0.33 m without it
+        description='Whether earlier depth decides between two camera motions that both explain '
+        'much of the image, as where a large screen shows a moving picture, for the strategies '
+        'hoid+ (with motion.enabled) and motion. Set it to false when poor depth leads to a wrong '
+        'choice.',
+        read_only=False,
+        internal=True,
+    )
+
     num_points: ClassVar[int] = 300  # chosen: tracked points, one per 32x32 px of a VGA image
     # Chosen: greatest age of the earlier position with which a tracked point is compared. A longer
     # time shows slower motion, but adds the drift of the poses.

@@ -50,6 +50,12 @@ _BASELINES = (
 )
 
 
+# Chosen, of the baselines above: long enough for a motion to show, and short enough for most of
+# the image to be still in view.
+_COMPARED_BASELINES = _BASELINES[1:3]
+_STEP_PX = 2  # chosen: every second row and column of the downscaled depth, for speed
+
+
 class _PastDepth(NamedTuple):
     """The depth range around each pixel of an earlier image, and the camera pose."""
 
@@ -68,6 +74,17 @@ class DepthHistory:
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
         self._past: list[_PastDepth] = []
+        pinhole, (height, width) = camera.depth_pinhole, camera.shape_hw
+        v, u = np.mgrid[:height:_STEP_PX, :width:_STEP_PX]
+        # (M, 3) rays of the compared pixels, with z = 1
+        self._rays = np.stack(
+            [
+                (u.ravel() - pinhole.cx_px) / pinhole.fx_px,
+                (v.ravel() - pinhole.cy_px) / pinhole.fy_px,
+                np.ones(u.size),
+            ],
+            axis=1,
+        )
 
     def add(
         self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
@@ -123,6 +140,41 @@ class DepthHistory:
             _OCCLUSION_MARGIN,
             (_OCCLUSION_LOG_ODDS, _MIN_OCCLUDING_SHARE, _MIXED_SHARE),
         )
+
+    def contradiction(self, view: DownscaledView, T_world_camera: FloatArray) -> float:
+        """Return the share of a view that would be in front of earlier depth, at a camera pose.
+
+        If everything were at rest, it would be 0 at the right pose. It is the mean over the depth
+        images of 0.4 and 1 s before, of their pixels with a reading; 0 without such an image.
+
+        Args:
+            view: The current view.
+            T_world_camera: (4, 4) camera pose of the view that is assumed.
+        """
+        depth_m = view.depth_m[::_STEP_PX, ::_STEP_PX].ravel()
+        points_m = self._rays[depth_m > 0] * depth_m[depth_m > 0, None].astype(np.float64)
+        world_m = se3.transform(T_world_camera, points_m)
+        shares = [
+            self._share_in_front(past, se3.transform(past.T_camera_world, world_m))
+            for baseline in _COMPARED_BASELINES
+            if (past := self._nearest(view.stamp_s, baseline.age_s)) is not None
+        ]
+        return float(np.mean(shares)) if shares else 0.0
+
+    def _share_in_front(self, past: _PastDepth, points_m: FloatArray) -> float:
+        """Return the share of points (N, 3) in a past camera's frame in front of its depth."""
+        pinhole, (height, width) = self._camera.depth_pinhole, self._camera.shape_hw
+        x, y, z = points_m[points_m[:, 2] > 0].T
+        u = np.rint(x / z * pinhole.fx_px + pinhole.cx_px)
+        v = np.rint(y / z * pinhole.fy_px + pinhole.cy_px)
+        inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+        row, column, z = v[inside].astype(np.int64), u[inside].astype(np.int64), z[inside]
+        nearest_m = past.range_m[row, column, 0]
+        constant_m, per_m, per_m2 = _OCCLUSION_MARGIN
+        is_in_front = z < nearest_m - (constant_m + per_m * z + per_m2 * z**2)
+        is_known = nearest_m > 0
+        num_known = int(np.count_nonzero(is_known))
+        return int(np.count_nonzero(is_in_front & is_known)) / max(num_known, 1)
 
     def _nearest(self, now_s: float, age_s: float) -> _PastDepth | None:
         """Return the stored depth image whose age is nearest to `age_s`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,12 @@ _NUM_SAMPLES = 32
 # best pose with the prior. In a trial without this comparison, a wrong prior confirmed itself in
 # one of four runs.
 _SWITCH_SHARE = 0.15
+# Chosen: least share of the area that another pose must explain, and the best one does not, before
+# depth decides between the two.
+_MIN_RIVAL_SHARE = 0.12
+# Chosen: depth decides for the other pose if the share of the image that contradicts earlier depth
+# is lower by 1 % of the image and by a factor of 0.6.
+_LESS_CONTRADICTION, _CONTRADICTION_RATIO = 0.01, 0.6
 
 
 class PointObservations(NamedTuple):
@@ -84,7 +91,12 @@ class EgoMotion:
         now_px = min(max(_NOISE_PER_MEDIAN * median_px, _MIN_NOISE_PX), _MAX_NOISE_PX)
         self.noise_px += _NOISE_GAIN * (now_px - self.noise_px)
 
-    def estimate(self, points: PointObservations, guesses: list[FloatArray]) -> EgoMotionEstimate:
+    def estimate(
+        self,
+        points: PointObservations,
+        guesses: list[FloatArray],
+        contradiction: Callable[[FloatArray], float] | None = None,
+    ) -> EgoMotionEstimate:
         """Return the camera pose that explains most of the static image area.
 
         Area counts in proportion to its prior probability of being static. A wrong prior would
@@ -92,9 +104,15 @@ class EgoMotion:
         returned when it explains clearly more of the whole area. This is skipped if one of the
         first poses already explains 92 % of the whole area.
 
+        Depth decides if another pose explains much of what the best one does not: a picture that
+        moves on a large screen may explain more area than the room, but at its pose the surfaces
+        of the room would have moved in front of earlier depth.
+
         Args:
             points: Observations of at least `MIN_POINTS` points.
             guesses: One or more predicted poses T_camera_world (4, 4), the most probable first.
+            contradiction: Returns the share of the image that contradicts earlier depth at a pose
+                T_camera_world; None: depth does not decide.
         """
         is_static = points.static_probability > 0.5
         if np.count_nonzero(is_static) < _MIN_REGION_POINTS:
@@ -104,6 +122,16 @@ class EgoMotion:
         if shares[:, 1].max() >= _SUFFICIENT_SHARE:
             return self._refine_best(points, poses, shares, 0)
         poses += self._hypotheses(points, guesses[0])
+        best = self._best(points, poses)
+        rival = None if contradiction is None else self._rival(points, poses, best)
+        if rival is None or contradiction is None:
+            return best
+        of_rival, of_best = (contradiction(pose.T_camera_world) for pose in (rival, best))
+        is_clear = of_best - of_rival > _LESS_CONTRADICTION
+        return rival if is_clear and of_rival < _CONTRADICTION_RATIO * of_best else best
+
+    def _best(self, points: PointObservations, poses: list[FloatArray]) -> EgoMotionEstimate:
+        """Return the best of the poses with the prior, or without it if that is clearly better."""
         shares = self._shares(points, poses)
         with_prior = self._refine_best(points, poses, shares, 0)
         if shares[:, 1].max() <= with_prior.share:
@@ -112,6 +140,26 @@ class EgoMotion:
         if without_prior.share > with_prior.share + _SWITCH_SHARE:
             return without_prior._replace(contradicts_prior=True)
         return with_prior
+
+    def _rival(
+        self, points: PointObservations, poses: list[FloatArray], best: EgoMotionEstimate
+    ) -> EgoMotionEstimate | None:
+        """Return the pose that explains most of the area that the best one does not explain.
+
+        It is fitted to that area. None is returned if it explains less than 12 % of the area.
+        """
+        gate_px = _GATE_SIGMAS * self.noise_px
+        is_left = self.residuals_px(points, best.T_camera_world) >= gate_px
+        area = points.weights[:, 1] / max(float(points.weights[:, 1].sum()), 1e-9)
+        area[~is_left] = 0
+        own = [area[self.residuals_px(points, T) < gate_px].sum() for T in poses]
+        k = int(np.argmax(own))
+        if own[k] < _MIN_RIVAL_SHARE:
+            return None
+        near = self.residuals_px(points, poses[k]) < _REFINE_FACTOR * gate_px
+        T = self._fit(points, near & is_left, poses[k])
+        share = float(self._shares(points, [T])[0, 1])
+        return EgoMotionEstimate(T, share, contradicts_prior=True)
 
     def residuals_px(self, points: PointObservations, T_camera_world: FloatArray) -> FloatArray:
         """Return the (N,) reprojection errors of points at a pose, in pixels of the gray image.

@@ -112,7 +112,8 @@ class MotionSegmentation:
         ]
         pixels = self._track_points(view, small, predictions[0])
         tracked = self._observe_points(pixels, small)
-        self._estimate_ego_motion(tracked, ~view.is_detected(pixels.pixel), predictions)
+        is_undetected = ~view.is_detected(pixels.pixel)
+        self._estimate_ego_motion(tracked, is_undetected, predictions, small)
         if self._view is not None:
             turn_rad = se3.log(self._T_previous_current)[:3]
             self._turn_radps = turn_rad / (small.stamp_s - self._view.stamp_s)
@@ -192,7 +193,11 @@ class MotionSegmentation:
         return SegmentedPoints(points, segment, downscaled_pixel)
 
     def _estimate_ego_motion(
-        self, tracked: SegmentedPoints, is_undetected: BoolArray, predictions: list[FloatArray]
+        self,
+        tracked: SegmentedPoints,
+        is_undetected: BoolArray,
+        predictions: list[FloatArray],
+        small: DownscaledView,
     ) -> None:
         """Update the camera pose from the tracked points; with too few points, restart.
 
@@ -204,6 +209,7 @@ class MotionSegmentation:
             tracked: Observations of N tracked points.
             is_undetected: (N,) flags: whether a point lies outside the detected dynamic objects.
             predictions: Predicted poses T_camera_world (4, 4), the most probable first.
+            small: The view.
         """
         if self._view is None:
             return
@@ -213,7 +219,12 @@ class MotionSegmentation:
         points = tracked.points
         if MIN_POINTS <= np.count_nonzero(is_undetected) < len(is_undetected):
             points = points.select(is_undetected)
-        estimate = self._ego_motion.estimate(points, predictions)
+
+        def contradiction(T_camera_world: FloatArray) -> float:
+            return self._history.contradiction(small, se3.inverse(T_camera_world))
+
+        decides = contradiction if self._config.depth_decides else None
+        estimate = self._ego_motion.estimate(points, predictions, decides)
         if estimate.contradicts_prior:
             self._log_odds.reset()
         T_world_camera = se3.inverse(estimate.T_camera_world)
