@@ -148,20 +148,46 @@ def test_another_object_of_the_class_is_not_the_one_that_was_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ('state', 'verdict', 'is_mapped'),
+    ('state', 'verdict', 'people', 'is_mapped'),
     [
-        (ObjectState.HANDLED, Reason.STATIC, False),  # held still, so that it looks at rest
-        (ObjectState.MOVED, Reason.HANDLED, True),  # put down, with the person still beside it
+        # Held still by a person, so that it looks at rest.
+        (ObjectState.HANDLED, Reason.STATIC, (PERSON,), False),
+        # Put down, but its track is still handled; the person has left.
+        (ObjectState.HANDLED, Reason.STATIC, (moved(PERSON, (2.0, 3.0, 0.0)),), True),
+        # Put down, with the person still beside it.
+        (ObjectState.MOVED, Reason.HANDLED, (PERSON,), True),
     ],
 )
 def test_the_track_decides_whether_a_new_object_is_at_rest(
-    state: ObjectState, verdict: Reason, is_mapped: bool
+    state: ObjectState, verdict: Reason, people: tuple[Box, ...], is_mapped: bool
 ) -> None:
     world, bear = ObjectWorld(), moved(BEAR, (0.0, 0.0, 0.0), verdict)
     for _ in range(6):
         now = replace(track(BEAR, state), stamp_ns=world.stamp_ns + LOOK_NS)
-        found = world.look(TABLE, bear, tracks=(now,))
+        others = tuple(track(person, ObjectState.PERSON, 9) for person in people)
+        found = world.look(TABLE, bear, tracks=(now, *others))
     assert [item.class_name for item in found] == ['teddy bear'] * is_mapped
+
+
+def test_a_flat_object_that_was_taken_is_gone_and_keeps_its_id() -> None:
+    world, target = ObjectWorld(), moved(BOOK, (0.3, 0.7, 0.0))
+    before = only(world.look(TABLE, BOOK, times=6), 'book')
+    person = track(moved(PERSON, (0.5, 0.3, 0.0)), ObjectState.PERSON, 9)
+    taken = only(world.look(TABLE, times=8, tracks=(person,)), 'book')
+    assert taken.state is PlaceState.GONE
+    after = only(world.look(TABLE, target, times=4), 'book')
+    assert after.object_id == before.object_id
+    assert after.state is PlaceState.MOVED
+
+
+def test_an_object_that_was_seen_three_times_keeps_its_id() -> None:
+    world, target = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
+    before = only(world.look(TABLE, BEAR, times=3), 'teddy bear')
+    person = track(moved(PERSON, (0.2, -0.6, 0.0)), ObjectState.PERSON, 9)
+    world.look(TABLE, times=5, tracks=(person,))
+    after = only(world.look(TABLE, target, times=4), 'teddy bear')
+    assert after.object_id == before.object_id
+    assert after.state is PlaceState.MOVED
 
 
 def test_a_correction_of_the_map_moves_the_objects_with_their_keyframe() -> None:

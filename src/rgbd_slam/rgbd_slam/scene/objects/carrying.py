@@ -26,10 +26,12 @@ _AWAY_M = 0.3  # an object is carried if its handled track is at least this far 
 # Number of successive images that must show the old place empty before an object counts as
 # handled.
 _MIN_THROUGH = 2
-# An object with fewer sightings cannot count as handled or moved: a thing in somebody's hands may
-# look at rest for a moment. Nor does it count as new in a loaded map: in three rearranged rooms,
-# all wrong objects but one had at most five (`hoid bench rooms`, seeds 101 to 103).
+# An object with fewer sightings cannot count as handled, and becomes another object only if its
+# place was seen empty and no object with more sightings fits: a thing in somebody's hands may look
+# at rest for a moment. Nor does it count as new in a loaded map: in three rearranged rooms, all
+# wrong objects but one had at most five (`hoid bench rooms`, seeds 101 to 103).
 _MIN_SIGHTINGS = 6
+_STABLE_SHARE = 0.75  # of the looks at an object with few sightings, in which it must be detected
 # Furniture that one person does not carry; chosen.
 _HEAVY = frozenset({'couch', 'bed', 'dining table', 'refrigerator', 'oven', 'toilet', 'sink'})
 # Number of successive images that must show the old place without a detection of the object, empty
@@ -105,18 +107,20 @@ class Carrying:
 
     def _link(self, objects: Sequence[MappedObject], tracks: Sequence[TrackedObject]) -> None:
         """Give each settled track to the nearest object of its class that is at rest there."""
+        by_class: dict[str, list[MappedObject]] = {}
+        for item in objects:
+            if item.is_present:
+                by_class.setdefault(item.class_name, []).append(item)
         for track in tracks:
-            if track.state not in SETTLED:
+            near = by_class.get(track.class_name)
+            if track.state not in SETTLED or not near:
                 continue
-            near = [
-                (float(np.linalg.norm(track.position_map_m - item.center_map_m())), item)
-                for item in objects
-                if item.is_present and item.class_name == track.class_name
-            ]
-            distance_m, found = min(near, key=lambda pair: pair[0], default=(np.inf, None))
-            if found is not None and distance_m < _SAME_M:
-                found.track_id = track.track_id
-                found.was_carried = track.state is ObjectState.MOVED
+            centers = np.array([item.center_map_m() for item in near])
+            distances_m = np.linalg.norm(centers - track.position_map_m, axis=1)
+            nearest = int(np.argmin(distances_m))
+            if distances_m[nearest] < _SAME_M:
+                near[nearest].track_id = track.track_id
+                near[nearest].was_carried = track.state is ObjectState.MOVED
 
     def _note_handled(
         self,
@@ -162,10 +166,9 @@ class Carrying:
         """
         new = [item for item in objects if item.is_present and item.is_confirmed]
         removed: set[int] = set()
-        for item in sorted(objects, key=lambda item: -item.last_ns):
-            is_fixed = item.is_present and item.class_name in _HEAVY
-            is_known = item.is_confirmed and not is_brief(item)
-            if is_fixed or not is_known or item.object_id in removed:
+        for item in sorted(objects, key=_join_order):
+            is_fixed = item.class_name in _HEAVY and not item.is_loaded
+            if is_fixed or not item.is_confirmed or item.object_id in removed:
                 continue
             fitting = [
                 (rank, other.first_ns, other.object_id, other)
@@ -199,15 +202,16 @@ class Carrying:
             tracks: The tracks by number.
             stamp_ns: Time of the image.
         """
-        is_same_track = item.track_id == other.track_id != -1
-        if _may_be(item, other) and is_same_track and (other.was_carried or not item.is_present):
-            return 3
-        if not _may_be(item, other) or not _is_as_large(item, other):
+        if not _may_be(item, other) or not _is_reliable(item):
             return 0
-        track = tracks.get(item.track_id)
-        is_fresh = track is not None and track.stamp_ns > stamp_ns - _FRESH_NS
-        if track is not None and is_fresh and _is_away(item, track) and _is_away(other, track):
-            return 0  # it was seen on its way, or elsewhere
+        is_same_track = item.track_id == other.track_id != -1
+        has_left = item.state is PlaceState.HANDLED or item.num_through >= _MIN_THROUGH
+        if is_same_track and (other.was_carried or has_left):
+            return 3
+        if not _is_as_large(item, other) or _is_elsewhere(
+            item, other, tracks.get(item.track_id), stamp_ns
+        ):
+            return 0
         if other.was_carried and (item.num_absent >= _MIN_ABSENT or not item.is_present):
             return 2
         if item.is_present or stamp_ns - item.left_ns > _ADOPT_NS:
@@ -229,8 +233,27 @@ class Carrying:
 
 
 def is_brief(item: MappedObject) -> bool:
-    """Return whether an object was seen too rarely to count as handled, moved or new."""
+    """Return whether an object was seen too rarely to count as handled, or as new in a map."""
     return item.num_sightings < _MIN_SIGHTINGS
+
+
+def _is_reliable(item: MappedObject) -> bool:
+    """Return whether an object was at rest at its place, as far as its sightings show.
+
+    One with few sightings was, if it was detected in nearly each look at it until it left.
+    """
+    if not is_brief(item):
+        return True
+    return not item.is_present and item.num_sightings >= _STABLE_SHARE * item.num_visible
+
+
+def _join_order(item: MappedObject) -> tuple[bool, int]:
+    """Return the sort key of the order in which objects may become new ones.
+
+    Those that were seen often come first: an object with few sightings may be a thing that seemed
+    to be at rest in somebody's hands for a moment. Then those that were seen last come first.
+    """
+    return is_brief(item), -item.last_ns
 
 
 def _may_be(item: MappedObject, other: MappedObject) -> bool:
@@ -249,6 +272,15 @@ def _is_away(item: MappedObject, track: TrackedObject) -> bool:
     return bool(offset_m >= _AWAY_M)
 
 
+def _is_elsewhere(
+    item: MappedObject, other: MappedObject, track: TrackedObject | None, stamp_ns: int
+) -> bool:
+    """Return whether the track of an object was seen lately at none of the two places."""
+    if track is None or track.stamp_ns <= stamp_ns - _FRESH_NS:
+        return False
+    return _is_away(item, track) and _is_away(other, track)
+
+
 def _is_as_large(first: MappedObject, second: MappedObject) -> bool:
     """Return whether the sizes of two objects differ so little that they may be one object."""
     small, large = sorted((first.radius_m(), second.radius_m()))
@@ -258,8 +290,9 @@ def _is_as_large(first: MappedObject, second: MappedObject) -> bool:
 def is_at_rest(segment: Segment, tracks: Sequence[TrackedObject], stamp_ns: int) -> bool:
     """Return whether the object of a segment is at rest, by its track or the filter's verdict.
 
-    The nearest handled or put-down track of its class decides, if one was detected near it lately.
-    Otherwise the verdict does.
+    The nearest handled or put-down track of its class decides, if one was detected near it lately;
+    a handled one only if a person is within reach, because tracks may stay handled for long after
+    the object was put down. Otherwise the verdict does.
     """
     center_m = np.median(segment.points_map_m, axis=0)
     near = [
@@ -270,6 +303,17 @@ def is_at_rest(segment: Segment, tracks: Sequence[TrackedObject], stamp_ns: int)
         and track.stamp_ns > stamp_ns - _FRESH_NS
     ]
     distance_m, is_put_down = min(near, default=(np.inf, False))
-    if distance_m < (_PUT_DOWN_M if is_put_down else _IN_HAND_M):
-        return is_put_down
+    if is_put_down and distance_m < _PUT_DOWN_M:
+        return True
+    if not is_put_down and distance_m < _IN_HAND_M and _has_holder(center_m, tracks):
+        return False
     return not segment.detection.is_dynamic
+
+
+def _has_holder(position_map_m: FloatArray, tracks: Sequence[TrackedObject]) -> bool:
+    """Return whether a person is within reach of a point (3,)."""
+    return any(
+        float(np.linalg.norm((track.position_map_m - position_map_m)[:2])) < _HOLDER_M
+        for track in tracks
+        if track.state is ObjectState.PERSON
+    )

@@ -13,20 +13,17 @@ from rgbd_slam.scene.floor import Floor
 from rgbd_slam.scene.objects.object_view import NOISE_PER_M2
 from rgbd_slam.scene.objects.place import Place
 from rgbd_slam.scene.objects.segmentation import KnownBox, Segment
-from rgbd_slam.scene.objects.voxel_set import VoxelSet, keys_of
+from rgbd_slam.scene.objects.voxel_set import VoxelSet, extend_back, keys_of
 
 # None of these numbers was tuned where no other source is named. A look is an image in which the
 # object may be seen, a sighting one in which it was detected. A published object has at least so
 # many sightings, and at least this time between the first and the last one.
 _MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5
 _MIN_SEEN_SHARE = 0.5  # of the looks that show its surface, in which it must have been detected
+# An object with at least so many sightings is kept, as one that is gone, after it was not detected
+# in so many successive looks at its place and in more than half of all looks.
+_MANY_SIGHTINGS, _MISSING_LOOKS = 6, 4
 _PERCENTILES = (2, 98)  # of the voxels, which bound the box without outliers
-# Assumed thickness of an object whose back was never seen; its width if that is smaller (as in
-# `object_sighting`).
-_HIDDEN_M = 0.15
-# The mean of the unit viewing directions of an object is long if all are alike: from this length
-# on, only one side of the object was seen.
-_ONE_SIDED = 0.9
 # Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
 _MAX_LIFT_M = 1.0  # furniture whose lowest voxel is higher above the floor does not stand on it
@@ -130,7 +127,7 @@ class MappedObject:
     @property
     def class_name(self) -> str:
         """Return the class with the largest sum of detection scores."""
-        return max(self.scores, key=lambda name: self.scores[name])
+        return max(self.scores, key=self.scores.__getitem__)
 
     @property
     def is_confirmed(self) -> bool:
@@ -139,6 +136,16 @@ class MappedObject:
         is_often = self.num_sightings >= _MIN_SIGHTINGS
         share = self.num_sightings / max(self.num_visible, 1)
         return is_old and is_often and share >= _MIN_SEEN_SHARE
+
+    @property
+    def _is_missing(self) -> bool:
+        """Return whether a known object was not detected for long where a surface was seen.
+
+        A flat object leaves no empty place behind when it is taken: the surface below it is too
+        near to where its own was.
+        """
+        is_known = self.num_sightings >= _MANY_SIGHTINGS and self.num_absent >= _MISSING_LOOKS
+        return is_known and self.num_sightings <= _MIN_SEEN_SHARE * self.num_visible
 
     @property
     def is_present(self) -> bool:
@@ -264,11 +271,18 @@ class MappedObject:
     def _changed(self) -> None:
         self._box = self._solid = self._cells = None
 
-    def note_missed(self) -> None:
-        """Count a look that shows the surface of the object, but in which it was not detected."""
-        self.num_visible += 1
+    def note_missed(self, stamp_ns: int) -> None:
+        """Count a look that shows a surface at its place, but in which it was not detected.
+
+        An object with many sightings is GONE when more such looks would make it unconfirmed; they
+        are not counted in `num_visible`.
+        """
         self.num_through = 0
         self.num_absent += 1
+        if not self._is_missing:
+            self.num_visible += 1
+        elif self.is_confirmed and self.is_present:
+            self.leave(PlaceState.GONE, stamp_ns)
         self.probability *= 1 - _MISSED_LOSS
 
     def note_seen_through(self) -> None:
@@ -371,28 +385,10 @@ class MappedObject:
     def _full_box(self, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
         """Return the box, object frame, with its unseen back, and with the legs of furniture."""
         low, high = (corner.copy() for corner in self.box_m())
-        self._extend_back(low, high)
+        extend_back(low, high, self.direction_m[:2] / max(self.num_sightings, 1))
         if floor is not None and self.class_name in _STANDING:
             at = self.center_map_m()
             floor_m = floor.height_m(float(at[0]), float(at[1])) - self.T_map_object[2, 3]
             if low[2] - floor_m < _MAX_LIFT_M:
                 low[2] = min(low[2], floor_m)
         return low, high
-
-    def _extend_back(self, low: FloatArray, high: FloatArray) -> None:
-        """Extend the box of an object that was seen from one side only, away from the camera.
-
-        Args:
-            low: (3,) lowest corner, which is changed.
-            high: (3,) highest corner, which is changed.
-        """
-        along = self.direction_m[:2] / max(self.num_sightings, 1)
-        if np.linalg.norm(along) < _ONE_SIDED:
-            return
-        axis = int(np.argmax(np.abs(along)))
-        across = 1 - axis
-        hidden_m = min(float(high[across] - low[across]), _HIDDEN_M) - (high[axis] - low[axis])
-        if hidden_m > 0 and along[axis] > 0:
-            high[axis] += hidden_m
-        elif hidden_m > 0:
-            low[axis] -= hidden_m

@@ -289,7 +289,7 @@ class ObjectMap:
             uv = seen.uv_px[seen.is_visible]
             boxes = (view.pixels_of(person.box_xyxy_px) for person in people)
             if not any(in_box(uv, box).mean() > _VISIBLE_SHARE for box in boxes):
-                item.note_missed()
+                item.note_missed(stamp_ns)
 
     def _add_new(
         self,
