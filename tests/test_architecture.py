@@ -56,8 +56,8 @@ LAYERS = {
         < command_reference message_reference refusal_reference < __main__
     """,
     'hoid_benchmarks': """
-        animation consistency plan < jobs < rooms faults < building < live < report
-        < publish demo_picture pictures < commands demo
+        animation consistency plan < jobs < rooms faults planner < building < live < report
+        < publish demo_picture object_picture < pictures < commands demo
     """,
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')

@@ -25,6 +25,7 @@ from hoid_benchmarks.live.cases import CASES, PUBLISHING
 from hoid_benchmarks.plan.official import packed_official
 from hoid_benchmarks.plan.plan import Job, Plan, experiment_ids, load_plan, plan_names
 from hoid_benchmarks.plan.sequences import Store
+from hoid_benchmarks.planner.planner_report import NUM_ROOMS, planner_report
 from hoid_benchmarks.publish.official import OFFICIAL, official_text, sequences_text
 from hoid_benchmarks.publish.pages import (
     publish_faults,
@@ -42,8 +43,8 @@ from hoid_common.errors import ConfigError, HoidError
 
 _MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
 _FAULTS, _COVARIANCES = 'faults', 'covariances'
-_BUILDING, _LIVE = 'building', 'live'
-REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING, _LIVE)
+_BUILDING, _LIVE, _PLANNER = 'building', 'live', 'planner'
+REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING, _LIVE, _PLANNER)
 """Reports that `hoid bench` can write besides experiments and the times of stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
@@ -68,6 +69,7 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         f'{_COVARIANCES}: published covariances compared with the errors; '
         f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)}); '
         f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)}); '
+        f'{_PLANNER}: drives among people, with and without the masks for Nav2; '
         f'{_LIVE}: what the nodes use while they run ({", ".join((*CASES, PUBLISHING))})',
     )
     add(
@@ -90,7 +92,8 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar='N',
-        help='seed of the first fault case, or of the building (default: %(default)s)',
+        help='seed of the first fault case, of the first room of the planner, or of the building '
+        '(default: %(default)s)',
     )
     add(
         '--cases',
@@ -169,18 +172,9 @@ def bench_command(args: argparse.Namespace) -> None:
         HoidError: A result exceeds its bound, or the experiments cannot be read.
     """
     _take_folder(args)
-    if args.what == _FAULTS:
-        _faults(args)
-        return
-    if args.what == _BUILDING:
-        folder = args.out / _BUILDING
-        sys.stdout.writelines(
-            building_report(
-                args.only, args.seed, folder,
-                quick=args.quick, delays_s=args.delay, sizes=args.keyframes,
-                num_floors=args.floors, way_m=args.way, num_rooms=args.rooms,
-            )
-        )  # fmt: skip
+    without_store = {_FAULTS: _faults, _BUILDING: _building, _PLANNER: _planner}
+    if args.what in without_store:
+        without_store[args.what](args)
         return
     store = Store(_ROOT.parent / 'shared', args.out.absolute() / 'sequences', args.data)
     store.made.mkdir(parents=True, exist_ok=True)
@@ -224,6 +218,21 @@ def _faults(args: argparse.Namespace) -> None:
     sys.stdout.write(text)
     if args.publish:
         publish_faults(_ROOT, text)
+
+
+def _building(args: argparse.Namespace) -> None:
+    folder = args.out / _BUILDING
+    sys.stdout.writelines(
+        building_report(
+            args.only, args.seed, folder,
+            quick=args.quick, delays_s=args.delay, sizes=args.keyframes,
+            num_floors=args.floors, way_m=args.way, num_rooms=args.rooms,
+        )
+    )  # fmt: skip
+
+
+def _planner(args: argparse.Namespace) -> None:
+    sys.stdout.write(planner_report(range(args.seed, args.seed + NUM_ROOMS)))
 
 
 def _live(args: argparse.Namespace, store: Store) -> None:

@@ -2,7 +2,7 @@
 
 It writes three sheets for some frames of a recording: the verdict on each object (Figure 4), all
 features with the detections (Figure 6), and the features kept by the 2-D rule beside those kept by
-the 3-D rule (Figure 7).
+the 3-D rule (Figure 7). With `--objects`, it draws the object map instead.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ import numpy as np
 from hoid_bags.options import add_recording_arguments, open_recording
 from hoid_bags.sequence import Sequence
 from hoid_benchmarks.animation import write_animation
+from hoid_benchmarks.object_picture import draw_objects, object_rows, object_table
+from hoid_benchmarks.rooms.room_run import map_room
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
 from hoid_bringup.run.options import DETECTOR_HELP
 from hoid_bringup.run.run_config import RunConfig
@@ -71,10 +73,15 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
         action='store_true',
         help='also write verdicts.gif: every second image from the first to the last of --frames',
     )
+    parser.add_argument(
+        '--objects',
+        action='store_true',
+        help='write objects.jpg instead: the object map, in the first of --frames and from above',
+    )
 
 
 def pictures_command(args: argparse.Namespace) -> None:
-    """Write the three sheets.
+    """Write the three sheets, or the picture of the object map.
 
     Raises:
         HoidError: The recording, the detector, a frame number or the folder is invalid.
@@ -82,6 +89,11 @@ def pictures_command(args: argparse.Namespace) -> None:
     sequence = open_recording(args, args.input)
     wanted = frame_numbers(args.frames, len(sequence))
     run = RunConfig().updated({'detector.model': args.detector})
+    if args.objects:
+        _draw_object_map(
+            sequence, wanted[0], run.updated({'filter.strategy': args.filter}), args.out
+        )
+        return
     detect = detection_source(sequence, run)  # needed even if the strategy is "none"
     config = FilterConfig(strategy=args.filter)
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
@@ -92,6 +104,19 @@ def pictures_command(args: argparse.Namespace) -> None:
         paths += (args.out / 'verdicts.gif',)
         write_animation(paths[-1], drawn, _ANIMATED_PX)
     sys.stdout.writelines(f'{path}\n' for path in paths)
+
+
+def _draw_object_map(sequence: Sequence, number: int, config: RunConfig, out: Path) -> None:
+    """Map a recording, draw its object map, and print a table of the objects."""
+    path = out / 'objects.jpg'
+    room = map_room(sequence, config.updated({'object_map.enabled': True}))
+    frame = next(frame for k, frame in enumerate(sequence) if k == number)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        draw_objects(path, room, frame, sequence.camera)
+    except OSError as error:
+        raise write_error(path, error) from error
+    sys.stdout.write(f'{object_table(object_rows(room.objects, room.history))}{path}\n')
 
 
 def frame_numbers(requested: list[int] | None, num_frames: int) -> list[int]:

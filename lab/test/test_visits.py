@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 
 from hoid_benchmarks.rooms.object_truth import TrueObject
+from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_benchmarks.rooms.visits.change_scores import (
     ChangeScores,
     all_changes,
     claimed_changes,
     score_changes,
 )
+from hoid_benchmarks.rooms.visits.number_table import NumberScores, score_numbers
 from hoid_benchmarks.rooms.visits.second_visit import first_name, first_scene, truth_of
 from hoid_benchmarks.rooms.visits.true_changes import ChangeKind, TrueChange, TrueVisits
+from hoid_common.values import Trajectory
 from hoid_synth.config import SceneConfig
+from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
+from rgbd_slam.statistics import SlamStats
 
 SIDE_M = 0.3
 
@@ -100,6 +105,19 @@ def test_an_object_that_the_first_visit_did_not_show_may_be_new() -> None:
     visits = VISITS._replace(first={**VISITS.first, 3: hidden}, unchanged=frozenset())
     new = replace(mapped(22, 'sofa', 3.0), is_new=True)
     assert score_changes(SAVED[:3], [*SAVED[:3], new], visits).num_claims == 0
+
+
+def test_numbers_count_for_objects_that_are_seen_again() -> None:
+    early = tuple(mapped(k, name, k) for k, name in enumerate(('cup', 'book', 'ball')))
+    late = [replace(item, last_ns=9) for item in (early[0], mapped(7, 'book', 1))]
+    history = {0: (), 4: early, 10: (*late, early[2])}  # the ball is not seen again
+    room = MappedRoom(
+        ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8)), None, {},
+        history[10], history, Trajectory.joined([]), SlamStats(0, 0, num_loops=1),
+    )  # fmt: skip
+    assert score_numbers(room, [CUP, BOOK, BALL]) == NumberScores(1, 2, 1)
+    carried = CUP._replace(was_carried=True)
+    assert score_numbers(room, [carried, BOOK, BALL]) == NumberScores(1, 1, 0)
 
 
 @pytest.mark.slow

@@ -27,6 +27,8 @@ from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.room_scores import Carried, RoomScores, score
 from hoid_benchmarks.rooms.visits.change_table import HEADER as CHANGE_HEADER
 from hoid_benchmarks.rooms.visits.change_table import ChangeTable
+from hoid_benchmarks.rooms.visits.number_table import HEADER as NUMBER_HEADER
+from hoid_benchmarks.rooms.visits.number_table import NumberTable
 from hoid_benchmarks.rooms.visits.second_visit import first_name, map_visits, truth_of
 from hoid_bringup.run.provenance import machine
 from hoid_bringup.run.run_config import TRUTH, RunConfig
@@ -48,6 +50,13 @@ _WANTED = (
 )  # fmt: skip
 
 
+class Tables:
+    """The tables of the objects at rest, of those that people carry, and of their numbers."""
+
+    def __init__(self) -> None:
+        self.objects, self.carries, self.numbers = ObjectTable(), CarryTable(), NumberTable()
+
+
 def room_report(names: Sequence[str], store: Store, detector: str | None = None) -> str:
     """Return Markdown tables with the scores of rooms.
 
@@ -60,23 +69,24 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
         InputError: A name is not that of a rendered recording.
     """
     rows: list[tuple[str, ...]] = [_WANTED]
-    objects, carries, changes = ObjectTable(), CarryTable(), ChangeTable()
+    tables, changes = Tables(), ChangeTable()
     model = detector or TRUTH
     for name in names or ROOMS:
         scene = _scene(name)
         if scene.away_seed:
             _add_visits(name, scene, store, model, changes)
         else:
-            rows += _rows(name, scene, store, model, objects, carries)
+            rows += _rows(name, scene, store, model, tables)
     parts = [
         (_HEADER, rows if len(rows) > 1 else []),
-        (OBJECT_HEADER, objects.rows()),
-        (CARRY_HEADER, carries.rows()),
+        (OBJECT_HEADER, tables.objects.rows()),
+        (CARRY_HEADER, tables.carries.rows()),
+        (NUMBER_HEADER, tables.numbers.rows()),
         (CHANGE_HEADER, changes.rows()),
     ]
-    tables = '\n'.join(_table(header, part) for header, part in parts if part)
+    text = '\n'.join(_table(header, part) for header, part in parts if part)
     made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
-    return f'{tables}\n{made}, with {detector or "ground-truth boxes"}.\n'
+    return f'{text}\n{made}, with {detector or "ground-truth boxes"}.\n'
 
 
 def _scene(name: str) -> SceneConfig:
@@ -105,8 +115,7 @@ def _rows(
     scene: SceneConfig,
     store: Store,
     model: str,
-    objects: ObjectTable,
-    carries: CarryTable,
+    tables: Tables,
 ) -> Iterable[tuple[str, ...]]:
     """Yield the rows of one room; the objects found with the first strategy are scored."""
     ghost = _ghost(name, scene.seed, store) if scene.num_people else '-'
@@ -119,8 +128,9 @@ def _rows(
         room = map_room(sequence, config)
         if strategy == _STRATEGIES[0]:
             true = true_objects(truth)
-            objects.add(name, room, true)
-            carries.add(name, room, truth, sequence, true)
+            tables.objects.add(name, room, true)
+            tables.carries.add(name, room, truth, sequence, true)
+            tables.numbers.add(name, room, true)
         yield f'`{name}`', f'`{strategy}`', *_cells(score(room, truth, sequence)), ghost
 
 

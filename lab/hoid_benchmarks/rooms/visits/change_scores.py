@@ -179,7 +179,7 @@ def _numbers(
 
     If the saved map had an object twice, either number counts.
     """
-    before, after = _assigned(saved, visits.first), _assigned(now, visits.second)
+    before, after = assigned(saved, visits.first), assigned(now, visits.second)
     num_same = 0
     known = sorted(visits.unchanged & before.keys() & after.keys())
     for k in known:
@@ -191,7 +191,7 @@ def _numbers(
     return len(known), num_same
 
 
-def _assigned(items: Sequence[MapObject], true: Mapping[int, TrueObject]) -> dict[int, MapObject]:
+def assigned(items: Sequence[MapObject], true: Mapping[int, TrueObject]) -> dict[int, MapObject]:
     """Return the object at rest that is assigned to each true one, by instance, where one fits."""
     at_rest = [item for item in items if item.is_present]
     instances = sorted(true)

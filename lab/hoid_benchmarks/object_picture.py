@@ -1,0 +1,121 @@
+"""The picture of an object map: its boxes in an image, and from above."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory
+from hoid_common import se3
+from hoid_common.values import CameraModel, FloatArray, RgbdFrame
+from rgbd_slam.scene.objects.mapped_object import MapObject
+
+_SIZE_IN, _DPI, _QUALITY = (13.0, 5.4), 100, 88
+_CLOUD = '#8fa3b8'
+_COLORS = (
+    '#d1495b', '#2563a8', '#2a9d4a', '#c27b13', '#7b3fa0', '#00838f', '#8d5524', '#e0559b',
+)  # fmt: skip
+_NEAR_M = 0.2  # a box is drawn if all of it is farther in front of the camera
+# Corners of a box, as signs along its axes, and the pairs of them that are edges.
+_SIGNS = np.array(list(product((-0.5, 0.5), repeat=3)))
+_EDGES = [
+    (a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_SIGNS[a] - _SIGNS[b]).sum() == 1
+]
+_FLOOR_CORNERS = (0, 2, 6, 4)  # around the box, as seen from above
+
+
+class ObjectRow(NamedTuple):
+    """An object of the map, and how much its published center moved."""
+
+    item: MapObject
+    jitter_m: float  # root mean square distance of the center from its median, over all looks
+
+
+def object_rows(objects: Sequence[MapObject], history: ObjectHistory) -> list[ObjectRow]:
+    """Return the objects at rest with the jitter of their centers."""
+    out = []
+    for item in objects:
+        at = [o for looked in history.values() for o in looked if o.object_id == item.object_id]
+        centers_m = np.array([o.center_map_m for o in at if o.state is item.state])
+        if item.is_present and len(centers_m):
+            gaps_m = np.linalg.norm(centers_m - np.median(centers_m, axis=0), axis=1)
+            out.append(ObjectRow(item, float(np.sqrt(np.mean(gaps_m**2)))))
+    return out
+
+
+def object_table(rows: Sequence[ObjectRow]) -> str:
+    """Return a Markdown table of objects."""
+    lines = ['| id | class | sightings | size m | jitter cm |', '|---|---|---|---|---|']
+    for item, jitter_m in rows:
+        size = ' x '.join(f'{side_m:.2f}' for side_m in item.size_m)
+        cells = item.object_id, item.class_name, item.num_sightings, size, f'{100 * jitter_m:.1f}'
+        lines.append(f'| {" | ".join(map(str, cells))} |')
+    return '\n'.join(lines) + '\n'
+
+
+def draw_objects(path: Path, room: MappedRoom, frame: RgbdFrame, camera: CameraModel) -> None:
+    """Write a JPEG with the objects at rest: in an image, and from above with the dense map.
+
+    Args:
+        path: The file.
+        room: The maps at the end.
+        frame: The image; its pose is the final one.
+        camera: The camera of the image.
+    """
+    figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2)
+    shown = [item for item in room.objects if item.is_present]
+    row = int(np.searchsorted(room.trajectory.stamps_ns, frame.stamp_ns))
+    T_map_camera = room.trajectory.T_world_camera[min(row, len(room.trajectory) - 1)]
+    left.imshow(frame.image_bgr[..., ::-1])
+    left.set(xlim=(0, camera.width_px), ylim=(camera.height_px, 0))
+    left.set_axis_off()
+    points_m = room.cloud.points_m
+    right.plot(*points_m[:, :2].T, '.', color=_CLOUD, ms=0.6)
+    for k, item in enumerate(shown):
+        color = _COLORS[k % len(_COLORS)]
+        _draw_in_image(left, item, T_map_camera, camera, color)
+        _draw_from_above(right, item, color)
+    right.set(xlabel='x [m]', ylabel='y [m]', aspect='equal')
+    figure.savefig(path, format='jpeg', pil_kwargs={'quality': _QUALITY})
+
+
+def _corners_m(item: MapObject) -> FloatArray:
+    """Return the corners (8, 3) of the box of an object in the map frame."""
+    return se3.transform(item.T_map_object, _SIGNS * item.size_m)
+
+
+def _draw_in_image(
+    axes: Axes, item: MapObject, T_map_camera: FloatArray, camera: CameraModel, color: str
+) -> None:
+    corners_m = se3.transform(se3.inverse(T_map_camera), _corners_m(item))
+    if corners_m[:, 2].min() < _NEAR_M:
+        return
+    uv = camera.project_px(corners_m)
+    size_px = np.array([camera.width_px, camera.height_px])
+    middle = uv.mean(axis=0)
+    if not ((middle > 0) & (middle < size_px)).all():
+        return
+    for a, b in _EDGES:
+        axes.plot(*uv[[a, b]].T, color=color, lw=1.4)
+    _label(axes, item, uv.min(axis=0), color)
+
+
+def _draw_from_above(axes: Axes, item: MapObject, color: str) -> None:
+    floor = _corners_m(item)[list(_FLOOR_CORNERS), :2]
+    axes.fill(*floor.T, facecolor=color, edgecolor=color, alpha=0.45, lw=1.4)
+    _label(axes, item, floor.max(axis=0), color)
+
+
+def _label(axes: Axes, item: MapObject, at: FloatArray, color: str) -> None:
+    box = {'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.7, 'pad': 0.6}
+    text = f'{item.object_id} {item.class_name}'
+    axes.text(at[0], at[1], text, color=color, fontsize=8, bbox=box, clip_on=True)

@@ -1,0 +1,59 @@
+"""The table of numbers: whether objects that are seen again later have their number still."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from hoid_benchmarks.rooms.object_truth import TrueObject
+from hoid_benchmarks.rooms.room_run import MappedRoom
+from hoid_benchmarks.rooms.visits.change_scores import assigned
+
+HEADER = ('room', 'loops closed', 'objects seen again', 'same number')
+# An object is seen again if it is known after the first of these shares of the time, and was seen
+# after the second one. On the path "loop", the camera looks at other rooms meanwhile.
+_KNOWN_SHARE, _AGAIN_SHARE = 0.5, 0.8
+
+
+class NumberScores(NamedTuple):
+    """Counts of one or more rooms."""
+
+    num_loops: int
+    num_again: int  # objects that nobody carried, and that are known early and seen late
+    num_same: int  # of these, with the same number at the end
+
+
+def score_numbers(room: MappedRoom, true: Sequence[TrueObject]) -> NumberScores:
+    """Return how many objects that nobody carried keep their number until they are seen again."""
+    num_loops, stamps = room.stats.num_loops, sorted(room.history)
+    if not stamps:
+        return NumberScores(num_loops, 0, 0)
+    resting = {item.instance: item for item in true if not item.was_carried}
+    known_ns, again_ns = (
+        stamps[0] + round(share * (stamps[-1] - stamps[0]))
+        for share in (_KNOWN_SHARE, _AGAIN_SHARE)
+    )
+    early = room.history[max(stamp_ns for stamp_ns in stamps if stamp_ns <= known_ns)]
+    before, after = assigned(early, resting), assigned(room.objects, resting)
+    again = [k for k in before.keys() & after.keys() if after[k].last_ns >= again_ns]
+    same = [k for k in again if before[k].object_id == after[k].object_id]
+    return NumberScores(num_loops, len(again), len(same))
+
+
+class NumberTable:
+    """Collects the scores of rooms."""
+
+    def __init__(self) -> None:
+        self._scores: dict[str, NumberScores] = {}
+
+    def add(self, name: str, room: MappedRoom, true: Sequence[TrueObject]) -> None:
+        """Score a room by its object map."""
+        self._scores[name] = score_numbers(room, true)
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Return the cells of all rooms, and of all together."""
+        out = [(f'`{name}`', *map(str, scores)) for name, scores in self._scores.items()]
+        if len(out) > 1:
+            total = (sum(column) for column in zip(*self._scores.values(), strict=True))
+            out.append(('all', *map(str, total)))
+        return out
