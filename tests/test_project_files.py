@@ -55,18 +55,21 @@ def test_the_devcontainer_and_the_image_use_the_same_ros() -> None:
     assert f'FROM {container["image"]}\n' in (ROOT / 'Dockerfile').read_text()
 
 
-def test_the_image_runs_the_docker_commands_of_readme() -> None:
-    readme, image = ((ROOT / name).read_text() for name in ('README.md', 'Dockerfile'))
-    build, run = re.findall(r'`(docker (?:build|run) [^`]+)`', readme)
-    assert f'`{build}`, then `{run}`' in image
+def test_the_image_runs_the_documented_docker_commands() -> None:
+    page_name = 'docs/howto/another_camera.md'
+    page, image = ((ROOT / name).read_text() for name in (page_name, 'Dockerfile'))
+    assert page_name in image
+    build, run = re.findall(r'^(docker (?:build|run) .+)$', page, re.MULTILINE)
     tag = build.split()[3]
     words = run.partition(f' {tag} ')[2].split()
     assert 'realsense' in vars(argument_parser(words[0]).parse_args(words)).values()
     assert 'exec ./hoid \\"$@\\""' in image
     assert 'RUN . /opt/ros/jazzy/setup.sh && ./hoid setup\n' in image
     (packages,) = re.findall(r'--no-install-recommends \\\n\s+(.+?) \\', image)
+    readme = (ROOT / 'README.md').read_text()
     (named,) = re.findall(r'sudo apt install (.+)', readme)
-    assert set(packages.split()) <= set(named.split())
+    (with_ros,) = re.findall(r'\(add `(\S+)` above\)', readme)
+    assert {with_ros} < set(packages.split()) <= {with_ros, *named.split()}
 
 
 @pytest.mark.parametrize('name', ['bug_report.md', 'feature_request.md'])
