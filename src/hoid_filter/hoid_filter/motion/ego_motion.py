@@ -150,11 +150,14 @@ class EgoMotion:
         """
         gate_px = _GATE_SIGMAS * self.noise_px
         is_left = self.residuals_px(points, best.T_camera_world) >= gate_px
-        area = points.weights[:, 1] / max(float(points.weights[:, 1].sum()), 1e-9)
-        area[~is_left] = 0
-        own = [area[self.residuals_px(points, T) < gate_px].sum() for T in poses]
+        area = points.weights[is_left, 1]
+        all_area = max(float(points.weights[:, 1].sum()), 1e-9)
+        if area.sum() < _MIN_RIVAL_SHARE * all_area:
+            return None
+        left = points.select(is_left)
+        own = (self._all_residuals_px(left, np.array(poses)) < gate_px) @ area
         k = int(np.argmax(own))
-        if own[k] < _MIN_RIVAL_SHARE:
+        if own[k] < _MIN_RIVAL_SHARE * all_area:
             return None
         near = self.residuals_px(points, poses[k]) < _REFINE_FACTOR * gate_px
         T = self._fit(points, near & is_left, poses[k])
@@ -166,8 +169,17 @@ class EgoMotion:
 
         An error is the distance in u and v; the disparity does not count.
         """
+        return self._errors_px(points, se3.transform(T_camera_world, points.world_m).T)
+
+    def _all_residuals_px(self, points: PointObservations, poses: FloatArray) -> FloatArray:
+        """Return the (M, N) errors of `residuals_px` at M poses T_camera_world (M, 4, 4)."""
+        camera_m = poses[:, :3, :3] @ points.world_m.T + poses[:, :3, 3:]
+        return self._errors_px(points, np.moveaxis(camera_m, 1, 0))
+
+    def _errors_px(self, points: PointObservations, camera_m: FloatArray) -> FloatArray:
+        """Return the (..., N) errors in u and v of points at positions (3, ..., N)."""
         pinhole = self._camera.gray_pinhole
-        x, y, z = se3.transform(T_camera_world, points.world_m).T
+        x, y, z = camera_m
         inverse_z = 1 / np.maximum(z, 1e-3)
         du = x * inverse_z * pinhole.fx_px + pinhole.cx_px - points.observed_px[:, 0]
         dv = y * inverse_z * pinhole.fy_px + pinhole.cy_px - points.observed_px[:, 1]
