@@ -6,7 +6,7 @@ import argparse
 import os
 import shlex
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -85,7 +85,7 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='ID',
-        help='run only this experiment or scenario; may be repeated',
+        help='run only this experiment or scenario, and print its table; may be repeated',
     )
     add(
         '--seed',
@@ -276,11 +276,21 @@ def _experiments(args: argparse.Namespace, store: Store) -> None:
     page = Report(plan, results, folder, RunList(plan, store, _ROOT)).write()
     if what == OFFICIAL:
         sys.stdout.write(f'{official_text(plan, results)}\n')
+    elif args.only:
+        sys.stdout.writelines(_tables(plan.only(args.only), folder))
     sys.stdout.write(f'{_counted(results.values())}\n{page}\n')
     if args.publish:
         _publish(plan.only(args.only), results)
     if args.check and (broken := check(results.values())):
         raise HoidError('; '.join(broken))
+
+
+def _tables(plan: Plan, folder: Path) -> Iterator[str]:
+    """Yield the tables of the report of some experiments, without those that have no rows."""
+    for experiment in plan.experiments:
+        path = folder / 'tables' / f'{experiment.id}.md'
+        if path.is_file():
+            yield f'{experiment.title}\n\n{path.read_text()}\n'
 
 
 def _publish(plan: Plan, results: Mapping[Job, Result]) -> None:

@@ -15,10 +15,12 @@ from typing import Any
 from hoid_bags.imu_recording import read_own_imu
 from hoid_bags.sequence import open_sequence
 from hoid_benchmarks.jobs.exact import ExactFilter
+from hoid_benchmarks.jobs.inertial import InertialErrors
 from hoid_benchmarks.jobs.masks import mask_rows
 from hoid_benchmarks.jobs.verdicts import Verdicts
 from hoid_benchmarks.plan.detections import cached_detections
 from hoid_benchmarks.plan.detectors import evaluate_detector
+from hoid_benchmarks.plan.imu_changes import changed_imu
 from hoid_benchmarks.plan.perturb import PerturbedSequence, perturb_detections
 from hoid_benchmarks.plan.plan import EXACT, Job
 from hoid_benchmarks.plan.reference import reference_ms
@@ -132,15 +134,20 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     if job.filter == EXACT:
         masks = store.made / 'masks' / f'{path.name}.npy'
         find_features = ExactFilter(job.sequence, masks, config.filter.extraction).process
-    imu = read_own_imu(path) if job.sequence.endswith(IMU_SUFFIX) else None
+    imu = errors = None
+    if job.sequence.endswith(IMU_SUFFIX):
+        imu = changed_imu(read_own_imu(path), job.perturbation.imu, job.seed)
+        errors = InertialErrors(job, sequence, len(base))
     pipeline = OfflinePipeline(sequence, config, detect, find_features=find_features, imu=imu)
     verdicts = Verdicts(job.sequence, base.camera) if job.mode == 'verdicts' else None
     lines = ['stamp_ns,features kept']
     for i, frame in enumerate(sequence):
-        pipeline.process(frame)
+        done = pipeline.process(frame)
         lines.append(f'{frame.stamp_ns},{pipeline.num_kept[-1]}')
         if verdicts is not None:
             verdicts.add(i, pipeline.objects)
+        if errors is not None:
+            errors.add(frame.stamp_ns, done.pose, pipeline.imu_report())
     if cached is not None:
         cached.save()
         pipeline.stage_ms.pop('detect', None)  # mostly the time of reading the cache
@@ -151,6 +158,8 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     document = json.loads(summary.to_json()) | {'reference_ms': reference_ms()}
     if verdicts is not None:
         document['verdicts'] = verdicts.summary()
+    if errors is not None:
+        document['imu_errors'] = errors.summary()
     (out / 'summary.json').write_text(json.dumps(document))
 
 

@@ -40,7 +40,7 @@ class PerturbedSequence:
         self._base = base = _rearranged(recording, perturbation, seed)
         self._perturbation = perturbation
         self._seed = seed
-        self._first_black = _middle(len(recording))
+        self._black = black_range(len(recording), perturbation)
         self._screen: MovingPicture | None = None
         if perturbation.screen_m > 0 and base.ground_truth is not None:
             self._screen = MovingPicture(base.camera, base.ground_truth, perturbation.screen_m)
@@ -57,9 +57,8 @@ class PerturbedSequence:
     def __iter__(self) -> Iterator[RgbdFrame]:
         rng = np.random.default_rng(self._seed)
         texture = rng.integers(0, 255, (480, 640, 3), dtype=np.uint8)
-        black = range(self._first_black, self._first_black + self._perturbation.black_images)
         for n, frame in enumerate(self._base):
-            if n in black:
+            if n in self._black:
                 yield _black(frame)
             else:
                 shown = frame if self._screen is None else self._screen.painted(frame)
@@ -87,6 +86,12 @@ class PerturbedSequence:
         image[:, left:right] = texture[: image.shape[0], : right - left]
         depth_m[:, left:right] = _COVER_DEPTH_M
         return image, depth_m
+
+
+def black_range(num_images: int, perturbation: Perturbation) -> range:
+    """Return the indices of the black images of a recording."""
+    first = _middle(num_images)
+    return range(first, first + perturbation.black_images)
 
 
 def _middle(count: int) -> int:

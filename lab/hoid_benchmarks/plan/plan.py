@@ -24,7 +24,7 @@ _KEYS = (
 )  # fmt: skip
 _VIEWS = (
     'comparison', 'curve', 'ablation', 'accuracy', 'stages', 'detectors', 'verdicts', 'cost',
-    'pictures', 'masks',
+    'pictures', 'masks', 'imu',
 )  # fmt: skip
 _MODES = ('offline', 'timed', 'live', 'detect', 'verdicts', 'pictures', 'masks')
 _OFFICIAL = 'official'  # in `sequences`: every sequence in the folder of --data
@@ -58,6 +58,7 @@ class Perturbation:
     stamp_jitter_ms: float = 0.0  # largest error of the stamps
     extra_boxes: int = 0  # number of false objects in each frame
     false_every: int = 0  # 10: a false person of low score in every tenth frame
+    imu: str = ''  # change of the samples of the IMU (`imu_changes.py`)
 
 
 @dataclass(frozen=True)

@@ -153,9 +153,11 @@ def _table(kept: Sequence[Kept]) -> str:
     heads = (*columns, 'commit')
     if len(commits) == 1:
         heads, shown = columns, [cells[:-1] for cells in shown]
+    table = f'{_markdown(heads, shown)}\n{_made(rows)}'
+    if 'sequence' not in columns:
+        return table
     at = columns.index('sequence')
-    kinds = kinds_text((row.cells[at] for row in rows), '`')
-    return f'{kinds}\n\n{_markdown(heads, shown)}\n{_made(rows)}'
+    return f'{kinds_text((row.cells[at] for row in rows), "`")}\n\n{table}'
 
 
 def _shown(column: str, cell: str) -> str:

@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from hoid_benchmarks.jobs.masks import SHARES
-from hoid_benchmarks.jobs.results import Result, key_value, removed_share, spread
+from hoid_benchmarks.jobs.results import Result, Spread, key_value, removed_share, spread
+from hoid_benchmarks.plan.imu_changes import NO_IMU
 from hoid_benchmarks.plan.plan import Experiment, Job
 from hoid_benchmarks.report.tables import (
     Cell,
@@ -254,6 +255,73 @@ def _masks(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
     return (*columns, *SHARES), rows
 
 
+_IMU_ERRORS = {
+    'bias_5s_radps': ('bias after 5 s [rad/s]', 4),
+    'offset_20s_ms': ('offset after 20 s [ms]', 1),
+    'rotation_20s_deg': ('rotation after 20 s [deg]', 2),
+    'tilt_2s_deg': ('tilt after 2 s [deg]', 1),
+    'tilt_5s_deg': ('5 s', 1),
+    'tilt_20s_deg': ('20 s', 1),
+    'tilt_2s_to_last_deg': ('tilt after 2 s to the last one [deg]', 1),
+    'tilt_5s_to_last_deg': ('5 s to the last one', 1),
+    'bridge_deg': ('end of the black images [deg]', 2),
+    'bridge_m': ('[m]', 3),
+    'after_m': ('10 images later [m]', 3),
+}
+"""Columns of the view `imu` by error: the title and the number of decimals."""
+
+
+def _imu(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
+    """Return a row for each variant over all sequences, with the errors known in any row."""
+    known = [e for e in _IMU_ERRORS if spread(results, key_value(f'imu_errors.{e}')).runs]
+    without = {_same_run(r.job): r for r in results if r.job.perturbation.imu == NO_IMU}
+    rows = []
+    for key, group in grouped(results, _by_variant).items():
+        errors = [
+            _with_range(spread(group, key_value(f'imu_errors.{e}')), group, _IMU_ERRORS[e][1])
+            for e in known
+        ]
+        ratios = [r for one in group if (r := _ratio(one, without.get(_same_run(one.job))))]
+        relative = [_with_range(spread(ratios, _ATE), group, 2)] if without else []
+        runs = number(spread(group, _ATE).runs, group, 0)
+        coverage = share(spread(group, _COVERAGE), group)
+        rows.append(
+            (
+                *map(text, key),
+                runs,
+                meters(spread(group, _ATE), group),
+                *relative,
+                coverage,
+                *errors,
+            )
+        )
+    columns = ('variant', 'filter', 'runs', 'RMSE [m]', *['relative to no IMU'][: bool(without)])
+    return (*columns, 'coverage', *(_IMU_ERRORS[e][0] for e in known)), rows
+
+
+def _by_variant(job: Job) -> Group:
+    return (job.variant or '-', job.filter)
+
+
+def _same_run(job: Job) -> tuple[str, str, str, int]:
+    return job.sequence, job.filter, job.detector, job.seed
+
+
+def _ratio(result: Result, without: Result | None) -> Result | None:
+    """Return a result whose ATE is relative to that of the same run without an IMU."""
+    ends = [_ATE(r.summary) for r in (result, without) if r is not None and r.ok]
+    if len(ends) < 2 or None in ends:
+        return None
+    return replace(result, summary={'ate_rmse_m': ends[0] / ends[1]})
+
+
+def _with_range(s: Spread, group: Sequence[Result], digits: int) -> Cell:
+    """Return a cell with a median and the range over runs."""
+    cell = number(s.median, group, digits)
+    words = f'{cell.text} [{s.low:.{digits}f}-{s.high:.{digits}f}]'
+    return replace(cell, text=words) if s.runs > 1 else cell
+
+
 def _pictures(_experiment: Experiment, _results: Sequence[Result]) -> tuple[Group, Rows]:
     return (), []
 
@@ -269,6 +337,7 @@ _MAKERS: dict[str, Callable[[Experiment, Sequence[Result]], tuple[Group, Rows]]]
     'cost': _cost,
     'pictures': _pictures,
     'masks': _masks,
+    'imu': _imu,
 }
 
 

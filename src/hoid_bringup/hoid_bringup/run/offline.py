@@ -23,7 +23,7 @@ from hoid_common.io.files import check_writable
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import Detections, DynamicObject, FilterResult, FloatArray, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
-from rgbd_slam.inertial.report import report_of
+from rgbd_slam.inertial.report import ImuReport, report_of
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.scene.floor import NO_FLOOR
@@ -153,6 +153,10 @@ class OfflinePipeline:
             self.stage_ms['detect'].append(detect_ms)
         return done
 
+    def imu_report(self) -> ImuReport | None:
+        """Return the calibration of the IMU as known so far; None without an IMU."""
+        return None if self._imu is None else report_of(self._imu.imu)
+
     def _map_scene(
         self, request: SceneRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
     ) -> None:
@@ -219,7 +223,7 @@ class OfflinePipeline:
                 self._features_in, self._features_removed, self._objects_dynamic
             ),
             stage_ms=self.stage_ms,
-            imu=None if self._imu is None else report_of(self._imu.imu),
+            imu=self.imu_report(),
             peak_rss_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _KIB_PER_MB,
         )
 
