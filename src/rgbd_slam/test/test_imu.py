@@ -246,6 +246,16 @@ def test_up_is_found_from_a_tilted_start(R_camera_imu: FloatArray, gyro: bool) -
     assert np.rad2deg(up.sigma_rad) < 1.5
 
 
+@pytest.mark.parametrize('gyro', [False, True], ids=['accelerometer', 'both'])
+def test_up_is_found_in_two_seconds(gyro: bool) -> None:
+    shaken = ShakenImu(accelerometer=True, gyro=gyro)
+    shaken.run(2.1)
+    up = shaken.imu.up
+    assert up is not None
+    true = pose(1e-9 * (up.stamp_ns - START_NS))[:3, :3].T @ UP_WORLD
+    assert np.rad2deg(np.arccos(up.up_camera @ true)) < 1.5
+
+
 def test_a_fault_stays_while_too_few_images_are_tracked() -> None:
     shaken = ShakenImu(distort=lambda rates: rates * np.array([1.0, -1.0, 1.0]))
     shaken.run(4.0)

@@ -25,6 +25,9 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 # Chosen: time between two comparisons with the tracked motion, at first and once the time offset
 # is known; a comparison takes 5 to 15 ms.
 _FIRST_PERIOD_NS, _PERIOD_NS = NS_PER_S // 2, 2 * NS_PER_S
+# Chosen: with an accelerometer, the first period also lasts for this time after the first image,
+# because gravity is known after 1.5 s.
+_EARLY_NS = 2 * NS_PER_S
 _KNOWN_OFFSET_S = 0.005  # chosen: standard deviation; a hand turns by 0.5 degrees in 5 ms
 # Chosen: an estimated rotation between IMU and camera with a larger standard deviation is not used
 # to predict; the rotations between parallel axes differ by 90 degrees.
@@ -85,6 +88,7 @@ class Imu:
         self._calibration, self._gravity = GyroCalibration(), GravityEstimator()
         self._offset_s = 0.0 if mounting is None else mounting.offset_s
         self._compared_ns: int | None = None  # stamp of the image of the last comparison
+        self._begun_ns = 0  # stamp of the image at which the first period began
         self._is_mounting_known = False
         self._needs_up = config.level
         self._news: list[News] = []
@@ -106,8 +110,8 @@ class Imu:
         """Learn from the tracked motion (4, 4) of the camera between two images.
 
         Every 0.5 s, or every 2 s once the time offset is known, the motion is compared with the
-        samples, which updates `fit`, `fault` and `up`. A sensor that is switched off or has sent
-        no sample is left out.
+        samples, which updates `fit`, `fault` and `up`. With an accelerometer, it stays 0.5 s for
+        the first 2 s. A sensor that is switched off or has sent no sample is left out.
         """
         has_gyro = bool(self._config.gyro and len(self._gyro))
         has_accelerometer = bool(self._needs_up and len(self._accelerometer))
@@ -115,7 +119,7 @@ class Imu:
             self._calibration.add(first_ns, second_ns, T_first_second[:3, :3])
         if has_accelerometer:
             self._gravity.add(first_ns, second_ns, T_first_second)
-        if not self._is_due(second_ns):
+        if not self._is_due(second_ns, has_accelerometer=has_accelerometer):
             return
         self._compared_ns = second_ns
         if has_gyro:
@@ -185,17 +189,19 @@ class Imu:
         news, self._news = self._news, []
         return news
 
-    def _is_due(self, stamp_ns: int) -> bool:
+    def _is_due(self, stamp_ns: int, *, has_accelerometer: bool) -> bool:
         """Return whether the next comparison with the tracked motion is due.
 
         At the first image, and after stamps that go back, the period begins anew at `stamp_ns`.
         """
         before_ns, fit = self._compared_ns, self.fit
         if before_ns is None or stamp_ns < before_ns:
-            self._compared_ns = stamp_ns
+            self._begun_ns = self._compared_ns = stamp_ns
             return False
         is_known = fit is not None and fit.offset_sigma_s < _KNOWN_OFFSET_S
-        return stamp_ns - before_ns >= (_PERIOD_NS if is_known else _FIRST_PERIOD_NS)
+        is_early = has_accelerometer and before_ns - self._begun_ns < _EARLY_NS
+        period_ns = _PERIOD_NS if is_known and not is_early else _FIRST_PERIOD_NS
+        return stamp_ns - before_ns >= period_ns
 
     def _compare(self, image_ns: int) -> None:
         """Update `fit` and `fault` by a comparison with the tracked rotation.
