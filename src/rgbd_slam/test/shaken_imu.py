@@ -59,6 +59,7 @@ class ShakenImu:
         given: The mounting that the `Imu` is told; None: none.
         distort: Changes the rates (N, 3) and returns the faulty ones; None: no fault. It may be
             set later.
+        distort_force: The same for the accelerations (N, 3).
         accelerometer: Whether there is one.
         gyro: Whether there is one.
     """
@@ -71,13 +72,14 @@ class ShakenImu:
         given: Mounting | None = None,
         distort: Callable[[FloatArray], FloatArray] | None = None,
         *,
+        distort_force: Callable[[FloatArray], FloatArray] | None = None,
         accelerometer: bool = False,
         gyro: bool = True,
         seed: int = 0,
     ) -> None:
         self.imu = Imu(ImuConfig(), given)
         self._R_imu_camera = np.eye(3) if R_camera_imu is None else R_camera_imu.T
-        self._offset_s, self.distort = offset_s, distort
+        self._offset_s, self.distort, self._distort_force = offset_s, distort, distort_force
         self._bias = np.zeros(3) if gyro_bias is None else gyro_bias
         self._accelerometer, self._gyro = accelerometer, gyro
         self._rng = np.random.default_rng(seed)
@@ -122,4 +124,5 @@ class ShakenImu:
         if self._accelerometer:
             forces = np.stack([force(s) for s in times_s.tolist()]) @ self._R_imu_camera.T
             forces += self._rng.normal(0, 0.02, forces.shape)
+            forces = forces if self._distort_force is None else self._distort_force(forces)
             self.imu.add_accelerations(Samples(stamps_ns, forces))

@@ -256,6 +256,14 @@ def test_up_is_found_in_two_seconds(gyro: bool) -> None:
     assert np.rad2deg(np.arccos(up.up_camera @ true)) < 1.5
 
 
+@pytest.mark.parametrize('factor', [1 / 9.81, np.array([1.0, -1.0, 1.0])], ids=['g', 'mirrored'])
+def test_a_faulty_accelerometer_gives_no_certain_up(factor: float | FloatArray) -> None:
+    shaken = ShakenImu(accelerometer=True, distort_force=lambda forces: forces * factor)
+    shaken.run(5.0)
+    up = shaken.imu.up
+    assert up is None or np.rad2deg(up.sigma_rad) > 3.0
+
+
 def test_a_fault_stays_while_too_few_images_are_tracked() -> None:
     shaken = ShakenImu(distort=lambda rates: rates * np.array([1.0, -1.0, 1.0]))
     shaken.run(4.0)

@@ -39,6 +39,9 @@ _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 deg
 _TRIPLE_MPS2, _LENGTH_MPS2, _BIAS_MPS2 = 0.15, 0.2, 0.1
 _KNOWN_ROTATION_RAD = np.deg2rad(1.0)  # chosen: of a mounting that is given
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees between axes
+# Chosen: five times what the scale of a cheap sensor changes; another unit is off by more.
+_MAX_LENGTH_ERROR_MPS2 = 1.0
+_MEDIAN_LENGTH = 1.54  # of a vector of three normally distributed numbers with the variance 1
 _CAUCHY = 2.0  # chosen: triples with residuals of this multiple of the median weigh half
 
 
@@ -111,8 +114,10 @@ class GravityEstimator:
     def fit(self, R_camera_imu: FloatArray | None) -> GravityFit | None:
         """Return gravity by all stored triples of images.
 
-        None is returned if there are fewer than 10 triples, or if the rotation of the IMU is
-        neither given nor determined by them to 12 degrees (one standard deviation).
+        None is returned if there are fewer than 10 triples, if the rotation of the IMU is neither
+        given nor determined by them to 12 degrees (one standard deviation), or if the length of
+        gravity is off by more than 1 m/s^2. Standard deviations grow with the residuals, so that
+        an accelerometer that contradicts the tracked motion determines nothing.
 
         Args:
             R_camera_imu: (3, 3) rotation of the IMU, if it is known; it is refined with a prior of
@@ -130,7 +135,10 @@ class GravityEstimator:
                 return None
             R_camera_imu = snapped(solved.R_camera_imu, solved.rotation_sigma_rad)
         solved = _solve(force, turned, acceleration, R_camera_imu, _KNOWN_ROTATION_RAD)
-        up_chain = solved.gravity_mps2 / np.linalg.norm(solved.gravity_mps2)
+        length_mps2 = float(np.linalg.norm(solved.gravity_mps2))
+        if abs(length_mps2 - GRAVITY_MPS2) > _MAX_LENGTH_ERROR_MPS2:
+            return None
+        up_chain = solved.gravity_mps2 / length_mps2
         return GravityFit(
             self._T_chain_camera[-1][:3, :3].T @ up_chain,
             solved.up_sigma_rad,
@@ -271,7 +279,9 @@ def _solve(
         delta = -np.linalg.solve(normal, J.T @ r + prior.T @ r_prior)
         R = rotations(delta[None, :3])[0] @ R
         bias, gravity = bias + delta[3:6], gravity + delta[6:]
-    covariance = np.linalg.inv(normal)
+    residual = force @ R.ravel() - turned @ bias - gravity - acceleration
+    typical_mps2 = float(np.median(np.linalg.norm(residual, axis=1))) / _MEDIAN_LENGTH
+    covariance = max(typical_mps2 / _TRIPLE_MPS2, 1.0) ** 2 * np.linalg.inv(normal)
     up = gravity / np.linalg.norm(gravity)
     across = np.eye(3) - np.outer(up, up)
     up_covariance = across @ covariance[6:, 6:] @ across / GRAVITY_MPS2**2
