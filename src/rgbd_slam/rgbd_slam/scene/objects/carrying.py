@@ -208,9 +208,8 @@ class Carrying:
         has_left = item.state is PlaceState.HANDLED or item.num_through >= _MIN_THROUGH
         if is_same_track and (other.was_carried or has_left):
             return 3
-        if not _is_as_large(item, other) or _is_elsewhere(
-            item, other, tracks.get(item.track_id), stamp_ns
-        ):
+        track = tracks.get(item.track_id)
+        if not _is_as_large(item, other) or _is_elsewhere(track, (item, other), stamp_ns):
             return 0
         if other.was_carried and (item.num_absent >= _MIN_ABSENT or not item.is_present):
             return 2
@@ -273,12 +272,12 @@ def _is_away(item: MappedObject, track: TrackedObject) -> bool:
 
 
 def _is_elsewhere(
-    item: MappedObject, other: MappedObject, track: TrackedObject | None, stamp_ns: int
+    track: TrackedObject | None, places: Sequence[MappedObject], stamp_ns: int
 ) -> bool:
-    """Return whether the track of an object was seen lately at none of the two places."""
+    """Return whether a track was seen lately away from the places of all these objects."""
     if track is None or track.stamp_ns <= stamp_ns - _FRESH_NS:
         return False
-    return _is_away(item, track) and _is_away(other, track)
+    return all(_is_away(item, track) for item in places)
 
 
 def _is_as_large(first: MappedObject, second: MappedObject) -> bool:

@@ -137,6 +137,7 @@ class ObjectMap:
             return
         stamp_ns, view = request.stamp_ns, self._camera.view(depth_m, anchor.T_map_camera)
         measured = [item for item in detections if _is_measured(item)]
+        view.fill_screens(depth_m, measured)
         near = self._near(anchor)
         seen = look_at(near, view)
         segments = segment_all(measured, view, prior_of(measured, near, seen, view))

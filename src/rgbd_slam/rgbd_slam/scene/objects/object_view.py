@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -9,7 +10,14 @@ import cv2
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import CameraModel, Float32Array, FloatArray, IntArray
+from hoid_common.values import (
+    BoolArray,
+    CameraModel,
+    DynamicObject,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
 
 # None of these numbers was tuned.
 _STRIDE = 4  # step between the pixels used [px]: 2.3 cm at 3 m, about a voxel
@@ -18,6 +26,14 @@ _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # farther away, the noise of depth hides 
 # the 3x3 pixels around it span at least the sum of this share of its depth and so many standard
 # deviations.
 _EDGE_SLOPE, _EDGE_NOISE = 0.04, 5.0
+_SCREENS = frozenset({'tv', 'laptop', 'cell phone'})
+# A box shows a dark screen, which returns no depth, if it has at least this share of holes and so
+# many readings in this area around them. The readings of its frame are those of the nearest
+# layer of this thickness that has at least 0.6 times the readings of the fullest one, and those
+# within this distance, or one standard deviation of depth, of their plane.
+_SCREEN_HOLES, _FRAME_READINGS, _FRAME_AREA = 0.4, 30, np.ones((5, 5), np.uint8)
+_FRAME_BIN_M, _FRAME_BINS, _FRAME_NEARER = 0.05, 3, 0.6
+_FRAME_M = 0.03
 # Standard deviation of depth at 1 m [m], which grows with the square of the depth (as in
 # `depth_view`, after Khoshelham and Elberink, Sensors 2012).
 NOISE_PER_M2 = 0.003
@@ -81,6 +97,48 @@ class ObjectView:
         right, bottom = np.clip(high, (left, top), (width, height)).tolist()
         return left, top, right, bottom
 
+    def fill_screens(self, depth_m: Float32Array, detections: Sequence[DynamicObject]) -> None:
+        """Give the holes in the boxes of screens the depth of the plane through their frames.
+
+        Depth cameras see the frame of a dark screen, but not the screen itself. Boxes with few
+        holes, or with too few readings around them, stay as they are.
+
+        Args:
+            depth_m: (H, W) depth image of this view; 0: no reading.
+            detections: The detections; those of classes with screens are used.
+        """
+        for item in detections:
+            if item.class_name not in _SCREENS:
+                continue
+            left, top, right, bottom = (_STRIDE * n for n in self.pixels_of(item.box_xyxy_px))
+            is_hole = depth_m[top:bottom, left:right] == 0
+            if is_hole.size and is_hole.mean() >= _SCREEN_HOLES:
+                self._fill_holes(depth_m[top:bottom, left:right], is_hole, (left, top))
+
+    def _fill_holes(
+        self, depth_m: Float32Array, is_hole: BoolArray, corner_px: tuple[int, int]
+    ) -> None:
+        """Fill the holes (h, w) of one box, whose first pixel in the full image is `corner_px`."""
+        near = cv2.dilate(is_hole.astype(np.uint8), _FRAME_AREA)
+        v, u = np.nonzero((near > 0) & ~is_hole)
+        z = depth_m[v, u].astype(np.float64)
+        is_frame = _in_nearest_layer(z)
+        # The inverse depth of a plane is linear in the pixel coordinates.
+        rows = np.stack([u, v, np.ones(len(u))], 1)
+        for _ in range(2):  # the second time with all of a frame that is not parallel to the image
+            if np.count_nonzero(is_frame) < _FRAME_READINGS:
+                return
+            plane = np.linalg.lstsq(rows[is_frame], 1 / z[is_frame], rcond=None)[0]
+            low_m, high_m = z[is_frame].min(), z[is_frame].max()
+            is_frame = np.abs(1 / (rows @ plane) - z) < np.maximum(_FRAME_M, NOISE_PER_M2 * z * z)
+        v, u = np.nonzero(is_hole[::_STRIDE, ::_STRIDE])
+        inverse = np.stack([_STRIDE * u, _STRIDE * v, np.ones(len(u))], 1) @ plane
+        filled = 1 / np.clip(inverse, 1 / high_m, 1 / low_m)
+        index = (v + corner_px[1] // _STRIDE) * self.shape[1] + u + corner_px[0] // _STRIDE
+        self.depth_m.reshape(-1)[index] = filled
+        rays = self._camera.rays[index] * filled[:, None]
+        self.points_map_m[index] = se3.transform(self.T_map_camera, rays)
+
     def project(self, points_map_m: FloatArray) -> Projection:
         """Compare points (N, 3) of the map frame with the measured depth at their pixels."""
         points = se3.transform(se3.inverse(self.T_map_camera), points_map_m)
@@ -141,3 +199,14 @@ def _reliable(depth_m: Float32Array) -> Float32Array:
     limit = _EDGE_SLOPE * depth + _EDGE_NOISE * NOISE_PER_M2 * depth * depth
     good = (far - near < limit) & (depth > _MIN_RANGE_M) & (depth < _MAX_RANGE_M)
     return np.ascontiguousarray(np.where(good, depth, np.float32(0)))
+
+
+def _in_nearest_layer(depth_m: FloatArray) -> BoolArray:
+    """Return the (N,) mask of the depths (N,) in the nearest well-filled layer."""
+    if len(depth_m) == 0:
+        return np.zeros(0, np.bool_)
+    bins = (depth_m / _FRAME_BIN_M).astype(np.int64)
+    count = np.bincount(bins, minlength=_FRAME_BINS)
+    layers = np.convolve(count, np.ones(_FRAME_BINS, np.int64))[_FRAME_BINS - 1 :]
+    first = int(np.argmax(layers >= _FRAME_NEARER * layers.max()))
+    return np.asarray((bins >= first) & (bins < first + _FRAME_BINS))

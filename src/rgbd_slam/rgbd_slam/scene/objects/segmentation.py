@@ -134,17 +134,7 @@ def _conflicts(segments: list[Segment], view: ObjectView) -> list[tuple[int, Boo
     """Return the segments that lose pixels to others, as indices with (h, w) masks of these."""
     taken: dict[int, BoolArray] = {}
     masks = [_mask(segment.pixels, view) for segment in segments]
-    fits = [_fit(segment, view) for segment in segments]
-
-    def _claim(k: int) -> tuple[bool, float]:
-        """Return a sort key of segment k; the larger one of two keys keeps the shared pixels.
-
-        Boxes that are filled come before others, and the smaller box before the larger one.
-        Among boxes that are not filled, the one that is filled more comes first.
-        """
-        left, top, right, bottom = segments[k].box_px
-        is_filled = fits[k] >= _FILLED
-        return is_filled, -(right - left) * (bottom - top) if is_filled else fits[k]
+    claims = [_claim(segment, view) for segment in segments]
 
     for i, first in enumerate(segments):  # a handful
         for j in range(i):
@@ -153,7 +143,7 @@ def _conflicts(segments: list[Segment], view: ObjectView) -> list[tuple[int, Boo
             least = _SHARED_WITH_PERSON if is_person else _SHARED
             if shared <= least * min(len(first.pixels), len(segments[j].pixels)):
                 continue
-            loser, winner = (i, j) if _claim(i) < _claim(j) else (j, i)
+            loser, winner = (i, j) if claims[i] < claims[j] else (j, i)
             if segments[loser].detection.class_name == PERSON:
                 continue
             taken[loser] = taken.get(loser, np.zeros(view.shape, np.bool_)) | masks[winner]
@@ -164,6 +154,18 @@ def _mask(pixels: IntArray, view: ObjectView) -> BoolArray:
     out = np.zeros(view.shape, np.bool_)
     out.reshape(-1)[pixels] = True
     return out
+
+
+def _claim(segment: Segment, view: ObjectView) -> tuple[bool, float]:
+    """Return the sort key of a segment; the one with the larger key keeps the shared pixels.
+
+    Boxes that are filled come before others, and the smaller box before the larger one. Among
+    boxes that are not filled, the one that is filled more comes first.
+    """
+    left, top, right, bottom = segment.box_px
+    fit = _fit(segment, view)
+    is_filled = fit >= _FILLED
+    return is_filled, -(right - left) * (bottom - top) if is_filled else fit
 
 
 def _fit(segment: Segment, view: ObjectView) -> float:
