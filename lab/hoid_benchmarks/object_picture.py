@@ -31,11 +31,17 @@ _EDGES = [
 _FLOOR_CORNERS = (0, 2, 6, 4)  # around the box, as seen from above
 
 
+_HEADER = ('id', 'class', 'sightings', 'size m', 'jitter cm', 'in the second half cm')
+
+
 class ObjectRow(NamedTuple):
     """An object of the map, and how much its published center moved."""
 
     item: MapObject
-    jitter_m: float  # root mean square distance of the center from its median, over all looks
+    # Root mean square distance of the center from its median: over all looks, in which the seen
+    # part grows, and over the second half of them.
+    jitter_m: float
+    late_jitter_m: float
 
 
 def object_rows(objects: Sequence[MapObject], history: ObjectHistory) -> list[ObjectRow]:
@@ -45,19 +51,24 @@ def object_rows(objects: Sequence[MapObject], history: ObjectHistory) -> list[Ob
         at = [o for looked in history.values() for o in looked if o.object_id == item.object_id]
         centers_m = np.array([o.center_map_m for o in at if o.state is item.state])
         if item.is_present and len(centers_m):
-            gaps_m = np.linalg.norm(centers_m - np.median(centers_m, axis=0), axis=1)
-            out.append(ObjectRow(item, float(np.sqrt(np.mean(gaps_m**2)))))
+            late_m = centers_m[len(centers_m) // 2 :]
+            out.append(ObjectRow(item, _deviation_m(centers_m), _deviation_m(late_m)))
     return out
+
+
+def _deviation_m(centers_m: FloatArray) -> float:
+    gaps_m = np.linalg.norm(centers_m - np.median(centers_m, axis=0), axis=1)
+    return float(np.sqrt(np.mean(gaps_m**2)))
 
 
 def object_table(rows: Sequence[ObjectRow]) -> str:
     """Return a Markdown table of objects."""
-    lines = ['| id | class | sightings | size m | jitter cm |', '|---|---|---|---|---|']
-    for item, jitter_m in rows:
+    lines = [_HEADER, ('---',) * len(_HEADER)]
+    for item, *jitter_m in rows:
         size = ' x '.join(f'{side_m:.2f}' for side_m in item.size_m)
-        cells = item.object_id, item.class_name, item.num_sightings, size, f'{100 * jitter_m:.1f}'
-        lines.append(f'| {" | ".join(map(str, cells))} |')
-    return '\n'.join(lines) + '\n'
+        names = str(item.object_id), item.class_name, str(item.num_sightings), size
+        lines.append((*names, *(f'{100 * each_m:.1f}' for each_m in jitter_m)))
+    return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 
 
 def draw_objects(path: Path, room: MappedRoom, frame: RgbdFrame, camera: CameraModel) -> None:

@@ -43,7 +43,8 @@ def test_jitter_is_the_deviation_from_the_median() -> None:
     (row,) = object_rows([CUP, GONE], history)
     assert row.item is CUP
     assert row.jitter_m == pytest.approx(0.01)
-    assert '| 1 | cup | 9 | 0.20 x 0.20 x 0.20 | 1.0 |' in object_table([row])
+    assert row.late_jitter_m == pytest.approx(0.01)  # 1 cm from the median of the last two
+    assert '| 1 | cup | 9 | 0.20 x 0.20 x 0.20 | 1.0 | 1.0 |' in object_table([row])
 
 
 def test_a_box_is_drawn_where_the_image_shows_it(tmp_path: Path) -> None:
@@ -52,7 +53,7 @@ def test_a_box_is_drawn_where_the_image_shows_it(tmp_path: Path) -> None:
     draw_objects(tmp_path / 'objects.jpg', room(), frame, CAMERA)
     drawn = cv2.imread(str(tmp_path / 'objects.jpg'))
     assert drawn is not None
-    left = drawn[:, : drawn.shape[1] // 2].astype(int)
+    left = drawn[:, : drawn.shape[1] // 2].astype(int)  # the plan is farther right
     is_gray = np.ptp(left, axis=2) < 25
     is_image = is_gray & (np.abs(left.mean(axis=2) - 128) < 15)
     rows, columns = np.nonzero(is_image)
