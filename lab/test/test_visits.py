@@ -115,9 +115,9 @@ def test_numbers_count_for_objects_that_are_seen_again() -> None:
         ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8)), None, {},
         history[10], history, Trajectory.joined([]), SlamStats(0, 0, num_loops=1),
     )  # fmt: skip
-    assert score_numbers(room, [CUP, BOOK, BALL]) == NumberScores(1, 2, 1)
+    assert score_numbers(room, [CUP, BOOK, BALL]) == NumberScores(1, 3, 2, 2, 1)
     carried = CUP._replace(was_carried=True)
-    assert score_numbers(room, [carried, BOOK, BALL]) == NumberScores(1, 1, 0)
+    assert score_numbers(room, [carried, BOOK, BALL]) == NumberScores(1, 2, 1, 1, 0)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The table of numbers: whether objects that are seen again later have their number still."""
+"""The table of numbers: whether objects still have their number later, and when seen again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_benchmarks.rooms.visits.change_scores import assigned
 
-HEADER = ('room', 'loops closed', 'objects seen again', 'same number')
+HEADER = ('room', 'loops closed', 'known early', 'same number', 'seen again', 'same number')
 # An object is seen again if it is known after the first of these shares of the time, and was seen
 # after the second one. On the path "loop", the camera looks at other rooms meanwhile.
 _KNOWN_SHARE, _AGAIN_SHARE = 0.5, 0.8
@@ -19,15 +19,17 @@ class NumberScores(NamedTuple):
     """Counts of one or more rooms."""
 
     num_loops: int
-    num_again: int  # objects that nobody carried, and that are known early and seen late
+    num_known: int  # objects that nobody carried, and that the map has early and at the end
     num_same: int  # of these, with the same number at the end
+    num_again: int  # of the known ones, those that were seen late
+    num_same_again: int  # of these, with the same number at the end
 
 
 def score_numbers(room: MappedRoom, true: Sequence[TrueObject]) -> NumberScores:
-    """Return how many objects that nobody carried keep their number until they are seen again."""
+    """Return how many of the objects that nobody carried keep their number."""
     num_loops, stamps = room.stats.num_loops, sorted(room.history)
     if not stamps:
-        return NumberScores(num_loops, 0, 0)
+        return NumberScores(num_loops, 0, 0, 0, 0)
     resting = {item.instance: item for item in true if not item.was_carried}
     known_ns, again_ns = (
         stamps[0] + round(share * (stamps[-1] - stamps[0]))
@@ -35,9 +37,10 @@ def score_numbers(room: MappedRoom, true: Sequence[TrueObject]) -> NumberScores:
     )
     early = room.history[max(stamp_ns for stamp_ns in stamps if stamp_ns <= known_ns)]
     before, after = assigned(early, resting), assigned(room.objects, resting)
-    again = [k for k in before.keys() & after.keys() if after[k].last_ns >= again_ns]
-    same = [k for k in again if before[k].object_id == after[k].object_id]
-    return NumberScores(num_loops, len(again), len(same))
+    known = before.keys() & after.keys()
+    same = {k for k in known if before[k].object_id == after[k].object_id}
+    again = {k for k in known if after[k].last_ns >= again_ns}
+    return NumberScores(num_loops, len(known), len(same), len(again), len(same & again))
 
 
 class NumberTable:
