@@ -154,5 +154,5 @@ def test_the_table_of_a_chosen_experiment_is_printed(
     bench_command(parser.parse_args(words))
     printed = capsys.readouterr().out
     assert 'A level map by the accelerometer' in printed
-    assert '| - | none | 3 | 0.0100 [0.0100-0.0100] | - | 0.5 [0.5-0.5] |' in printed
+    assert '| - | none | 1 | 0.0100 | - | 0.5 |' in printed
     assert 'Faults of an IMU' not in printed
