@@ -180,9 +180,9 @@ def test_a_flat_object_that_was_taken_is_gone_and_keeps_its_id() -> None:
     assert after.state is PlaceState.MOVED
 
 
-def test_an_object_that_was_seen_three_times_keeps_its_id() -> None:
+def test_an_object_that_was_seen_four_times_keeps_its_id() -> None:
     world, target = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
-    before = only(world.look(TABLE, BEAR, times=3), 'teddy bear')
+    before = only(world.look(TABLE, BEAR, times=4), 'teddy bear')
     person = track(moved(PERSON, (0.2, -0.6, 0.0)), ObjectState.PERSON, 9)
     world.look(TABLE, times=5, tracks=(person,))
     after = only(world.look(TABLE, target, times=4), 'teddy bear')
