@@ -25,8 +25,7 @@ def _tell(msg: People) -> None:
 
 
 rclpy.init()
-for ending in (signal.SIGINT, signal.SIGPIPE):  # Ctrl-C, and a reader such as `head` that ends
-    signal.signal(ending, signal.SIG_DFL)
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the program at once
 frames, grids = frame_tree.FrameListener(node := rclpy.create_node('people')), [OccupancyGrid()]
 node.create_subscription(OccupancyGrid, 'grid_map', grids.append, qos.LATCHED)
 node.create_subscription(People, 'people', _tell, 10)
