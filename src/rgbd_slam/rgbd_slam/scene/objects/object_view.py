@@ -27,8 +27,8 @@ _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # farther away, the noise of depth hides 
 # deviations.
 _EDGE_SLOPE, _EDGE_NOISE = 0.04, 5.0
 _SCREENS = frozenset({'tv', 'laptop', 'cell phone'})
-# A box shows a dark screen, which returns no depth, if it has at least this share of holes and so
-# many readings in this area around them. The readings of its frame are those of the nearest
+# Chosen: a box shows a dark screen, which returns no depth, if it has at least this share of holes
+# and so many readings in this area around them. The readings of its frame are those of the nearest
 # layer of this thickness that has at least 0.6 times the readings of the fullest one, and those
 # within this distance, or one standard deviation of depth, of their plane.
 _SCREEN_HOLES, _FRAME_READINGS, _FRAME_AREA = 0.4, 30, np.ones((5, 5), np.uint8)
@@ -130,7 +130,8 @@ class ObjectView:
                 return
             plane = np.linalg.lstsq(rows[is_frame], 1 / z[is_frame], rcond=None)[0]
             low_m, high_m = z[is_frame].min(), z[is_frame].max()
-            is_frame = np.abs(1 / (rows @ plane) - z) < np.maximum(_FRAME_M, NOISE_PER_M2 * z * z)
+            plane_m = 1 / np.maximum(rows @ plane, 1e-6)  # a plane behind the camera fits nothing
+            is_frame = np.abs(plane_m - z) < np.maximum(_FRAME_M, NOISE_PER_M2 * z * z)
         v, u = np.nonzero(is_hole[::_STRIDE, ::_STRIDE])
         inverse = np.stack([_STRIDE * u, _STRIDE * v, np.ones(len(u))], 1) @ plane
         filled = 1 / np.clip(inverse, 1 / high_m, 1 / low_m)
