@@ -81,7 +81,7 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def pictures_command(args: argparse.Namespace) -> None:
-    """Write the three sheets, or the picture of the object map.
+    """Write three sheets of pictures, or with `--objects` a picture of the object map.
 
     Raises:
         HoidError: The recording, the detector, a frame number or the folder is invalid.

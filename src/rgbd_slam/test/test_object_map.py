@@ -150,7 +150,7 @@ def test_another_object_of_the_class_is_not_the_one_that_was_taken() -> None:
 @pytest.mark.parametrize(
     ('state', 'verdict', 'people', 'is_mapped'),
     [
-        # Held still by a person, so that it looks at rest.
+        # A person holds it still, so that the filter calls it static.
         (ObjectState.HANDLED, Reason.STATIC, (PERSON,), False),
         # Put down, but its track is still handled; the person has left.
         (ObjectState.HANDLED, Reason.STATIC, (moved(PERSON, (2.0, 3.0, 0.0)),), True),

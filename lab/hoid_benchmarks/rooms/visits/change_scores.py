@@ -23,7 +23,7 @@ class Claim(NamedTuple):
 
 
 class ChangeScores(NamedTuple):
-    """Counts of one or more rooms.
+    """How many true and claimed changes there are in one or more rooms, and how many are right.
 
     A claim about an object that the visits did not show for long enough is not counted.
     """

@@ -39,7 +39,8 @@ _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 deg
 _TRIPLE_MPS2, _LENGTH_MPS2, _BIAS_MPS2 = 0.15, 0.2, 0.1
 _KNOWN_ROTATION_RAD = np.deg2rad(1.0)  # chosen: of a mounting that is given
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees between axes
-# Chosen: five times what the scale of a cheap sensor changes; another unit is off by more.
+# Chosen: the scale of a cheap accelerometer is off by up to 0.2 m/s^2 at the length of gravity; an
+# accelerometer in another unit is off by more than this limit.
 _MAX_LENGTH_ERROR_MPS2 = 1.0
 _MEDIAN_LENGTH = 1.54  # of a vector of three normally distributed numbers with the variance 1
 _CAUCHY = 2.0  # chosen: triples with residuals of this multiple of the median weigh half

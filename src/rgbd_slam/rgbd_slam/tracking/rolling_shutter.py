@@ -200,7 +200,7 @@ class RollingShutter:
         return _marginal_of_time(by_pose, by_time, residual)
 
     def _count(self, information: float, weighted_s: float, num_images: int) -> None:
-        """Add the result of an image to the sums, of which `num_images` make an estimate."""
+        """Add the result of one image; after `num_images` of them, make a new estimate."""
         self._information += information
         self._weighted_s += weighted_s + self.readout_s * information
         self._num_images += 1
