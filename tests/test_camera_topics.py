@@ -64,7 +64,7 @@ def test_the_right_camera_info_replaces_a_first_one_of_twice_the_size(peer: Peer
         stamp_ns = START_NS + i * PERIOD_NS
         peer.features.publish(features_msg(peer.world.features(np.eye(4), stamp_ns)))
     peer.wait_for_problem('camera_info is of 1280x960 px, images are of 640x480 px')
-    assert peer.diagnosis()[1]['features refused'] == '3'
+    peer.wait_for_count('features refused', 3)
     peer.send_info(CAMERA)
     peer.wait_for_start()
     peer.send(20)

@@ -105,13 +105,13 @@ def test_an_invalid_initial_pose_is_refused_in_one_line(start: Start, probe: Pro
     line = peer.refused(nan)
     assert 'pose is no rigid transform' in line
     assert line.endswith(', on initialpose')
-    assert peer.diagnosis()[1]['initial poses refused'] == '2'
+    peer.wait_for_count('initial poses refused', 2)
     peer.publish_pose(zero)  # a second line of this kind is throttled
-    assert peer.diagnosis()[1]['initial poses refused'] == '3'
+    peer.wait_for_count('initial poses refused', 3)
     peer.publish_pose(negative)
-    assert peer.diagnosis()[1]['initial poses refused'] == '4'
+    peer.wait_for_count('initial poses refused', 4)
     assert peer.send(39).state == SlamStatus.TRACKING
     assert peer.set_mode('mapping').success
     peer.publish_pose(pose(20))
-    assert peer.diagnosis()[1]['initial poses refused'] == '5'
+    peer.wait_for_count('initial poses refused', 5)
     assert peer.send(39).message == ''

@@ -102,3 +102,10 @@ class SlamPeer:
         self.probe.spin_until(lambda: bool(of_node()), f'no diagnostics of {node}')
         status = of_node()[-1]
         return status.message, {v.key: v.value for v in status.values}
+
+    def wait_for_count(self, name: str, number: int) -> None:
+        """Wait until a counter of the diagnostics of /rgbd_slam has this value."""
+        self.probe.spin_until(
+            lambda: self.diagnosis()[1].get(name) == str(number),
+            f'"{name}" does not become {number}',
+        )
