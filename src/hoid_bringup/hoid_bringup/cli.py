@@ -107,7 +107,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check_names(args)
         for line in _abandoned_folders(args):
             sys.stderr.write(f'hoid: {line}\n')
-        getattr(_module(chosen), f'{_identifier(chosen)}_command')(args)
+        # A line of the log must not continue that of a progress bar.
+        with import_module('tqdm.contrib.logging').logging_redirect_tqdm():
+            getattr(_module(chosen), f'{_identifier(chosen)}_command')(args)
         print(end='', flush=True)  # buffered output may fail to be written
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
