@@ -62,6 +62,7 @@ class ShakenImu:
         distort_force: The same for the accelerations (N, 3).
         accelerometer: Whether there is one.
         gyro: Whether there is one.
+        config: Parameters of the `Imu`; None: the defaults.
     """
 
     def __init__(
@@ -76,8 +77,9 @@ class ShakenImu:
         accelerometer: bool = False,
         gyro: bool = True,
         seed: int = 0,
+        config: ImuConfig | None = None,
     ) -> None:
-        self.imu = Imu(ImuConfig(), given)
+        self.imu = Imu(config or ImuConfig(), given)
         self._R_imu_camera = np.eye(3) if R_camera_imu is None else R_camera_imu.T
         self._offset_s, self.distort, self._distort_force = offset_s, distort, distort_force
         self._bias = np.zeros(3) if gyro_bias is None else gyro_bias

@@ -25,6 +25,13 @@ class ImuConfig(Config):
         'effect without imu.gyro.',
         expert=True,
     )
+    integrate: bool = param(
+        default=True,
+        description='Whether an accelerometer that agrees with the tracked motion continues the '
+        'position while the gyro continues the rotation. Set it to false to continue the last '
+        'velocity instead, which decays in 0.4 s. It has no effect without imu.gyro.',
+        expert=True,
+    )
     level: bool = param(
         default=True,
         description='Whether an accelerometer makes the map frame level: z points up also if the '

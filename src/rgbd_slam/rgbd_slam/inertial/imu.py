@@ -16,7 +16,8 @@ from rgbd_slam.inertial.faults import (
     fault_of_samples,
     is_saturated,
 )
-from rgbd_slam.inertial.gravity import GravityEstimator
+from rgbd_slam.inertial.force_integral import ForceIntegral, force_integral
+from rgbd_slam.inertial.gravity import GravityEstimator, GravityFit
 from rgbd_slam.inertial.gyro_calibration import UNKNOWN_BIAS_RADPS, GyroCalibration, GyroFit
 from rgbd_slam.inertial.gyro_integral import rotation_between, rotation_vector
 from rgbd_slam.inertial.mounting import Mounting, snapped
@@ -44,6 +45,7 @@ _CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of trackin
 # because real gyros also have errors of their scale.
 _NOISE_RAD = 0.002
 _SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
+_MAX_UP_SIGMA_RAD = np.deg2rad(3.0)  # chosen: the limit of `Leveling`
 _FAULTS_OF_SAMPLES = GyroFault.STUCK, GyroFault.LATE  # the samples show their end as well
 _LEFT_OUT = 'imu: the gyro is left out: {}'
 _SATURATED = 'imu: it turns faster than the range of the gyro; such turns are left out'
@@ -90,7 +92,8 @@ class Imu:
         self._compared_ns: int | None = None  # stamp of the image of the last comparison
         self._begun_ns = 0  # stamp of the image at which the first period began
         self._is_mounting_known = False
-        self._needs_up = config.level
+        self._levels = config.level  # whether gravity is needed to make the map level
+        self._gravity_fit: GravityFit | None = None  # by the last comparison
         self._news: list[News] = []
         self._said: set[str] = set()
         self.fit: GyroFit | None = None  # by the last comparison in which there was no fault
@@ -114,7 +117,8 @@ class Imu:
         the first 2 s. A sensor that is switched off or has sent no sample is left out.
         """
         has_gyro = bool(self._config.gyro and len(self._gyro))
-        has_accelerometer = bool(self._needs_up and len(self._accelerometer))
+        needs_up = self._levels or (has_gyro and self._config.integrate)
+        has_accelerometer = bool(needs_up and len(self._accelerometer))
         if has_gyro:
             self._calibration.add(first_ns, second_ns, T_first_second[:3, :3])
         if has_accelerometer:
@@ -155,6 +159,31 @@ class Imu:
         noise = _NOISE_RAD * math.sqrt(elapsed_s)
         return MeasuredRotation(R, math.hypot(of_turn, of_offset, of_bias, noise))
 
+    def forces(self, first_ns: int, origin_ns: int, last_ns: int) -> ForceIntegral | None:
+        """Return the integrals of the specific force between the stamps of two images.
+
+        None is returned if samples are missing, while the gyro has a `fault`, if the accelerometer
+        is switched off (`imu.integrate`), and unless gravity is known to 3 degrees (`up`).
+
+        Args:
+            first_ns: Stamp of the first image.
+            origin_ns: Stamp of the image in whose camera frame the forces are integrated.
+            last_ns: Stamp of the last image.
+        """
+        fit, gravity, up = self.fit, self._gravity_fit, self.up
+        if fit is None or gravity is None or up is None or up.sigma_rad > _MAX_UP_SIGMA_RAD:
+            return None
+        if self.fault is not None or not (self._config.integrate and self._is_mounting_known):
+            return None
+        offset_ns = round(fit.offset_s * NS_PER_S)
+        return force_integral(
+            self._accelerometer,
+            self._gyro,
+            (first_ns + offset_ns, origin_ns + offset_ns, last_ns + offset_ns),
+            gravity.R_camera_imu,
+            (fit.bias_radps, gravity.R_camera_imu.T @ gravity.bias_mps2),
+        )
+
     @property
     def gives_prior(self) -> bool:
         """Return whether measured rotations may support the poses of tracked images."""
@@ -176,8 +205,8 @@ class Imu:
                 self._offset_s = mounting.offset_s
 
     def stop_measuring_up(self) -> None:
-        """Ignore the accelerometer from now on, because the map is level for good."""
-        self._needs_up = False
+        """Measure gravity only to bridge losses from now on, because the map is level for good."""
+        self._levels = False
 
     @property
     def problem(self) -> str:
@@ -284,7 +313,7 @@ class Imu:
         R = None if self._mounting is None else self._mounting.R_camera_imu
         if self.fit is not None and self.fault is None and self._is_mounting_known:
             R = self.fit.R_camera_imu
-        found = self._gravity.fit(R)
+        self._gravity_fit = found = self._gravity.fit(R)
         self.up = None if found is None else Up(image_ns, found.up_camera, found.up_sigma_rad)
 
     def _say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:

@@ -1,4 +1,4 @@
-"""The motion source of a gyro: measured rotation, and translation by the last velocity."""
+"""The motion source of an IMU: measured rotations, integrated forces or the last velocity."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
 from rgbd_slam.inertial.attitude_filter import AttitudeFilter
+from rgbd_slam.inertial.dead_reckoning import DeadReckoning, Reckoned
 from rgbd_slam.inertial.gyro_integral import rotation_vector
 from rgbd_slam.inertial.imu import Imu, MeasuredRotation
 from rgbd_slam.tracking.motion_sources import BridgedMotion
@@ -18,6 +19,7 @@ _DECAY_S = 0.4  # measured: a hand-held camera keeps its velocity for about this
 _SMOOTHING_S = 0.1
 _SPREAD_S = 5.0  # chosen: time over which the spread of the velocity is averaged
 _INITIAL_SPREAD_MPS = 0.2  # chosen: along each axis, of a hand-held camera
+_LEAST_RECKONED_S = 0.1  # chosen: over three images, the last velocity predicts as well
 _MAX_BRIDGE_S = 1.5  # chosen: later the position is known to no better than about 0.2 m
 _RATE_NS = NS_PER_S // 50  # chosen: time of a measured rate, that of a usual rolling shutter
 _SOURCE = 'the gyro'
@@ -26,9 +28,11 @@ _SOURCE = 'the gyro'
 class InertialMotion:
     """Predicts the motion of the camera by a gyro, and bridges up to 1.5 s without tracking.
 
-    The rotation is measured. The position follows from the velocity, which decays to zero with a
-    time constant of 0.4 s (an Ornstein-Uhlenbeck process). The variance of the velocity is learned
-    from the tracked motion, and gives the covariance of the position.
+    The rotation is measured. After 0.1 s, so is the position, if there is an accelerometer that
+    agrees with the tracked motion (`DeadReckoning`). Otherwise the position follows from the
+    velocity, which decays to zero with a time constant of 0.4 s (an Ornstein-Uhlenbeck process).
+    The variance of the velocity is learned from the tracked motion, and gives the covariance of
+    the position.
 
     Args:
         imu: The IMU, which learns from the tracked motion.
@@ -39,6 +43,9 @@ class InertialMotion:
         self._start_ns = self._stamp_ns = self._step_ns = 0
         self._velocity_mps: FloatArray = np.zeros(3)  # in the frame of the last tracked image
         self._attitude = AttitudeFilter()
+        self._reckoning = DeadReckoning(imu)
+        self._reckoned_ns = (0, 0)  # stamps of the motion of `_reckoned`
+        self._reckoned: Reckoned | None = None
         self._observed_ns = 0  # stamp of the last tracked image
         self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
         self._rate_at_ns: int | None = None  # stamp of the image of `_rate_radps`
@@ -72,6 +79,7 @@ class InertialMotion:
         self._velocity_mps = T_last_camera[:3, :3].T @ mean_mps
         weight = min(elapsed_s / _SPREAD_S, 1.0)
         self._variance_m2ps2 += weight * (float(mean_mps @ mean_mps) / 3 - self._variance_m2ps2)
+        self._reckoning.add(self._start_ns, self._stamp_ns, T_last_camera)
         self._imu.observe(self._start_ns, self._stamp_ns, T_last_camera)
 
     def reset(self) -> None:
@@ -125,9 +133,12 @@ class InertialMotion:
         rotation = self._rotation() if self._elapsed_s <= _MAX_BRIDGE_S else None
         if rotation is None:
             return None
-        angle, position = rotation.sigma_rad**2, self._position_variance_m2(self._elapsed_s)
-        share = min(S_PER_NS * self._step_ns / self._elapsed_s, 1.0)
-        step = self._position_variance_m2(min(S_PER_NS * self._step_ns, self._elapsed_s))
+        step_s = min(S_PER_NS * self._step_ns, self._elapsed_s)
+        angle, share = rotation.sigma_rad**2, step_s / self._elapsed_s
+        position, step = (self._position_variance_m2(s) for s in (self._elapsed_s, step_s))
+        reckoned = self._reckon()
+        if reckoned is not None:
+            position, step = reckoned.variance_m2, reckoned.speed_variance_m2ps2 * step_s**2
         return BridgedMotion(
             self._motion(rotation),
             np.diag([angle] * 3 + [position] * 3),
@@ -143,11 +154,30 @@ class InertialMotion:
         return self._imu.rotation(self._start_ns, self._stamp_ns)
 
     def _motion(self, rotation: MeasuredRotation) -> FloatArray:
-        """Return T_last_camera (4, 4): the measured rotation, and the decaying velocity."""
+        """Return T_last_camera (4, 4): the measured rotation, and the predicted position."""
         T = np.eye(4)
         T[:3, :3] = rotation.R_first_second
-        T[:3, 3] = _DECAY_S * -np.expm1(-self._elapsed_s / _DECAY_S) * self._velocity_mps
+        reckoned = self._reckon()
+        if reckoned is not None:
+            T[:3, 3] = reckoned.position_m
+        else:
+            T[:3, 3] = _DECAY_S * -np.expm1(-self._elapsed_s / _DECAY_S) * self._velocity_mps
         return T
+
+    def _reckon(self) -> Reckoned | None:
+        """Return the position by integrated specific force; None: use the decaying velocity.
+
+        None is returned for the first 0.1 s, if the accelerometer is missing or not confirmed, and
+        unless its position has a smaller variance.
+        """
+        stamps_ns = self._start_ns, self._stamp_ns
+        if self._elapsed_s < _LEAST_RECKONED_S:
+            return None
+        if stamps_ns != self._reckoned_ns:
+            self._reckoned_ns = stamps_ns
+            self._reckoned = self._reckoning.position(*stamps_ns)
+        reckoned, limit_m2 = self._reckoned, self._position_variance_m2(self._elapsed_s)
+        return None if reckoned is None or reckoned.variance_m2 > limit_m2 else reckoned
 
     def _position_variance_m2(self, elapsed_s: float) -> float:
         """Return the variance of the position along each axis after a time of prediction.

@@ -1,0 +1,141 @@
+"""An accelerometer that agrees with the images continues the position where they fail."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hoid_common import se3
+from hoid_common.values import NS_PER_S, FloatArray
+from rgbd_slam.config.imu_config import ImuConfig
+from rgbd_slam.inertial.force_integral import force_integral
+from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
+from rgbd_slam.tracking.inertial_motion import InertialMotion
+from rgbd_slam.tracking.motion_sources import BridgedMotion
+
+from .shaken_imu import IMAGE_NS, POSE_NOISE_M, POSE_NOISE_RAD, START_NS, ShakenImu, pose
+
+NUM_TRACKED, NUM_LOST = 150, 30
+OFF = ImuConfig(integrate=False)
+AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+
+
+def image_pose(k: int) -> FloatArray:
+    """Return T_world_camera (4, 4) of an image."""
+    return pose(k * 1e-9 * IMAGE_NS)
+
+
+def bridged(
+    seed: int = 0,
+    num_tracked: int = NUM_TRACKED,
+    num_lost: int = NUM_LOST,
+    config: ImuConfig | None = None,
+    distort: Callable[[FloatArray], FloatArray] | None = None,
+) -> BridgedMotion:
+    """Return the motion over images that are lost, after tracked ones with noise."""
+    bias = np.array([0.01, 0.0, -0.02])
+    shaken = ShakenImu(
+        AXES, 0.02, bias, distort_force=distort, accelerometer=True, seed=seed, config=config
+    )  # fmt: skip
+    source, rng = InertialMotion(shaken.imu), np.random.default_rng(seed)
+    before = image_pose(0)
+    for k in range(num_tracked):
+        shaken.sample((k + 1) * IMAGE_NS + NS_PER_S // 10)
+        noise = np.r_[rng.normal(0, POSE_NOISE_RAD, 3), rng.normal(0, POSE_NOISE_M, 3)]
+        now = image_pose(k + 1) @ se3.exp(noise)
+        source.start(START_NS + k * IMAGE_NS)
+        source.advance(START_NS + (k + 1) * IMAGE_NS)
+        source.observe(se3.inverse(before) @ now, np.zeros(6))
+        before = now
+    shaken.sample((num_tracked + num_lost) * IMAGE_NS + NS_PER_S // 10)
+    source.start(START_NS + num_tracked * IMAGE_NS)
+    for k in range(num_lost):
+        source.advance(START_NS + (num_tracked + k + 1) * IMAGE_NS)
+    bridge = source.bridge()
+    assert bridge is not None
+    T_camera_last = source.predict()
+    assert T_camera_last is not None
+    np.testing.assert_allclose(T_camera_last @ bridge.T_last_camera, np.eye(4), atol=1e-12)
+    return bridge
+
+
+def error_m(bridge: BridgedMotion, num_tracked: int = NUM_TRACKED) -> float:
+    """Return the error of a bridged position over 30 images."""
+    true = se3.inverse(image_pose(num_tracked)) @ image_pose(num_tracked + NUM_LOST)
+    return float(np.linalg.norm(bridge.T_last_camera[:3, 3] - true[:3, 3]))
+
+
+def test_a_constant_force_on_a_turning_imu_is_integrated_exactly() -> None:
+    """The IMU turns by 1 rad/s about z; the force is constant along the axes of the origin."""
+    stamps_ns = np.arange(-NS_PER_S, NS_PER_S + 1, NS_PER_S // 200)
+    bias_radps, bias_mps2 = np.array([0.02, 0.0, 0.01]), np.array([0.1, 0.0, -0.1])
+    force = np.array([1.0, 2.0, 9.81])
+    turns = np.zeros((len(stamps_ns), 6))
+    turns[:, 2] = 1e-9 * stamps_ns
+    R_origin_imu = se3.exp(turns)[:, :3, :3]
+    gyro, accelerometer = SampleBuffer(), SampleBuffer()
+    rates = np.tile(np.array([0.0, 0.0, 1.0]) + bias_radps, (len(stamps_ns), 1))
+    gyro.add(Samples(stamps_ns, rates))
+    accelerometer.add(Samples(stamps_ns, force @ R_origin_imu + bias_mps2))
+    ends_ns = -NS_PER_S, 0, NS_PER_S
+    found = force_integral(accelerometer, gyro, ends_ns, AXES, (bias_radps, bias_mps2))
+    assert found is not None
+    for origin_s in (0.0, -0.5):
+        times_s = np.array([-1.0, -0.5, 0.25, 1.0])
+        expected = 0.5 * (times_s - origin_s)[:, None] ** 2 * (AXES @ force)
+        np.testing.assert_allclose(found.moved_m(times_s, origin_s), expected, atol=1e-4)
+        np.testing.assert_allclose(
+            found.turns_rad(times_s, origin_s), np.abs(times_s - origin_s), atol=1e-9
+        )
+    later_ns = 0, 0, NS_PER_S + NS_PER_S // 10  # 0.1 s without samples at the end
+    none = force_integral(accelerometer, gyro, later_ns, AXES, (bias_radps, bias_mps2))
+    assert none is None
+
+
+@pytest.mark.slow
+def test_a_second_is_bridged_to_centimeters_with_an_honest_covariance() -> None:
+    errors_m, ratios = [], []
+    for seed in range(6):
+        bridge = bridged(seed, NUM_TRACKED + 10 * seed)
+        errors_m.append(error_m(bridge, NUM_TRACKED + 10 * seed))
+        ratios.append(errors_m[-1] / np.sqrt(np.trace(bridge.covariance[3:, 3:])))
+    assert np.median(errors_m) < 0.03  # 0.1 to 0.3 m by the decaying velocity
+    assert max(errors_m) < 0.06
+    assert 0.2 < np.median(ratios) < 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    'distort',
+    [
+        lambda forces: np.tile([0.0, 0.0, 9.81], (len(forces), 1)),
+        lambda forces: forces * np.array([1.0, -1.0, 1.0]),
+        lambda forces: forces[:, [2, 0, 1]],
+        lambda forces: forces / 9.81,
+        lambda forces: np.clip(forces, -7.0, 7.0),
+    ],
+    ids=['stuck', 'mirrored', 'permuted', 'g', 'saturated'],
+)
+def test_a_faulty_accelerometer_is_not_integrated(
+    distort: Callable[[FloatArray], FloatArray],
+) -> None:
+    faulty, without = bridged(distort=distort), bridged(distort=distort, config=OFF)
+    np.testing.assert_array_equal(faulty.T_last_camera, without.T_last_camera)
+    np.testing.assert_array_equal(faulty.covariance, without.covariance)
+
+
+def test_the_accelerometer_can_be_switched_off() -> None:
+    on, off = bridged(), bridged(config=OFF)
+    assert error_m(on) < 0.05
+    assert error_m(off) > 0.1
+    np.testing.assert_array_equal(on.T_last_camera[:3, :3], off.T_last_camera[:3, :3])
+
+
+@pytest.mark.parametrize(('num_tracked', 'num_lost'), [(150, 2), (60, 30)])
+def test_a_short_step_or_a_short_past_uses_the_last_velocity(
+    num_tracked: int, num_lost: int
+) -> None:
+    """Up to 0.1 s, and before 2.3 s have been tracked, nothing is integrated."""
+    given = bridged(0, num_tracked, num_lost)
+    without = bridged(0, num_tracked, num_lost, OFF)
+    np.testing.assert_array_equal(given.T_last_camera, without.T_last_camera)
