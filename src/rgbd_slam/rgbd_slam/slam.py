@@ -205,10 +205,13 @@ class RgbdSlam:
         self.odometry.follow(frame.stamp_ns)
         if self.map.is_empty:
             return self._start_map(frame, np.eye(4))  # the first camera pose is the map's origin
+        bridge = self.odometry.bridge() if self.trajectory.is_bridged else None
         tracking = self._track(frame) or self._relocalize(frame)
         if tracking is None:
             return self._handle_loss(frame)
         self.odometry.advance(tracking)
+        if bridge is not None:
+            self.trajectory.end_bridge(bridge.T_map_camera, tracking.tracked)
         self._tracked = TrackingResult(
             frame.stamp_ns,
             SlamState.TRACKING,
@@ -329,7 +332,8 @@ class RgbdSlam:
         if bridge is None:
             return TrackingResult(frame.stamp_ns, SlamState.LOST)
         if bridge.is_short:
-            self.trajectory.add(self.odometry.extrapolated(frame.stamp_ns, bridge.T_last_camera))
+            lost = self.odometry.extrapolated(frame.stamp_ns, bridge.T_last_camera)
+            self.trajectory.add(lost, is_bridged=True)
         return TrackingResult(
             frame.stamp_ns,
             SlamState.LOST,
@@ -359,10 +363,7 @@ class RgbdSlam:
         self._warm_up.reestimate_next(self._noise.camera)
 
     def _insert_keyframe(self, tracking: TrackerOutput) -> None:
-        """Send the frame to the mapper and track the next frame from this keyframe.
-
-        That works even while the mapper has not inserted the keyframe yet.
-        """
+        """Send the frame to the mapper; track the next one from this keyframe, even if pending."""
         tracked = tracking.tracked
         keep_outliers = self._config.keyframes.keep_outliers
         points = tracking.matched if keep_outliers else tracked.points

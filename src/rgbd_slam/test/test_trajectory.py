@@ -157,6 +157,54 @@ def test_final_poses_cover_maps_that_a_measured_motion_connects() -> None:
     np.testing.assert_array_equal(recorder.online().T_world_camera, expected)
 
 
+def bridged(map_id: int) -> tuple[TrajectoryRecorder, FloatArray, FloatArray]:
+    """Return a recorder after a bridge with linear drift, its final poses before, and true ones.
+
+    The camera is found at the third step, in the map with this id.
+    """
+    atlas = Atlas(1.2, 8)
+    T_map_first = se3.exp(np.array([0.3, 0, 0.1, 1.0, 2.0, 0]))
+    rows = [
+        atlas.add_keyframe(tracked(n, T_map_first).frame, T_map_first, n_map)
+        for n, n_map in enumerate((0, map_id))
+    ]
+    reference, found = (int(uid) for uid in atlas.keyframes.uid[rows])
+    recorder, true = TrajectoryRecorder(atlas.keyframes), []
+    for n in range(4):
+        T = np.eye(4)
+        T[:3, 3] = [0.1 * n, 0.0, 0.01 * n]  # without the drift of 0.02 m along y at each step
+        true.append(T_map_first @ T)
+        T[1, 3] = 0.02 * n
+        if n < 3:
+            pose = replace(tracked(n, T_map_first @ T, reference), T_reference_camera=T)
+            recorder.add(pose, is_bridged=n > 0)
+            assert recorder.is_bridged == (n > 0)
+    before = recorder.final().T_world_camera
+    last = replace(tracked(3, true[3], found), T_reference_camera=np.eye(4))
+    recorder.end_bridge(T_map_first @ T, last)
+    return recorder, before, np.stack(true[:3])
+
+
+def test_bridged_poses_are_corrected_once_the_camera_is_found() -> None:
+    recorder, before, true = bridged(map_id=0)
+    np.testing.assert_allclose(recorder.final().T_world_camera, true, atol=1e-12)
+    np.testing.assert_allclose(recorder.online().T_world_camera, before, atol=1e-12)
+    recorder.add(tracked(3, true[2]))
+    assert not recorder.is_bridged
+
+
+def test_bridged_poses_stay_if_the_camera_is_found_in_another_map() -> None:
+    recorder, before, true = bridged(map_id=1)
+    assert len(before) == len(true)
+    np.testing.assert_array_equal(recorder.final().T_world_camera, before)
+
+
+def test_nothing_is_corrected_if_no_frame_was_bridged() -> None:
+    recorder = recorded(3, KeyframeTable())
+    recorder.end_bridge(np.eye(4), tracked(3, np.eye(4)))
+    assert recorder.online().T_world_camera[:, 0, 3].tolist() == [0.0, 0.001, 0.002]
+
+
 def test_a_frame_whose_map_is_gone_is_nowhere() -> None:
     assert recorded(3, KeyframeTable()).pose(1) is None
 

@@ -59,6 +59,7 @@ class TrajectoryRecorder:
         self._frames = RecordStore(_FRAME, 'old poses of the trajectory')
         self._removed = RecordStore(_REMOVED, 'old keyframes of the trajectory')
         self._links: list[_MapLink] = []
+        self._first_bridged: int | None = None  # since the last tracked frame; None: no frame is
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -68,8 +69,22 @@ class TrajectoryRecorder:
         """Return the number of old frames kept in memory because no file can store them."""
         return self._frames.num_unwritten
 
-    def add(self, tracked: TrackedFrame) -> None:
-        """Add a frame; its poses are copied."""
+    @property
+    def is_bridged(self) -> bool:
+        """Return whether the pose of the last frame was predicted, because images failed."""
+        return self._first_bridged is not None
+
+    def add(self, tracked: TrackedFrame, *, is_bridged: bool = False) -> None:
+        """Add a frame; its poses are copied.
+
+        Args:
+            tracked: The frame.
+            is_bridged: Whether its pose was predicted because images failed; see `end_bridge`.
+        """
+        if not is_bridged:
+            self._first_bridged = None
+        elif self._first_bridged is None:
+            self._first_bridged = len(self)
         self._frames.append(
             (
                 tracked.frame.stamp_ns,
@@ -129,6 +144,37 @@ class TrajectoryRecorder:
         if before is not None and after is not None:
             T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
             self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
+
+    def end_bridge(self, T_map_predicted: FloatArray, found: TrackedFrame) -> None:
+        """Correct the final poses of bridged frames by the first tracked pose after them.
+
+        The difference between the tracked and the predicted pose is spread over the time since the
+        last tracked frame. The online poses stay as published. Nothing is corrected if no frame is
+        bridged, or if the camera was found in another map.
+
+        Args:
+            T_map_predicted: (4, 4) pose of `found` as it was predicted like those of the bridged
+                frames.
+            found: The tracked frame.
+
+        Raises:
+            InputError: The file of old poses cannot be read.
+        """
+        first = self._first_bridged
+        if not first:
+            return
+        frames = [self._frames[n] for n in range(first - 1, len(self))]
+        T_reference_map = self._inverse_reference(frames[-1], found)
+        if T_reference_map is None:
+            return
+        stamps_ns = np.array([frame['stamp_ns'] for frame in frames])
+        poses = _whole(np.stack([frame['T_reference_camera'] for frame in frames[1:]]))
+        share = (stamps_ns[1:] - stamps_ns[0]) / (found.frame.stamp_ns - stamps_ns[0])
+        predicted, true = T_reference_map @ T_map_predicted, T_reference_map @ found.T_map_camera
+        poses = _moved(poses, share, predicted, true)
+        for n, frame, pose in zip(range(first, len(self)), frames[1:], poses, strict=True):
+            frame['T_reference_camera'] = pose[:3]
+            self._frames[n] = frame
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
         """Store the parents of removed keyframes; poses of frames become relative to these."""
@@ -207,6 +253,14 @@ class TrajectoryRecorder:
         rows, poses = _PoseSnapshot(self._keyframes).of(frame['reference_uid'][None], removed)
         return int(rows[0]), poses[0]
 
+    def _inverse_reference(self, frame: np.void, other: TrackedFrame) -> FloatArray | None:
+        """Return T_reference_map (4, 4) of a frame; None if another one is not in the same map."""
+        uids = np.array([frame['reference_uid'], other.reference_uid])
+        snapshot, removed = _PoseSnapshot(self._keyframes), _by_uid([self._removed.newest()])
+        rows, poses = snapshot.of(uids, removed)
+        one, two = snapshot.map_id[rows].tolist()
+        return se3.inverse(poses[0]) if one == two != _NO_MAP else None
+
 
 class _PoseSnapshot:
     """Snapshot of all keyframe poses.
@@ -220,14 +274,14 @@ class _PoseSnapshot:
         rows = rows[np.argsort(keyframes.uid[rows])]
         self._uids = np.append(DEAD, keyframes.uid[rows])
         self._T_map_camera = np.concatenate([np.eye(4)[None], keyframes.T_map_camera[rows]])
-        self._map_id, self._main = np.append(_NO_MAP, keyframes.map_id[rows]), main_map(keyframes)
-        self.is_main = self._map_id == self._main
+        self.map_id, self._main = np.append(_NO_MAP, keyframes.map_id[rows]), main_map(keyframes)
+        self.is_main = self.map_id == self._main
 
     def connect(self, links: Sequence[_MapLink], removed: NDArray[np.void]) -> None:
         """Move the keyframes of all maps that links connect with the main one into its frame."""
         uids = np.array([link[:2] for link in links], np.int64).reshape(-1, 2)
         rows, poses = self.of(uids.ravel(), removed)
-        ends = self._map_id[rows].reshape(-1, 2).tolist()
+        ends = self.map_id[rows].reshape(-1, 2).tolist()
         T_main = {self._main: np.eye(4)}  # T_main_map of each map that is connected
         for _ in links:  # in each round at least one more map, or all are found
             for (before, after), (T_before, T_after), link in zip(
@@ -239,7 +293,7 @@ class _PoseSnapshot:
                 elif after in T_main and before not in T_main:
                     T_main[before] = T_main[after] @ se3.inverse(T)
         for map_id in T_main.keys() - {self._main, _NO_MAP}:
-            is_in_map = self._map_id == map_id
+            is_in_map = self.map_id == map_id
             self._T_map_camera[is_in_map] = T_main[map_id] @ self._T_map_camera[is_in_map]
             self.is_main |= is_in_map
 
@@ -265,6 +319,17 @@ class _PoseSnapshot:
             uids = np.where(n > 0, removed['parent_uid'][n], uids)
         rows = _find(self._uids, uids)
         return rows, self._T_map_camera[rows] @ T_parent_camera
+
+
+def _moved(
+    poses: FloatArray, share: FloatArray, predicted: FloatArray, true: FloatArray
+) -> FloatArray:
+    """Return poses (N, 4, 4) moved by shares (N,) of the difference between two poses (4, 4)."""
+    turn = np.zeros((len(share), 6))
+    turn[:, :3] = share[:, None] * se3.log(se3.inverse(predicted) @ true)[:3]
+    moved = poses @ se3.exp(turn)
+    moved[:, :3, 3] += share[:, None] * (true - predicted)[:3, 3]
+    return np.asarray(moved)
 
 
 def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
