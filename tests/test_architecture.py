@@ -31,7 +31,9 @@ LAYERS = {
         errors log_throttle topics slam_status < camera_topics config values < se3 process sync
         < inputs pose_buffer io static_frames < ros
     """,
-    'hoid_detector': 'drawing newest_wins quarter_turn < model < config < onnx_detector < node',
+    'hoid_detector': """
+        drawing expected_objects newest_wins quarter_turn < model < config < onnx_detector < node
+    """,
     'hoid_filter': """
         strategy_registry < config drawing < extraction < motion < strategy < detections
         < node_config < strategies masked_images < feature_filter < live_interfaces < live_filter

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
+from hoid_msgs.msg import DetectionArray
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from vision_msgs.msg import Detection2DArray
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_common.errors import ModelError
 from hoid_common.ros import conversions, qos
-from hoid_common.values import ByteArray
+from hoid_common.values import ByteArray, Detections
 from hoid_detector.config import DetectorConfig
 from hoid_detector.model.model_path import SYNTHETIC
 from hoid_detector.node import DetectorNode
@@ -153,6 +154,19 @@ def test_the_synthetic_detector_finds_people_and_objects_of_a_rendered_bag(
     assert objects.asked >= 20
     assert objects.recall >= 0.85
     assert objects.precision >= 0.85
+
+
+def test_a_weak_box_is_reported_where_the_object_map_expects_it(make_bench: MakeBench) -> None:
+    bench = make_bench(score_threshold=0.7, expected_score_threshold=0.05)
+    publisher = bench.peer.create_publisher(DetectionArray, 'expected_objects', qos.OUTPUT)
+    bench.start()
+    assert classes_seen(bench) == ['person']
+    bench.until(lambda: publisher.get_subscription_count() or None)
+    box = np.array([[104, 16, 180, 50]], np.float32)
+    cup = Detections(STAMP_NS, box, ('cup',), np.array([0.8], np.float32))
+    header = conversions.header_to_msg(STAMP_NS, FRAME)
+    publisher.publish(conversions.detections_to_msg(cup, header, (192, 128)))
+    bench.until(lambda: classes_seen(bench) == ['person', 'cup'] or None)
 
 
 def test_the_debug_image_is_published_only_with_a_subscriber(bench: Bench) -> None:

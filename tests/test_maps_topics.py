@@ -13,7 +13,13 @@ import numpy as np
 import psutil
 import pytest
 import yaml
-from hoid_msgs.msg import MappedObject, SlamStatus, TrackedObject, TrackedObjectArray
+from hoid_msgs.msg import (
+    DetectionArray,
+    MappedObject,
+    SlamStatus,
+    TrackedObject,
+    TrackedObjectArray,
+)
 from hoid_msgs.srv import FindObjects, ForgetObject
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid
@@ -62,6 +68,7 @@ class Peer(ScenePeer):
         self.people = probe.collect(People, 'people', wait=False)
         self.object_maps = probe.collect(Detection3DArray, 'object_map', qos.LATCHED, wait=False)
         self.markers = probe.collect(MarkerArray, 'tracked_objects/markers', wait=False)
+        self.expected = probe.collect(DetectionArray, 'expected_objects', wait=False)
         self.names = probe.collect(LabelInfo, 'cloud_map/labels', qos.LATCHED, wait=False)
         super().__init__(probe)
 
@@ -90,6 +97,7 @@ def peer(start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]) -
         'dense.publish_period_s': 0.3,
         'object_map.enabled': True,
         'object_map.label_cloud': True,
+        'object_map.prior_score': 0.25,
     }
     start('rgbd_slam', 'rgbd_slam_node', parameters | RELIABLE)
     peer = Peer(probe)
@@ -109,6 +117,7 @@ def test_the_room_is_mapped_without_its_people(
     check_objects(peer, truth)
     check_object_map(peer, truth)
     check_labels(peer)
+    check_expected(peer, messages)
     check_files(peer, tmp_path / 'maps')
     check_run_time(peer)
     check_object_services(peer, tmp_path / 'maps')
@@ -171,6 +180,26 @@ def check_labels(peer: Peer) -> None:
         number = {name: n for n, name in names.items()}.get(item.class_name, 0)
         on_object |= near.all(axis=1) & (cloud.labels == number)
     assert np.mean(on_object[cloud.labels > 0]) > 0.8
+
+
+def check_expected(peer: Peer, messages: list[Messages]) -> None:
+    """Where objects are expected, the image of the message shows objects of their classes."""
+    num_expected = num_shown = 0
+    by_stamp = {message.stamp_ns: message for message in messages}
+    for msg in peer.expected:
+        image = by_stamp[stamp_of(msg)]
+        assert msg.header == image.color.header
+        assert (msg.image_width, msg.image_height) == SCENE.camera.size_px
+        for box in msg.detections:
+            num_expected += 1
+            num_shown += any(
+                item.class_name == box.class_name
+                and abs(item.x_min + item.x_max - box.x_min - box.x_max) < box.x_max - box.x_min
+                and abs(item.y_min + item.y_max - box.y_min - box.y_max) < box.y_max - box.y_min
+                for item in image.objects.objects
+            )
+    assert num_expected > 10
+    assert num_shown >= 0.9 * num_expected
 
 
 def check_object_services(peer: Peer, folder: Path) -> None:

@@ -69,7 +69,6 @@ def map_room(
         observers: They receive the images that are fused.
         files: Map files to load before the first frame, and to save at the end.
     """
-    detect = detection_source(sequence, config)
     feature_filter = FeatureFilter(config.filter, sequence.camera)
     session = SlamSession(
         sequence.camera,
@@ -82,6 +81,7 @@ def map_room(
     scene = SceneMapper(
         sequence.camera, config.slam.dense, config.slam.objects, config.slam.object_map
     )
+    detect = detection_source(sequence, config, scene.expected_objects)
     if files.load is not None:
         _load(files.load, session, scene, localize=files.localize)
     publish = Rate(1 / config.slam.dense.publish_period_s)

@@ -45,6 +45,8 @@ KEEP_OUT_INFO = 'keep_out_mask/info'
 SPEED_MASK = 'speed_mask'
 SPEED_INFO = 'speed_mask/info'
 OBJECT_MAP = 'object_map'  # vision_msgs/Detection3DArray, the objects at rest
+# hoid_msgs/DetectionArray, where an image should show objects of the map; input of hoid_detector.
+EXPECTED_OBJECTS = 'expected_objects'
 OBJECT_MAP_MARKERS = 'object_map/markers'  # visualization_msgs/MarkerArray
 
 # Ground truth in bags. It is never on /tf, where it would contradict the estimate.

@@ -38,6 +38,16 @@ class DetectorConfig(Config):
         maximum=1.0,
         read_only=False,
     )
+    expected_score_threshold: float = param(
+        0.0,  # decision 052
+        'Lowest score, from 0 to 1, of a box that is reported because the object map has an '
+        'object of its class there. Set it to 0.05 when known objects are missed, and set '
+        'object_map.prior_score of rgbd_slam to the score_threshold. With 0, or with '
+        'score_threshold or more, the object map has no effect on the detections.',
+        minimum=0.0,
+        maximum=1.0,
+        expert=True,
+    )
     # As in YOLOv5's detect.py.
     nms_iou: float = param(
         0.45,

@@ -59,7 +59,16 @@ class DetectorNode(ManagedNode):
         # Roll of the camera in the base frame by /tf_static; 0 if it is not known or not used.
         self._mounted_roll_deg = 0.0
         self.create_service(SetBool, topics.ENABLE, self._enable)
-        Inputs(self, self._settings.config.input, self.diagnostics).color(self._take)
+        inputs = Inputs(self, self._settings.config.input, self.diagnostics)
+        inputs.color(self._take)
+        if self._settings.config.expected_score_threshold > 0:
+            inputs.messages(
+                DetectionArray,
+                topics.EXPECTED_OBJECTS,
+                self._expect,
+                'expected objects',
+                is_occasional=True,
+            )
         self.begin(autostart=self._settings.config.autostart)
 
     def destroy_node(self) -> None:
@@ -87,6 +96,11 @@ class DetectorNode(ManagedNode):
         if self._enabled:
             self._find_roll(msg.header.frame_id)
             self._worker.offer(msg)
+
+    def _expect(self, msg: DetectionArray) -> None:
+        """Use where the object map expects objects for the next images."""
+        if self._detector is not None:
+            self._detector.expected = conversions.detections_from_msg(msg)
 
     def _find_roll(self, camera_frame: str) -> None:
         """Set the roll of the camera from /tf_static, if `base_frame` is given.

@@ -16,6 +16,7 @@ from hoid_common.coco import COCO
 from hoid_common.errors import ConfigError, MessageError, ModelError
 from hoid_common.values import BoolArray, ByteArray, Detections, Float32Array, IntArray
 from hoid_detector.config import DetectorConfig
+from hoid_detector.expected_objects import confirmed_rows
 from hoid_detector.model.class_names import known_names, with_person
 from hoid_detector.model.decoders import Candidates, Size
 from hoid_detector.model.finished_boxes import MAX_SCORE
@@ -64,6 +65,9 @@ class OnnxDetector:
         self.num_non_finite = 0  # images for which the outputs were not finite
         self.network_ms = 0.0  # inference of the latest image, wall time
         self.detect_ms = 0.0  # all of the latest call of `detect`, wall time
+        # Where images of about this time should show known objects; None: nothing is known. It has
+        # an effect only with `expected_score_threshold`, and any thread may set it.
+        self.expected: Detections | None = None
         _LOG.info('%s', self.description)
 
     @property
@@ -124,7 +128,7 @@ class OnnxDetector:
         blob, place = self._letterbox(upright, size_wh)
         outputs = self._infer(blob)
         with np.errstate(over='ignore', invalid='ignore'):  # non-finite boxes are dropped below
-            found = self._decode(outputs, size_wh)
+            found, weak = self._decode(outputs, size_wh)
         finite = _is_finite(found)
         self._count_non_finite(outputs, has_candidates=bool(finite.any()))
         found = found.select(finite)
@@ -134,24 +138,48 @@ class OnnxDetector:
         found = found.select(_strongest(found, self.layout, config))
         boxes = boxes_before_turn(found.boxes_xyxy_px, quarters, image_bgr.shape[1::-1])
         found = found._replace(boxes_xyxy_px=boxes)
+        if weak is not None and self.expected is not None:
+            weak = weak.select(_is_finite(weak))
+            weak = _in_image(weak.select(self._is_reported(weak)), place)
+            boxes = boxes_before_turn(weak.boxes_xyxy_px, quarters, image_bgr.shape[1::-1])
+            weak = weak._replace(boxes_xyxy_px=boxes)
+            found = self._with_expected(found, weak, self.expected, stamp_ns)
         self.detect_ms = (time.perf_counter() - start_s) * 1e3
         return self._with_names(found, stamp_ns)
 
-    def _decode(self, outputs: Sequence[NDArray[Any]], size_wh: Size) -> Candidates:
+    def _decode(
+        self, outputs: Sequence[NDArray[Any]], size_wh: Size
+    ) -> tuple[Candidates, Candidates | None]:
         """Return the candidates of any class whose score is at least `score_threshold`.
+
+        The second value contains those below it whose score is at least
+        `expected_score_threshold`; None: this is 0, or not less than `score_threshold`.
 
         Raises:
             ModelError: The outputs do not have the layout, or a score is above 1.1.
         """
         with _named(self.network):
-            found = self.layout.decode(outputs, size_wh, self._config.score_threshold)
+            least, weakest = self._config.score_threshold, self._config.expected_score_threshold
+            has_weak = 0 < weakest < least
+            found = self.layout.decode(outputs, size_wh, weakest if has_weak else least)
             highest = float(np.nanmax(found.scores, initial=0))
             if MAX_SCORE < highest < np.inf:
                 raise ModelError(
                     f'the answer has a score of {highest:g}, but scores are at most 1; set the '
                     f'parameter "layout", now {self.layout.name}, or export the model again'
                 )
-        return found
+        if not has_weak:
+            return found, None
+        is_weak = found.scores < least
+        return found.select(~is_weak), found.select(is_weak)
+
+    def _with_expected(
+        self, found: Candidates, weak: Candidates, expected: Detections, stamp_ns: int
+    ) -> Candidates:
+        """Return the candidates to report, with those weak ones that show expected objects."""
+        strong = self._with_names(found, stamp_ns)
+        rows = confirmed_rows(self._with_names(weak, stamp_ns), strong, expected)
+        return _joined(found, weak.select(rows), self._config.max_detections)
 
     def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
         """Count boxes whose center is inside and outside the image.
@@ -309,6 +337,17 @@ def _in_image(found: Candidates, place: Placement) -> Candidates:
     boxes = place.boxes_to_image(found.boxes_xyxy_px)
     is_visible = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)
     return found._replace(boxes_xyxy_px=boxes).select(is_visible)
+
+
+def _joined(strong: Candidates, weak: Candidates, max_detections: int) -> Candidates:
+    """Return strong and weak candidates together, highest score first."""
+    weak = weak.select(np.argsort(-weak.scores, kind='stable'))
+    both = Candidates(
+        np.concatenate([strong.boxes_xyxy_px, weak.boxes_xyxy_px]),
+        np.concatenate([strong.scores, weak.scores]),
+        np.concatenate([strong.class_ids, weak.class_ids]),
+    )
+    return both.select(np.arange(min(len(both.scores), max_detections)))
 
 
 def _text(boxes: Float32Array) -> str:

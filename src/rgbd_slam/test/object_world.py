@@ -26,6 +26,7 @@ class Box(NamedTuple):
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
     reason: Reason = Reason.STATIC
+    score: float = 0.9
 
     @property
     def center_m(self) -> FloatArray:
@@ -36,8 +37,8 @@ class Box(NamedTuple):
 class ObjectWorld:
     """A room with boxes, of which an object map gets a look every half second."""
 
-    def __init__(self) -> None:
-        self.map = ObjectMap(CAMERA)
+    def __init__(self, min_score: float = 0.0) -> None:
+        self.map = ObjectMap(CAMERA, min_score)
         self.stamp_ns = 0
         self.keyframes = keyframes(np.eye(4))
 
@@ -90,5 +91,5 @@ def _rendered(
                 float(col.max() + 1),
                 float(row.max() + 1),
             )
-            detections.append(DynamicObject(box.class_name, edges, 0.9, -1, box.reason))
+            detections.append(DynamicObject(box.class_name, edges, box.score, -1, box.reason))
     return t.astype(np.float32), detections

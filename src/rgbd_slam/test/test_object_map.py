@@ -190,6 +190,34 @@ def test_an_object_that_was_seen_four_times_keeps_its_id() -> None:
     assert after.state is PlaceState.MOVED
 
 
+def test_visible_objects_at_rest_are_expected_where_they_are() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, BOOK, BEAR, times=5)
+    world.look(TABLE, CUP, BEAR, times=6)  # the book is taken
+    hiding = Box('', (1.5, -0.1, -0.45), (1.6, 0.22, 0.2))  # in front of the bear
+    world.look(TABLE, CUP, BEAR, hiding)
+    expected = world.map.expected
+    assert expected is not None
+    assert (expected.stamp_ns, expected.class_names) == (world.stamp_ns, ('cup',))
+    # The cup from 1.9 m on, by the camera model.
+    u, v = (
+        (319.5 - 525 * y / 1.9 for y in (0.4, 0.3)),
+        (239.5 + 525 * z / 1.9 for z in (0.3, 0.45)),
+    )
+    left, right, top, bottom = *u, *v
+    assert expected.boxes_xyxy_px[0] == pytest.approx([left, top, right, bottom], abs=8)
+    assert expected.scores[0] > 0.8
+
+
+def test_detections_below_the_least_score_are_no_evidence() -> None:
+    world, weak = ObjectWorld(min_score=0.25), CUP._replace(score=0.2)
+    assert world.look(TABLE, weak, times=5) == ()
+    before = only(world.look(TABLE, CUP, times=5), 'cup')
+    after = only(world.look(TABLE, weak, times=3), 'cup')
+    assert (after.num_sightings, after.last_ns) == (before.num_sightings, before.last_ns)
+    assert after.probability < before.probability
+
+
 def test_a_correction_of_the_map_moves_the_objects_with_their_keyframe() -> None:
     world = ObjectWorld()
     before = only(world.look(TABLE, CUP, times=5), 'cup')

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hoid_msgs.msg import DetectionArray
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header, UInt32
 
 from hoid_common.inputs.input_config import InputConfig
 from hoid_common.ros import qos
-from hoid_common.ros.conversions import cloud_from_msg
+from hoid_common.ros.conversions import cloud_from_msg, header_to_msg
 from hoid_common.values import CameraModel, DynamicObject, Reason
 from rgbd_slam.config.dense_config import DenseConfig
 from rgbd_slam.config.object_config import ObjectTrackerConfig
@@ -179,6 +180,28 @@ def test_objects_at_rest_are_detections_with_their_classes() -> None:
     assert (size.x, size.y, size.z) == (0.1, 0.2, 0.3)
     labels = [m.text for m in object_map_markers_to_msg((at_rest, gone), header).markers if m.text]
     assert labels == ['cup 4', 'cup 5: gone']
+
+
+@pytest.mark.parametrize('prior_score', [0.0, 0.25])
+def test_expected_objects_are_published_if_the_map_is_a_prior(prior_score: float) -> None:
+    scene_outputs, sent = new_outputs(is_map_level=True)
+    scene_outputs.subscribed = frozenset({'expected_objects'})
+    scene = floor_scene(ObjectMapConfig(enabled=True, prior_score=prior_score))
+    expected = scene.expected_objects()
+    if prior_score == 0:
+        assert expected is None
+        return
+    assert expected is not None
+    header = header_to_msg(STAMP_NS, 'camera')
+    scene_outputs.publish_expected(expected, header, CAMERA.size_px)
+    (output,) = sent
+    assert output.topic == 'expected_objects'
+    message = deserialize_message(output.data, DetectionArray)
+    assert (message.header, message.image_width, message.image_height) == (header, 160, 120)
+    (bag,) = message.detections
+    assert bag.class_name == 'bag'
+    # The part of the bag whose depth is not at an edge.
+    assert (bag.x_min, bag.y_min, bag.x_max, bag.y_max) == pytest.approx((54, 44, 106, 76), abs=8)
 
 
 def test_a_labeled_cloud_is_published_with_the_names_of_its_labels() -> None:

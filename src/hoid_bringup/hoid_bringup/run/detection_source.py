@@ -17,13 +17,23 @@ _LOG = logging.getLogger(__name__)
 DetectionSource = Callable[[RgbdFrame], Detections | None]
 
 
-def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
+def detection_source(
+    sequence: Sequence,
+    config: RunConfig,
+    expected: Callable[[], Detections | None] = lambda: None,
+) -> DetectionSource:
     """Return a function that returns the detections of a frame.
 
     Depending on the configuration, they come from a detector, or are the ground-truth boxes of a
     rendered bag. The function returns None for each frame if the strategy needs no detections, and
     for frames for which the bag has no message of ground-truth boxes. A message without boxes
     gives empty detections.
+
+    Args:
+        sequence: The recording.
+        config: Parameters of the detector, and the strategy.
+        expected: Function that returns where the object map expects objects; a detector uses it
+            with `detector.expected_score_threshold`.
 
     Raises:
         InputError: Ground-truth boxes are requested, and the recording has none.
@@ -42,4 +52,9 @@ def detection_source(sequence: Sequence, config: RunConfig) -> DetectionSource:
     detector = OnnxDetector(find_model(config.detector.model or None), config.detector)
     if warning := detector.network.provider_warning:
         _LOG.warning('%s', warning)
-    return lambda frame: detector.detect(frame.image_bgr, frame.stamp_ns)
+
+    def detect(frame: RgbdFrame) -> Detections:
+        detector.expected = expected()
+        return detector.detect(frame.image_bgr, frame.stamp_ns)
+
+    return detect

@@ -66,7 +66,6 @@ class OfflinePipeline:
         imu: ImuRecording | None = None,
     ) -> None:
         self._imu = None if imu is None else ImuFeed(imu, config.slam.imu)
-        self._detect = detect or detection_source(sequence, config)
         self._find_features = (
             find_features or FeatureFilter(config.filter, sequence.camera).process
         )
@@ -84,6 +83,7 @@ class OfflinePipeline:
             config.slam.object_map,
             is_map_level=T_base_camera is not None,
         )
+        self._detect = detect or detection_source(sequence, config, self._scene.expected_objects)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         # By stage: processor time of the thread in ms for each frame; wall time for `detect`.
         self.stage_ms: defaultdict[str, list[float]] = defaultdict(list)

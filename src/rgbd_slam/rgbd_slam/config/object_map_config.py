@@ -38,6 +38,19 @@ class ObjectMapConfig(Config):
         expert=True,
     )
 
+    prior_score: float = param(
+        0.0,  # decision 052
+        'Lowest score, from 0 to 1, of the detections that the object map uses, if the detector '
+        'uses the map as its prior. The boxes in which known objects should be seen are then '
+        'published on expected_objects, and weak detections that are reported only because of '
+        'them do not confirm the map. Set it to score_threshold of hoid_detector, and set '
+        'expected_score_threshold there as well. With 0, all detections are used, and nothing is '
+        'published on expected_objects.',
+        minimum=0.0,
+        maximum=1.0,
+        expert=True,
+    )
+
     def __post_init__(self) -> None:
         """Raise ConfigError if a value is invalid, or `label_cloud` is on without object map."""
         super().__post_init__()

@@ -10,6 +10,7 @@ from hoid_common.errors import MapFileError
 from hoid_common.values import (
     ByteArray,
     CameraModel,
+    Detections,
     DynamicObject,
     Float32Array,
     FloatArray,
@@ -83,9 +84,9 @@ class SceneMapper:
         self.ledger = SceneLedger(self._voxels, dense, folder)
         self._tracker = ObjectTracker(objects)
         self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
-        is_mapped = object_map is not None and object_map.enabled
-        self._object_map = ObjectMap(camera) if is_mapped else None
-        self._is_labeled = object_map is not None and object_map.label_cloud
+        mapped = object_map or ObjectMapConfig()
+        self._object_map = ObjectMap(camera, mapped.prior_score) if mapped.enabled else None
+        self._is_prior, self._is_labeled = mapped.prior_score > 0, mapped.label_cloud
         self._is_map_level = is_map_level
         self._floors: LocalFloors | None = None
         # The cells below each submap, and the key for which they are valid.
@@ -169,6 +170,15 @@ class SceneMapper:
     def mapped_objects(self) -> tuple[MapObject, ...]:
         """Return the confirmed objects of the main map by id; none if the object map is off."""
         return () if self._object_map is None else self._object_map.objects(self._floor)
+
+    def expected_objects(self) -> Detections | None:
+        """Return where the latest image for the object map should show known objects.
+
+        None is returned before the first image, and if `object_map.prior_score` is 0.
+        """
+        if self._object_map is None or not self._is_prior:
+            return None
+        return self._object_map.expected
 
     def export_objects(self, keyframe_uids: IntArray) -> ObjectMapState | None:
         """Return the object map for a file; None if it is off, or empty.

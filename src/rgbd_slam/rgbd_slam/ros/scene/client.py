@@ -33,6 +33,7 @@ from rgbd_slam.ros.scene.messages import (
     Subscribed,
 )
 from rgbd_slam.ros.scene.outputs import (
+    EXPECTED_OUTPUT,
     MAP_OUTPUTS,
     MASK_OUTPUTS,
     OBJECT_MAP_OUTPUTS,
@@ -85,7 +86,13 @@ class SceneClient:
             output.name: OnDemandPublisher(
                 node, output.type, output.name, output.qos, self._report_subscribers
             )
-            for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS, *OBJECT_MAP_OUTPUTS, *MASK_OUTPUTS)
+            for output in (
+                *MAP_OUTPUTS,
+                *OBJECT_OUTPUTS,
+                *OBJECT_MAP_OUTPUTS,
+                EXPECTED_OUTPUT,
+                *MASK_OUTPUTS,
+            )
             if self._is_published(output.name)
         }
         diagnostics.set_count(_DEATHS, 0)
@@ -109,6 +116,8 @@ class SceneClient:
                 return not self._config.frames.base
             case topics.CLOUD_LABELS:
                 return self._config.object_map.label_cloud
+            case topics.EXPECTED_OBJECTS:
+                return self._config.object_map.prior_score > 0
         is_mask = topic in {output.name for output in MASK_OUTPUTS}
         return self._config.navigation.enabled or not is_mask
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.errors import HoidError, MessageError
@@ -242,6 +243,7 @@ class SceneNode(Node):
             self._diagnostics.set_count('mapped objects', self._scene.num_mapped_objects)
             self._outputs.note_object_change()
             self._outputs.publish_object_map(self._scene, self._stamp_ns)
+            self._publish_expected(self._scene, color.header)
         if request.is_for_dense_map:
             image_bgr = conversions.color_from_msg(color)
             self._check_size(image_bgr, 'color')
@@ -250,6 +252,12 @@ class SceneNode(Node):
             self._num_fused += 1
             self._diagnostics.count('images fused')
             self._diagnostics.set_count('voxels', self._scene.num_voxels)
+
+    def _publish_expected(self, scene: SceneMapper, header: Header) -> None:
+        """Publish where the image with this header should show known objects, for the detector."""
+        expected = scene.expected_objects()
+        if expected is not None and self._camera is not None:
+            self._outputs.publish_expected(expected, header, self._camera.size_px)
 
     def _publish_masks(self, tracks: tuple[TrackedObject, ...], request: SceneRequest) -> None:
         if not self._setup.navigation.enabled:

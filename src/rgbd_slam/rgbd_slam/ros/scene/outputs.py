@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from hoid_msgs.msg import TrackedObjectArray
+from hoid_msgs.msg import DetectionArray, TrackedObjectArray
 from map_msgs.msg import OccupancyGridUpdate
 from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import OccupancyGrid
@@ -18,14 +18,15 @@ from people_msgs.msg import People
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import Detection3DArray, LabelInfo
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common import topics
 from hoid_common.ros import qos
-from hoid_common.ros.conversions import header_to_msg
-from hoid_common.values import FloatArray
+from hoid_common.ros.conversions import detections_to_msg, header_to_msg
+from hoid_common.values import Detections, FloatArray
 from rgbd_slam.dense.voxel_map import ColoredCloud
 from rgbd_slam.ros.scene import conversions, object_map_messages
 from rgbd_slam.ros.scene.conversions import SceneMaps
@@ -80,6 +81,11 @@ OBJECT_MAP_OUTPUTS = (
         qos.LATCHED,
         object_map_messages.object_map_markers_to_msg,
     ),
+)
+# `to_msg` is called with (expected: Detections, header: Header, image_size_px: tuple[int, int])
+# after each image that is used for the object map, if the topic has subscribers.
+EXPECTED_OUTPUT = OutputTopic(
+    topics.EXPECTED_OBJECTS, DetectionArray, qos.OUTPUT, detections_to_msg
 )
 # `to_msg` is called with (maps: SceneMaps) once per `dense.publish_period_s`, or when subscribers
 # join or leave, if the maps have changed and a topic of the table has subscribers. The cloud and
@@ -205,6 +211,13 @@ class SceneOutputs:
             self._outdated_objects -= {output.name for output in wanted}
             header = header_to_msg(stamp_ns, self.frame)
             self._publish(wanted, scene.mapped_objects(), header)
+
+    def publish_expected(
+        self, expected: Detections, header: Header, image_size_px: tuple[int, int]
+    ) -> None:
+        """Publish where an image with this header should show known objects, if it is wanted."""
+        if EXPECTED_OUTPUT.name in self.subscribed:
+            self._publish([EXPECTED_OUTPUT], expected, header, image_size_px)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
         """Publish the topics that are due: cloud, labels and, once a floor is known, the grid."""

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import BoolArray, DynamicObject, FloatArray, IntArray
+from hoid_common.values import BoolArray, Detections, DynamicObject, FloatArray, IntArray
 from rgbd_slam.scene.objects.mapped_object import MappedObject
-from rgbd_slam.scene.objects.object_view import ObjectView, readings_in
+from rgbd_slam.scene.objects.object_view import STRIDE, ObjectView, readings_in
 from rgbd_slam.scene.objects.segmentation import KnownBox, Prior, Segment
 
 # Smallest score with which a pair is associated, if segment and object have the same class,
@@ -26,6 +26,8 @@ _MISS_MARGIN = 0.05
 _DOUBLE_SHARE = (
     0.7  # of the smaller of two boxes; two that share more may show the same object; not tuned
 )
+# An image should show an object of which at least so much of the surface is visible; not tuned.
+_EXPECTED_SHARE = 0.5
 _CONFUSABLE_CLASSES = (
     frozenset({'chair', 'couch', 'bench', 'bed'}),
     frozenset({'dining table', 'bed', 'bench', 'couch'}),
@@ -190,6 +192,39 @@ def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> 
     radii = np.array([item.radius_m() for item in objects]) + np.sqrt(3) * _MARGIN_M
     radii = radii + np.linalg.norm(high - low, axis=1)[:, None] / 2
     return np.asarray(np.linalg.norm((low + high)[:, None] / 2 - centers, axis=2) <= radii)
+
+
+def expected_boxes(
+    objects: Sequence[MappedObject], seen: Sequence[Visibility], stamp_ns: int
+) -> Detections:
+    """Return where an image should show known objects; the scores are their probabilities.
+
+    These are the confirmed objects at rest of which half of the surface is visible. A box bounds
+    the visible voxels.
+
+    Args:
+        objects: The objects of the map that may be in view.
+        seen: What the image shows of each of these objects.
+        stamp_ns: Time of the image.
+    """
+    names, boxes, scores = [], [], []
+    for item, visibility in zip(objects, seen, strict=True):  # some tens
+        is_known = item.is_confirmed and item.is_present
+        if is_known and visibility.visible_share >= _EXPECTED_SHARE:
+            uv = visibility.uv_px[visibility.is_visible & visibility.is_solid]
+            names.append(item.class_name)
+            boxes.append(np.array([*uv.min(axis=0), *(uv.max(axis=0) + 1)]) * STRIDE)
+            scores.append(item.probability)
+    boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
+    return Detections(stamp_ns, boxes_xyxy_px, tuple(names), np.array(scores, np.float32))
+
+
+def touching(objects: Sequence[MappedObject]) -> BoolArray:
+    """Return the (O, O) mask of the pairs of objects whose bounding spheres touch."""
+    centers = np.array([item.center_map_m() for item in objects]).reshape(-1, 3)
+    radii = np.array([item.radius_m() for item in objects])
+    distances = np.linalg.norm(centers[:, None] - centers, axis=2)
+    return np.asarray(distances <= radii[:, None] + radii)
 
 
 def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:

@@ -17,8 +17,8 @@ from hoid_common.values import (
     NS_PER_S,
     PERSON,
     UNKNOWN,
-    BoolArray,
     CameraModel,
+    Detections,
     DynamicObject,
     Float32Array,
     IntArray,
@@ -30,12 +30,14 @@ from rgbd_slam.scene.object_track import TrackedObject
 from rgbd_slam.scene.objects.association import (
     Visibility,
     associate,
+    expected_boxes,
     in_box,
     is_confusable,
     look_at,
     missed_rows,
     overlap_much,
     prior_of,
+    touching,
 )
 from rgbd_slam.scene.objects.carrying import Carrying, is_at_rest, is_brief
 from rgbd_slam.scene.objects.cloud_labels import CloudLabeler, CloudLabels
@@ -68,10 +70,13 @@ class ObjectMap:
 
     Args:
         camera: The camera of depth and color.
+        min_score: Detections with lower scores are ignored.
     """
 
-    def __init__(self, camera: CameraModel) -> None:
-        self._camera = ObjectCamera(camera)
+    def __init__(self, camera: CameraModel, min_score: float = 0.0) -> None:
+        self._camera, self._min_score = ObjectCamera(camera), min_score
+        # Where the latest image should show known objects; None: there was none.
+        self.expected: Detections | None = None
         self._keyframes: KeyframePoses = NO_KEYFRAMES
         self._objects: list[MappedObject] = []
         self._next_id = 1
@@ -136,7 +141,7 @@ class ObjectMap:
         if anchor is None:
             return
         stamp_ns, view = request.stamp_ns, self._camera.view(depth_m, anchor.T_map_camera)
-        measured = [item for item in detections if _is_measured(item)]
+        measured = [item for item in detections if self._is_measured(item)]
         view.fill_screens(depth_m, measured)
         near = self._near(anchor)
         seen = look_at(near, view)
@@ -154,6 +159,7 @@ class ObjectMap:
         left = [segment for s, segment in enumerate(segments) if s not in pairs]
         self._add_new(left, near, anchor, tracks, stamp_ns)
         self._objects = self._carrying.follow(self._objects, tracks, stamp_ns)
+        self.expected = expected_boxes(near, seen, stamp_ns)
         if stamp_ns - self._merged_ns >= _MERGE_PERIOD_NS or stamp_ns < self._merged_ns:
             self._merged_ns = stamp_ns
             self._merge()
@@ -214,6 +220,11 @@ class ObjectMap:
         kept = [item for item in self._objects if item.object_id != object_id]
         is_known, self._objects = len(kept) < len(self._objects), kept
         return is_known
+
+    def _is_measured(self, item: DynamicObject) -> bool:
+        """Return whether a box was detected, not predicted, and its class and score are usable."""
+        is_detected = item.reason is not Reason.PREDICTED and item.class_name != UNKNOWN
+        return is_detected and item.score >= self._min_score
 
     def _take_id(self) -> int:
         self._next_id += 1
@@ -334,7 +345,7 @@ class ObjectMap:
         """Merge objects that overlap, unless one image showed both."""
         by_size = sorted(self._objects, key=lambda item: -item.num_sightings)
         gone: set[int] = set()
-        for i, j in np.argwhere(np.triu(_touch(by_size), 1)).tolist():
+        for i, j in np.argwhere(np.triu(touching(by_size), 1)).tolist():
             first, second = by_size[i], by_size[j]
             if first.object_id in gone or second.object_id in gone:
                 continue
@@ -385,16 +396,3 @@ class ObjectMap:
             del self._objects[: len(self._objects) - _MAX_OBJECTS]
         ids = {item.object_id for item in self._objects}
         self._apart = {pair for pair in self._apart if pair[0] in ids and pair[1] in ids}
-
-
-def _touch(objects: Sequence[MappedObject]) -> BoolArray:
-    """Return the (O, O) mask of the pairs whose bounding spheres touch."""
-    centers = np.array([item.center_map_m() for item in objects]).reshape(-1, 3)
-    radii = np.array([item.radius_m() for item in objects])
-    distances = np.linalg.norm(centers[:, None] - centers, axis=2)
-    return np.asarray(distances <= radii[:, None] + radii)
-
-
-def _is_measured(item: DynamicObject) -> bool:
-    """Return whether the box was detected and not predicted, and its class is known."""
-    return item.reason is not Reason.PREDICTED and item.class_name != UNKNOWN

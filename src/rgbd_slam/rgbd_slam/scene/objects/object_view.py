@@ -20,7 +20,6 @@ from hoid_common.values import (
 )
 
 # None of these numbers was tuned.
-_STRIDE = 4  # step between the pixels used [px]: 2.3 cm at 3 m, about a voxel
 _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # farther away, the noise of depth hides small objects
 # A pixel is at a depth edge, where the sensor interpolates between two surfaces, if the depths in
 # the 3x3 pixels around it span at least the sum of this share of its depth and so many standard
@@ -34,6 +33,7 @@ _SCREENS = frozenset({'tv', 'laptop', 'cell phone'})
 _SCREEN_HOLES, _FRAME_READINGS, _FRAME_AREA = 0.4, 30, np.ones((5, 5), np.uint8)
 _FRAME_BIN_M, _FRAME_BINS, _FRAME_NEARER = 0.05, 3, 0.6
 _FRAME_M = 0.03
+STRIDE = 4  # step between the pixels used [px]: 2.3 cm at 3 m, about a voxel; not tuned
 # Standard deviation of depth at 1 m [m], which grows with the square of the depth (as in
 # `depth_view`, after Khoshelham and Elberink, Sensors 2012).
 NOISE_PER_M2 = 0.003
@@ -82,7 +82,7 @@ class ObjectView:
     @property
     def pixel_m(self) -> float:
         """Return the distance [m] between neighboring strided pixels at a depth of 1 m."""
-        return _STRIDE / self._camera.model.fx_px
+        return STRIDE / self._camera.model.fx_px
 
     def pixels_of(self, box_xyxy_px: tuple[float, ...]) -> tuple[int, int, int, int]:
         """Return left, top, right and bottom of a box in strided pixels, cut at the border.
@@ -91,8 +91,8 @@ class ObjectView:
             box_xyxy_px: Left, top, right and bottom in pixels of the full image.
         """
         height, width = self.depth_m.shape
-        low = np.floor(np.array(box_xyxy_px[:2]) / _STRIDE).astype(int)
-        high = np.ceil(np.array(box_xyxy_px[2:]) / _STRIDE).astype(int)
+        low = np.floor(np.array(box_xyxy_px[:2]) / STRIDE).astype(int)
+        high = np.ceil(np.array(box_xyxy_px[2:]) / STRIDE).astype(int)
         left, top = np.clip(low, 0, (width, height)).tolist()
         right, bottom = np.clip(high, (left, top), (width, height)).tolist()
         return left, top, right, bottom
@@ -110,7 +110,7 @@ class ObjectView:
         for item in detections:
             if item.class_name not in _SCREENS:
                 continue
-            left, top, right, bottom = (_STRIDE * n for n in self.pixels_of(item.box_xyxy_px))
+            left, top, right, bottom = (STRIDE * n for n in self.pixels_of(item.box_xyxy_px))
             is_hole = depth_m[top:bottom, left:right] == 0
             if is_hole.size and is_hole.mean() >= _SCREEN_HOLES:
                 self._fill_holes(depth_m[top:bottom, left:right], is_hole, (left, top))
@@ -132,10 +132,10 @@ class ObjectView:
             low_m, high_m = z[is_frame].min(), z[is_frame].max()
             plane_m = 1 / np.maximum(rows @ plane, 1e-6)  # a plane behind the camera fits nothing
             is_frame = np.abs(plane_m - z) < np.maximum(_FRAME_M, NOISE_PER_M2 * z * z)
-        v, u = np.nonzero(is_hole[::_STRIDE, ::_STRIDE])
-        inverse = np.stack([_STRIDE * u, _STRIDE * v, np.ones(len(u))], 1) @ plane
+        v, u = np.nonzero(is_hole[::STRIDE, ::STRIDE])
+        inverse = np.stack([STRIDE * u, STRIDE * v, np.ones(len(u))], 1) @ plane
         filled = 1 / np.clip(inverse, 1 / high_m, 1 / low_m)
-        index = (v + corner_px[1] // _STRIDE) * self.shape[1] + u + corner_px[0] // _STRIDE
+        index = (v + corner_px[1] // STRIDE) * self.shape[1] + u + corner_px[0] // STRIDE
         self.depth_m.reshape(-1)[index] = filled
         rays = self._camera.rays[index] * filled[:, None]
         self.points_map_m[index] = se3.transform(self.T_map_camera, rays)
@@ -146,7 +146,7 @@ class ObjectView:
         z = points[:, 2]
         uv, gap = np.full((len(points), 2), np.nan), np.full(len(points), np.nan)
         ahead = np.flatnonzero((z > _MIN_RANGE_M) & (z < _MAX_RANGE_M))
-        found = self._camera.model.project_px(points[ahead]) / _STRIDE
+        found = self._camera.model.project_px(points[ahead]) / STRIDE
         col, row = np.rint(found).astype(np.int64).T
         height, width = self.depth_m.shape
         inside = (col >= 0) & (row >= 0) & (col < width) & (row < height)
@@ -167,7 +167,7 @@ class ObjectCamera:
 
     def __init__(self, model: CameraModel) -> None:
         self.model = model
-        v, u = np.mgrid[0 : model.height_px : _STRIDE, 0 : model.width_px : _STRIDE]
+        v, u = np.mgrid[0 : model.height_px : STRIDE, 0 : model.width_px : STRIDE]
         uv = model.undistort_px(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32))
         x = (uv[:, 0] - model.cx_px) / model.fx_px
         y = (uv[:, 1] - model.cy_px) / model.fy_px
@@ -189,12 +189,12 @@ def readings_in(view: ObjectView, left: int, top: int, right: int, bottom: int) 
 
 def _reliable(depth_m: Float32Array) -> Float32Array:
     """Return the strided depth (h, w) of a full depth image; 0 at depth edges and out of range."""
-    depth = depth_m[::_STRIDE, ::_STRIDE]
+    depth = depth_m[::STRIDE, ::STRIDE]
     height, width = depth.shape
     padded = cv2.copyMakeBorder(depth_m, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     near, far = depth.copy(), depth.copy()
     for dy, dx in product(range(3), range(3)):  # the 3x3 pixels around each strided pixel
-        part = padded[dy::_STRIDE, dx::_STRIDE][:height, :width]
+        part = padded[dy::STRIDE, dx::STRIDE][:height, :width]
         np.minimum(near, part, out=near)
         np.maximum(far, part, out=far)
     limit = _EDGE_SLOPE * depth + _EDGE_NOISE * NOISE_PER_M2 * depth * depth

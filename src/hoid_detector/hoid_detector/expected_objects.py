@@ -1,0 +1,71 @@
+"""Weak detections that are kept because the object map expects an object there.
+
+This is the prior of Detect-SLAM (Zhong et al., WACV 2018): a detector with a map of the objects
+may report a box of low score where the map has an object of its class.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import NS_PER_S, BoolArray, Detections, Float32Array, IntArray
+
+_MIN_IOU = 0.5  # of a weak box and an expected one; as in a trial on six rendered rooms
+# Chosen: boxes of older images are not used, because the camera has moved since.
+_MAX_AGE_NS = NS_PER_S
+# Least overlap of an expected box and a strong one of its class that show the same object, from
+# which the shift of the image since the boxes were expected is measured; not tuned.
+_MIN_IOU_SHIFTED = 0.1
+
+
+def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -> IntArray:
+    """Return the rows (M,) of the weak boxes that show expected objects, at most one for each.
+
+    Because the camera may have moved since, the expected boxes are shifted by the median motion
+    between those that were detected and the strong boxes of their classes. The box of an expected
+    object is then the one of its class that overlaps it with an intersection over union of 0.5 or
+    more, and has the highest score. There is none if a strong box of any class overlaps the
+    expected one as much: the object was detected then.
+
+    Args:
+        weak: Boxes of low score.
+        strong: Boxes of the same image that are reported anyway.
+        expected: Where an image of about the same time should show known objects. Those of an
+            image that is a second or more away are not used.
+    """
+    if abs(weak.stamp_ns - expected.stamp_ns) >= _MAX_AGE_NS or not len(weak):
+        return np.empty(0, np.int64)
+    boxes_xyxy_px = expected.boxes_xyxy_px + np.tile(_shift_px(expected, strong), 2)
+    is_seen = np.any(
+        _overlaps(boxes_xyxy_px, strong.boxes_xyxy_px) >= _MIN_IOU, axis=1, keepdims=True
+    )
+    fits = _overlaps(boxes_xyxy_px, weak.boxes_xyxy_px) >= _MIN_IOU
+    fits &= _are_alike(expected, weak) & ~is_seen
+    best = np.argmax(np.where(fits, weak.scores, -1.0), axis=1)
+    return np.unique(best[fits.any(axis=1)])
+
+
+def _shift_px(expected: Detections, strong: Detections) -> Float32Array:
+    """Return the median motion (2,) of the expected boxes that were detected; 0 without any."""
+    overlaps = _overlaps(expected.boxes_xyxy_px, strong.boxes_xyxy_px)
+    overlaps = np.where(_are_alike(expected, strong), overlaps, 0)
+    rows = np.flatnonzero((overlaps >= _MIN_IOU_SHIFTED).any(axis=1))
+    if len(rows) == 0:
+        return np.zeros(2, np.float32)
+    pairs = strong.boxes_xyxy_px[overlaps[rows].argmax(axis=1)] - expected.boxes_xyxy_px[rows]
+    return np.asarray(np.median((pairs[:, :2] + pairs[:, 2:]) / 2, axis=0), np.float32)
+
+
+def _are_alike(first: Detections, second: Detections) -> BoolArray:
+    """Return the (N, M) mask of the pairs of N and M boxes that have the same class."""
+    names = np.array(first.class_names, str)[:, None] == np.array(second.class_names, str)
+    return np.asarray(names)
+
+
+def _overlaps(first_xyxy_px: Float32Array, second_xyxy_px: Float32Array) -> Float32Array:
+    """Return the intersections over unions (N, M) of boxes (N, 4) with boxes (M, 4)."""
+    a, b = first_xyxy_px[:, None], second_xyxy_px[None]
+    low, high = np.maximum(a[..., :2], b[..., :2]), np.minimum(a[..., 2:], b[..., 2:])
+    shared = np.maximum(high - low, 0).prod(axis=2)
+    areas_a, areas_b = ((box[..., 2:] - box[..., :2]).prod(axis=2) for box in (a, b))
+    return np.asarray(shared / np.maximum(areas_a + areas_b - shared, 1e-6), np.float32)
