@@ -1111,3 +1111,329 @@ def strongest_corners_per_cell(
         ValueError: Lengths differ, a corner is not in the image, the side is not positive, or the
             cells do not cover the image.
     """
+
+def object_surfaces(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    pixel_m: float,
+    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
+    areas_px: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
+    is_person: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+    known_low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    known_high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    owner: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+) -> hoid_native.results.ObjectSurfaces:
+    """
+    Return the surfaces of the detected objects that have enough readings, without people.
+
+    The surface is the nearest layer of depth in the box, without planes that continue around the box.
+    Where two boxes claim the same surface, it belongs to the box that it fills better, or of two boxes
+    that are filled to the smaller one. The other object is segmented again from the remaining pixels,
+    and left out if they are too few; a person keeps its pixels. Of a known object that is hidden in
+    part, the surface is what lies in its known box.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
+        points_map_m: (H * W, 3) points of the pixels in the map frame.
+        pixel_m: distance between neighboring pixels at a depth of 1 m.
+        boxes_px: (D, 4) int32 left, top, right and bottom of the detections, within the image;
+            right and bottom are excluded.
+        areas_px: (D,) areas of the boxes, also of what is beyond the image.
+        is_person: (D,) bool, whether the detection is a person.
+        T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
+        known_low_m: (D, 3) lowest corners of the known boxes; not below the highest ones: unknown.
+        known_high_m: (D, 3) highest corners.
+        owner: (H * W,) int32 detection of the known object that shows at each pixel; -1 = none.
+
+    Raises:
+        ValueError: The image is empty, a box or an owner is invalid, or lengths differ.
+    """
+
+def voxel_keys(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    voxel_m: float,
+    bits: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the (N,) int64 keys of the voxels of points (N, 3); -1 outside the grid.
+
+    Args:
+        points_m: (N, 3) points.
+        voxel_m: side of a voxel.
+        bits: the grid has 2^bits voxels along each axis, half of them on either side of the origin.
+
+    Raises:
+        ValueError: voxel_m is not positive, or bits is not within 1 to 20.
+    """
+
+def voxels_of(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    voxel_m: float,
+    bits: int,
+) -> hoid_native.results.Voxels:
+    """
+    Return the voxels of the points (N, 3) of one look, each of which was hit once.
+
+    Points outside the grid are left out (see `voxel_keys`).
+
+    Raises:
+        ValueError: voxel_m is not positive, or bits is not within 1 to 20.
+    """
+
+def merged_voxels(
+    voxels: tuple[
+        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    ],
+    others: tuple[
+        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    ],
+    max_count: float,
+    max_voxels: int,
+) -> hoid_native.results.Voxels:
+    """
+    Return the voxels of two sets, with the sum of the evidence where both have one.
+
+    Args:
+        voxels: keys (ascending), means, readings, hits and misses (`Voxels`).
+        others: the same of the other set.
+        max_count: hits and misses of a voxel are scaled down together to this sum.
+        max_voxels: of more voxels, those with fewest hits are left out.
+
+    Raises:
+        ValueError: Lengths differ, or max_voxels is less than 1.
+    """
+
+def solid_voxels(
+    voxels: tuple[
+        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    ],
+    least_hits: float,
+    least_share: float,
+    cell_m: float | None,
+    bits: int,
+) -> Annotated[NDArray[numpy.bool_], dict(shape=(None,))]:
+    """
+    Return the (N,) bool mask of the voxels that were hit often enough.
+
+    Args:
+        voxels: keys, means, readings, hits and misses (`Voxels`).
+        least_hits: smallest number of hits.
+        least_share: smallest share of the hits in the sum of hits and misses.
+        cell_m: side of the cells whose voxels are counted together; None: each is counted alone.
+        bits: number of cells along each axis (see `voxel_keys`).
+
+    Raises:
+        ValueError: Lengths differ, cell_m is not positive, or bits is not within 1 to 20.
+    """
+
+def trimmed_box(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)] | None,
+    outer_share: float,
+) -> tuple[
+    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
+    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
+]:
+    """
+    Return the lowest and the highest corner (3,) of points without the outermost ones.
+
+    Args:
+        points_m: (N, 3) points.
+        chosen: (N,) bool, which of them are used; None: all.
+        outer_share: share of the points that is left out on each side of each axis.
+
+    Raises:
+        ValueError: No point is chosen, or outer_share is not within 0 to 0.5.
+    """
+
+def cells_of(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    cell_m: float,
+    bits: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the ascending int64 keys (`voxel_keys`) of the cells that contain chosen points (N, 3).
+
+    Raises:
+        ValueError: Lengths differ, cell_m is not positive, or bits is not within 1 to 20.
+    """
+
+def pixels_on_surface(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    box_px: tuple[int, int, int, int],
+    T_object_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
+    cells: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    cell_m: float,
+    bits: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the ascending pixels with a reading in a box whose points are in cells of a surface.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
+        points_map_m: (H * W, 3) points of the pixels in the map frame.
+        box_px: left, top, right and bottom, cut at the border; right and bottom are excluded.
+        T_object_map: (4, 4) transform from the map frame to that of the cells.
+        cells: ascending int64 keys of the cells (`cells_of`).
+        cell_m: side of a cell.
+        bits: number of cells along each axis (see `voxel_keys`).
+
+    Raises:
+        ValueError: The image is empty, lengths differ, or the grid is invalid.
+    """
+
+def share_on_surface(
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    T_object_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
+    cells: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    cell_m: float,
+    bits: int,
+) -> float:
+    """
+    Return the share of points (N, 3) that are in cells of a surface; 0 without points.
+
+    Args:
+        points_map_m: (N, 3) points of the map frame.
+        T_object_map: (4, 4) transform from the map frame to that of the cells.
+        cells: ascending int64 keys of the cells (`cells_of`).
+        cell_m: side of a cell.
+        bits: number of cells along each axis (see `voxel_keys`).
+
+    Raises:
+        ValueError: cell_m is not positive, or bits is not within 1 to 20.
+    """
+
+def share_in_box(
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
+    low_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
+    high_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
+) -> float:
+    """
+    Return the share of points (N, 3) of the map frame that are inside a box; 0 without points.
+
+    Args:
+        points_map_m: (N, 3) points.
+        T_box_map: (4, 4) transform from the map frame to that of the box.
+        low_m: (3,) lowest corner.
+        high_m: (3,) highest corner.
+    """
+
+def transformed_parts(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    T: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return points (N, 3) in other frames, those of each part with its own transform.
+
+    Args:
+        points_m: (N, 3) points.
+        ends: (P,) int64 index after the last point of each part.
+        T: (P, 4, 4) transforms.
+
+    Raises:
+        ValueError: The ends are not ascending or not those of all points, or lengths differ.
+    """
+
+def seen_voxels(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    ahead: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    voxel_depth_m: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
+    is_solid: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    margin: tuple[float, float],
+) -> hoid_native.results.SeenVoxels:
+    """
+    Return what an image shows at the N voxels of O objects, of one after the other.
+
+    A voxel is visible if the measured depth at its nearest pixel differs from its own by at most the
+    margin, and seen through if the measured depth is larger.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
+        ahead: (M,) int64 rows of the voxels in front of the camera, within its range.
+        uv_px: (M, 2) pixels of these, which need not be within the image.
+        voxel_depth_m: (N,) depths of all voxels.
+        is_solid: (N,) bool, whether the voxel belongs to its object.
+        ends: (O,) int64 index after the last voxel of each object.
+        margin: largest difference of depths: constant (m), and multiple of the squared depth (1/m).
+
+    Raises:
+        ValueError: The image is empty, a row is not that of a voxel, the ends are not ascending or not
+            those of all voxels, or lengths differ.
+    """
+
+def missed_voxels(
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    box_px: Annotated[NDArray[numpy.float64], dict(shape=(4), writable=False)],
+    others: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    width: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the ascending rows of visible voxels that an image shows not to belong to an object.
+
+    They are outside the box of the object, or at pixels that show other things.
+
+    Args:
+        uv_px: (N, 2) pixels of the voxels; NaN where they are not visible.
+        is_visible: (N,) bool, whether a surface is measured at the voxel.
+        box_px: (4,) left, top, right and bottom; all are inside.
+        others: ascending flat indices of the pixels that show other things.
+        width: width of the image.
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
+def pair_scores(
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    point_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
+    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+    low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    voxel_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    is_candidate: Annotated[NDArray[numpy.bool_], dict(shape=(None, None), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (S, O) scores of pairs of segments and objects, in [0, 1].
+
+    The score is the geometric mean of the share of the segment's points that are in the box of the
+    object, and of the share of the object's visible voxels that are in the box of the detection. Voxels
+    up to half a pixel left of this box or above it are inside.
+
+    Args:
+        points_map_m: (N, 3) points of all segments, of one after the other.
+        point_ends: (S,) int64 index after the last point of each segment.
+        boxes_px: (S, 4) int32 boxes of the detections; right and bottom are excluded.
+        T_box_map: (O, 4, 4) transforms from the map frame to that of the object's box.
+        low_m: (O, 3) lowest corners of the objects' boxes.
+        high_m: (O, 3) highest corners.
+        uv_px: (V, 2) pixels of the voxels of all objects.
+        is_visible: (V,) bool, whether the voxel is visible.
+        voxel_ends: (O,) int64 index after the last voxel of each object.
+        is_candidate: (S, O) bool; the scores of other pairs are 0.
+
+    Raises:
+        ValueError: Ends are not ascending or not those of all rows, or lengths differ.
+    """

@@ -122,3 +122,37 @@ class Segments(NamedTuple):
     label: NDArray[np.int32]  # (H, W) segment of each pixel; -1: on a depth jump, or no reading
     region: NDArray[np.int32]  # (S,) index of the smooth region to which the segment belongs
     area_px: NDArray[np.int32]  # (S,) number of pixels of the segment
+
+
+class ObjectSurfaces(NamedTuple):
+    """The surfaces of S detected objects, one after the other."""
+
+    detection: NDArray[np.int32]  # (S,) ascending indices of the detections
+    pixels: NDArray[np.int64]  # (P,) pixels that show the objects, of each in ascending order
+    pixels_end: NDArray[np.int64]  # (S,) index in `pixels` after the last one of each
+    others: NDArray[np.int64]  # (Q,) pixels in the boxes that show other things
+    others_end: NDArray[np.int64]  # (S,) index in `others` after the last one of each
+    points_map_m: NDArray[np.float64]  # (P, 3) points of `pixels`
+    center_map_m: NDArray[np.float64]  # (S, 3) medians of the points along each axis
+    low_map_m: NDArray[np.float64]  # (S, 3) lowest corners of the points' bounding boxes
+    high_map_m: NDArray[np.float64]  # (S, 3) highest corners
+
+
+class Voxels(NamedTuple):
+    """N voxels of an object."""
+
+    keys: NDArray[np.int64]  # (N,) ascending, see `voxel_keys`
+    means_m: NDArray[np.float64]  # (N, 3) means of the points measured in each voxel
+    readings: NDArray[np.float32]  # (N,) numbers of these points
+    hits: NDArray[np.float32]  # (N,) numbers of looks that measured the object in the voxel
+    misses: NDArray[np.float32]  # (N,) of looks that showed that the voxel is not of the object
+
+
+class SeenVoxels(NamedTuple):
+    """What an image shows of the N voxels of O objects, of one object after the other."""
+
+    uv_px: NDArray[np.float64]  # (N, 2) pixels; NaN out of view
+    is_visible: NDArray[np.bool_]  # (N,) whether a surface is measured at the voxel
+    # (O, 3) numbers of solid voxels, of visible ones and of ones that are seen through.
+    counts: NDArray[np.int64]
+    boxes_px: NDArray[np.float64]  # (O, 4) bounding boxes of visible solid voxels, xyxy; NaN: none

@@ -30,7 +30,7 @@ def load_from(folder: str) -> None:
 def main() -> None:
     if len(sys.argv) > 1:
         load_from(sys.argv[1])
-    results = {**features_and_matches(), **poses(), **masks(), **motion()}
+    results = {**features_and_matches(), **poses(), **masks(), **motion(), **objects()}
     sys.stdout.write(json.dumps({name: digest(value) for name, value in results.items()}))
 
 
@@ -223,6 +223,49 @@ def motion() -> dict[str, Any]:
             (rng.random((7, 9)) < 0.3).astype(np.uint8),
         ),
     }
+
+
+def objects() -> dict[str, Any]:
+    import hoid_native as kernels  # noqa: PLC0415
+
+    rng = np.random.default_rng(5)
+    depth_m = np.kron(rng.uniform(1, 4, (6, 8)), np.ones((8, 8))).astype(np.float32)
+    depth_m += rng.normal(0, 0.005, depth_m.shape).astype(np.float32)
+    points = np.moveaxis(np.mgrid[:48, :64], 0, -1).reshape(-1, 2) / 50 - 0.5
+    points = np.column_stack([points, np.ones(len(points))]) * depth_m.reshape(-1, 1)
+    first = rng.integers(0, (40, 24), (9, 2))
+    boxes = np.concatenate([first, first + rng.integers(8, 24, (9, 2))], 1).astype(np.int32)
+    T, grid, ends = np.tile(np.eye(4), (9, 1, 1)), (0.05, 10), np.arange(100, 1000, 100)
+    low, high = rng.uniform(-2, 0, (9, 3)), rng.uniform(1, 4, (9, 3))
+    voxels, others = (kernels.voxels_of(part, *grid) for part in (points, points + 0.02))
+    merged = kernels.merged_voxels(voxels, others, 1.5, 500)
+    solid = kernels.solid_voxels(merged, 1.0, 0.4, 0.2, 10)
+    cells = kernels.cells_of(merged.means_m, solid, *grid)
+    uv, rows = rng.uniform(0, 60, (900, 2)), np.arange(900)
+    z, flags = rng.uniform(1, 4, 900), rng.random(900) < 0.7
+    return {
+        'object_surfaces': kernels.object_surfaces(
+            depth_m, points, 0.02, boxes, (boxes[:, 2:] - boxes[:, :2]).prod(1).astype(float),
+            np.arange(9) == 4, T, low, high, rng.integers(-1, 9, depth_m.size).astype(np.int32),
+        ),
+        'voxel_keys': kernels.voxel_keys(points, *grid),
+        'voxels_of': voxels,
+        'merged_voxels': merged,
+        'solid_voxels': solid,
+        'trimmed_box': kernels.trimmed_box(points, None, 0.02),
+        'cells_of': cells,
+        'pixels_on_surface': kernels.pixels_on_surface(
+            depth_m, points, (4, 4, 60, 40), T[0], cells, *grid
+        ),
+        'share_on_surface': kernels.share_on_surface(points, T[0], cells, *grid),
+        'share_in_box': kernels.share_in_box(points, T[0], low[0], high[0]),
+        'transformed_parts': kernels.transformed_parts(points[:900], ends, T),
+        'seen_voxels': kernels.seen_voxels(depth_m, rows, uv, z, flags, ends, (0.06, 0.006)),
+        'missed_voxels': kernels.missed_voxels(uv, flags, np.array([9.0, 9, 40, 30]), rows, 64),
+        'pair_scores': kernels.pair_scores(
+            points[:900], ends, boxes, T, low, high, uv, flags, ends, np.ones((9, 9), np.bool_)
+        ),
+    }  # fmt: skip
 
 
 if __name__ == '__main__':

@@ -20,10 +20,17 @@ from hoid_native import (
     fast_corners,
     match_along_segments,
     match_by_projection,
+    object_surfaces,
     orb_descriptors,
     person_depths_m,
+    pixels_on_surface,
+    seen_voxels,
     segment_objects,
+    solid_voxels,
+    transformed_parts,
+    trimmed_box,
     values_at,
+    voxels_of,
 )
 
 DEPTH_M = np.ones((20, 30), np.float32)
@@ -94,9 +101,41 @@ def describe(angle_deg: float) -> object:
     return orb_descriptors(IMAGE, at, at, np.array([angle_deg], np.float32))
 
 
+def find_surfaces(right: int, owner: int) -> object:
+    corner, box = np.zeros((1, 3)), np.array([[0, 0, right, 5]], np.int32)
+    return object_surfaces(
+        DEPTH_M, np.zeros((600, 3)), 0.1, box, np.ones(1), np.zeros(1, np.bool_), np.eye(4)[None],
+        corner, corner, np.full(600, owner, np.int32),
+    )  # fmt: skip
+
+
+def find_pixels(num_points: int) -> object:
+    return pixels_on_surface(
+        DEPTH_M, np.zeros((num_points, 3)), (0, 0, 9, 9), np.eye(4), np.zeros(1, np.int64), 0.1, 9
+    )
+
+
+def see(row: int, end: int) -> object:
+    flags, ends = np.ones(2, np.bool_), np.array([end])
+    rows, uv = np.array([row]), np.ones((1, 2))
+    return seen_voxels(DEPTH_M, rows, uv, np.ones(2), flags, ends, (0.1, 0.0))
+
+
 @pytest.mark.parametrize(
     ('call', 'reason'),
     [
+        (lambda: find_surfaces(31, -1), 'boxes_px: a box is not within the image'),
+        (lambda: find_surfaces(30, 1), 'owner: 1 to 1 is not within -1 to 0'),
+        (lambda: find_pixels(599), 'points_map_m: expected 600 rows, not 599'),
+        (lambda: see(2, 2), 'ahead: 2 to 2 is not within 0 to 1'),
+        (lambda: see(0, 3), 'ends: the last one must be 2'),
+        (lambda: transformed_parts(np.ones((4, 3)), np.array([3, 2, 4]), np.ones((3, 4, 4))),
+         'ends: must be ascending'),
+        (lambda: voxels_of(np.ones((1, 3)), 0.0, 10), 'voxel_m: must be positive'),
+        (lambda: voxels_of(np.ones((1, 3)), 0.1, 21), 'bits: must be within 1 to 20'),
+        (lambda: solid_voxels(voxels_of(np.ones((1, 3)), 0.1, 9)._replace(hits=np.ones(
+            2, np.float32)), 1.0, 0.4, None, 9), 'hits: expected 1 rows, not 2'),
+        (lambda: trimmed_box(np.empty((0, 3)), None, 0.0), 'there must be one at least'),
         (lambda: classify(-1), 'pixels: -1 to 0 is not within 0 to 599'),
         (lambda: classify(600), 'pixels: 0 to 600 is not within 0 to 599'),
         (lambda: look_up(6, 1, 1), 'pixels'),
@@ -137,6 +176,9 @@ def test_valid_values_pass() -> None:
         segment(0, 0, 30, 20),
         search(3, 3),
         adjust(0, 1, 1),
+        find_surfaces(30, 0),
+        find_pixels(600),
+        see(1, 2),
     ):
         assert call is not None
 

@@ -12,5 +12,6 @@ void bind_optimize(nanobind::module_& module);
 void bind_boxes(nanobind::module_& module);
 void bind_masks(nanobind::module_& module);
 void bind_motion(nanobind::module_& module);
+void bind_objects(nanobind::module_& module);
 
 }  // namespace hoid::bindings

@@ -13,11 +13,11 @@ class ObjectMapConfig(Config):
     """The map of the objects at rest: each object once, with its place and its history."""
 
     enabled: bool = param(
-        default=False,  # decision 052: it takes a tenth of a core
+        default=False,  # decision 052: most robots do not use it
         description='Whether to keep a map of the objects at rest and to publish it on '
         'object_map. It needs a detector; without objects.enabled it does not show which objects '
-        'people handle. Set it to true if a node uses the map; it takes about a tenth of a '
-        'processor core.',
+        'people handle. Set it to true if a node uses the map; it takes about 3 % of a processor '
+        'core.',
         expert=True,
     )
     rate_hz: float = param(

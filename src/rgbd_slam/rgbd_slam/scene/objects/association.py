@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.values import BoolArray, Detections, DynamicObject, FloatArray, IntArray
+from hoid_native import missed_voxels, pair_scores, transformed_parts
 from rgbd_slam.scene.objects.mapped_object import MappedObject
-from rgbd_slam.scene.objects.object_view import STRIDE, ObjectView, readings_in
+from rgbd_slam.scene.objects.object_view import STRIDE, ObjectView
 from rgbd_slam.scene.objects.segmentation import KnownBox, Prior, Segment
 
 # Smallest score with which a pair is associated, if segment and object have the same class,
@@ -20,12 +23,12 @@ _MARGIN_M = 0.04  # around the box of an object; not tuned
 # Smallest intersection over union of a detected box and the bounding box of an object's visible
 # voxels with which the box shows this object; not tuned.
 _OWN_OVERLAP = 0.3
+_LAST_PIXEL = np.array([0, 0, 1, 1])  # a bounding box of pixels ends after the last one
 # Share of a detected box's size by which, in addition to one strided pixel, its sides are
 # uncertain; not tuned.
 _MISS_MARGIN = 0.05
-_DOUBLE_SHARE = (
-    0.7  # of the smaller of two boxes; two that share more may show the same object; not tuned
-)
+# Share of the smaller of two boxes; two that share more may show the same object; not tuned.
+_DOUBLE_SHARE = 0.7
 # An image should show an object of which at least so much of the surface is visible; not tuned.
 _EXPECTED_SHARE = 0.5
 _CONFUSABLE_CLASSES = (
@@ -44,42 +47,31 @@ class Visibility(NamedTuple):
 
     uv_px: FloatArray  # (N, 2) in strided pixels; NaN: out of view
     is_visible: BoolArray  # (N,) whether a surface is measured at the voxel
-    is_through: BoolArray  # (N,) whether a surface behind the voxel is measured
-    is_solid: BoolArray  # (N,) whether the voxel belongs to the object (`MappedObject.is_solid`)
-
-    @property
-    def visible_share(self) -> float:
-        """Return the share of the solid voxels that are visible; 0 if there are none."""
-        return float(np.count_nonzero(self.is_visible & self.is_solid)) / self._num
-
-    @property
-    def through_share(self) -> float:
-        """Return the share of the solid voxels that are seen through; 0 if there are none."""
-        return float(np.count_nonzero(self.is_through & self.is_solid)) / self._num
-
-    @property
-    def _num(self) -> int:
-        return max(int(np.count_nonzero(self.is_solid)), 1)
+    visible_share: float  # share of the solid voxels that are visible; 0 if there are none
+    through_share: float  # share of the solid voxels that are seen through; 0 if there are none
+    # (4,) bounding box of the visible solid voxels in strided pixels, xyxy; NaN if there are none.
+    box_px: FloatArray
 
 
 def look_at(objects: Sequence[MappedObject], view: ObjectView) -> list[Visibility]:
     """Return what an image shows of the voxels of each object, in the order of the objects."""
     if not objects:
         return []
-    points = [item.points_map_m() for item in objects]
-    seen = view.project(np.concatenate(points))
-    is_visible = np.abs(seen.gap_m) <= seen.margin_m  # false for NaN
-    is_through = seen.gap_m > seen.margin_m
-    ends = np.cumsum([len(part) for part in points])[:-1]
-    parts = zip(
-        np.split(seen.uv_px, ends),
-        np.split(is_visible, ends),
-        np.split(is_through, ends),
-        objects,
-        strict=True,
+    means_m = np.concatenate([item.voxels.means_m for item in objects])
+    ends = np.cumsum([len(item.voxels) for item in objects])
+    poses = np.array([item.T_map_object for item in objects])
+    seen = view.look_at(
+        transformed_parts(means_m, ends, se3.inverse(view.T_map_camera) @ poses),
+        np.concatenate([item.is_solid() for item in objects]),
+        ends,
     )
+    shares = (seen.counts[:, 1:] / np.maximum(seen.counts[:, :1], 1)).tolist()
+    starts = [0, *ends.tolist()]
     return [
-        Visibility(uv, visible, through, item.is_solid()) for uv, visible, through, item in parts
+        Visibility(seen.uv_px[a:b], seen.is_visible[a:b], visible, through, box_px)
+        for a, b, (visible, through), box_px in zip(
+            starts, starts[1:], shares, seen.boxes_px, strict=False
+        )
     ]
 
 
@@ -102,22 +94,25 @@ def prior_of(
         seen: What the image shows of each of these objects.
         view: The image.
     """
-    owner = np.full(view.depth_m.size, -1, np.int64)
+    owner = np.full(view.depth_m.size, -1, np.int32)
     known: dict[int, tuple[float, KnownBox]] = {}
     boxes = np.array([view.pixels_of(item.box_xyxy_px) for item in detections]).reshape(-1, 4)
+    by_class: dict[str, list[int]] = {}
+    for d, detection in enumerate(detections):
+        by_class.setdefault(detection.class_name, []).append(d)
     for item, visibility in zip(objects, seen, strict=True):  # some tens
-        alike = [d for d, other in enumerate(detections) if other.class_name == item.class_name]
-        uv = visibility.uv_px[visibility.is_visible & visibility.is_solid]
-        if not alike or not item.is_confirmed or len(uv) == 0:
+        alike = by_class.get(item.class_name)
+        if alike is None or not item.is_confirmed:
             continue
-        overlap = _overlap(np.array([*uv.min(axis=0), *(uv.max(axis=0) + 1)]), boxes[alike])
+        if visibility.visible_share == 0:
+            continue
+        overlap = _overlap(visibility.box_px + _LAST_PIXEL, boxes[alike])
         best = int(np.argmax(overlap))
         if overlap[best] >= _OWN_OVERLAP:
             d = alike[best]
-            low, high = np.floor(uv.min(axis=0)), np.ceil(uv.max(axis=0)) + 1
-            left, top, right, bottom = (int(n) for n in (*low, *high))
-            pixels = readings_in(view, left, top, right, bottom)
-            owner[pixels[item.has_surface(view.points_map_m[pixels])]] = d
+            u1, v1, u2, v2 = visibility.box_px.tolist()
+            box = math.floor(u1), math.floor(v1), math.ceil(u2) + 1, math.ceil(v2) + 1
+            owner[item.surface_pixels(view, box)] = d
             if d not in known or overlap[best] > known[d][0]:
                 known[d] = float(overlap[best]), item.known_box()
     return Prior(owner, {d: box for d, (_, box) in known.items()})
@@ -146,39 +141,38 @@ def associate(
         objects: The objects of the map that may be in view.
         seen: What the image shows of each of these objects.
     """
-    score = np.zeros((len(segments), len(objects)))
-    if score.size == 0:
+    if not segments or not objects:
         return {}
-    is_near = _may_touch(segments, objects)
-    for o, (item, visibility) in enumerate(zip(objects, seen, strict=True)):  # some tens
-        candidates = np.flatnonzero(is_near[:, o])
-        if len(candidates) == 0 or not visibility.is_visible.any():
-            continue
-        uv = visibility.uv_px[visibility.is_visible]
-        for s in candidates.tolist():
-            score[s, o] = _score(segments[s], item, uv)
+    score = _scores(segments, objects, seen)
     out: dict[int, int] = {}
-    while score.size and score.max() > 0:
+    while score.max() > 0:
         s, o = (int(i) for i in np.unravel_index(int(np.argmax(score)), score.shape))
         out[s] = o
         score[s], score[:, o] = 0, 0
     return out
 
 
-def _score(segment: Segment, item: MappedObject, uv_px: FloatArray) -> float:
-    """Return the score of a pair, or 0 if it is below the smallest score for its classes.
-
-    Args:
-        segment: The segment.
-        item: The object.
-        uv_px: (N, 2) strided pixels of the object's visible voxels.
-    """
-    inside = in_box(uv_px, segment.box_px)
-    if not inside.any():
-        return 0.0
-    share = item.contains(segment.points_map_m, _MARGIN_M)
-    score = float(np.sqrt(share * inside.mean()))
-    return score if score >= _least(segment.detection.class_name, item) else 0.0
+def _scores(
+    segments: Sequence[Segment], objects: Sequence[MappedObject], seen: Sequence[Visibility]
+) -> FloatArray:
+    """Return the (S, O) scores of all pairs; 0 below the smallest score for their classes."""
+    boxes_m = np.array([item.box_m() for item in objects])
+    score = pair_scores(
+        np.concatenate([segment.points_map_m for segment in segments]),
+        np.cumsum([len(segment.pixels) for segment in segments]),
+        np.array([segment.box_px for segment in segments], np.int32),
+        np.array([item.place.T_object_map for item in objects]),
+        boxes_m[:, 0] - _MARGIN_M,
+        boxes_m[:, 1] + _MARGIN_M,
+        np.concatenate([visibility.uv_px for visibility in seen]),
+        np.concatenate([visibility.is_visible for visibility in seen]),
+        np.cumsum([len(visibility.uv_px) for visibility in seen]),
+        _may_touch(segments, objects),
+    )
+    for s, o in np.argwhere(score > 0).tolist():  # some tens
+        if score[s, o] < _least(segments[s].detection.class_name, objects[o]):
+            score[s, o] = 0
+    return score
 
 
 def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> BoolArray:
@@ -186,8 +180,8 @@ def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> 
 
     Other pairs have no points in common.
     """
-    low = np.array([segment.points_map_m.min(axis=0) for segment in segments])
-    high = np.array([segment.points_map_m.max(axis=0) for segment in segments])
+    low = np.array([segment.low_map_m for segment in segments])
+    high = np.array([segment.high_map_m for segment in segments])
     centers = np.array([item.center_map_m() for item in objects])
     radii = np.array([item.radius_m() for item in objects]) + np.sqrt(3) * _MARGIN_M
     radii = radii + np.linalg.norm(high - low, axis=1)[:, None] / 2
@@ -211,9 +205,8 @@ def expected_boxes(
     for item, visibility in zip(objects, seen, strict=True):  # some tens
         is_known = item.is_confirmed and item.is_present
         if is_known and visibility.visible_share >= _EXPECTED_SHARE:
-            uv = visibility.uv_px[visibility.is_visible & visibility.is_solid]
             names.append(item.class_name)
-            boxes.append(np.array([*uv.min(axis=0), *(uv.max(axis=0) + 1)]) * STRIDE)
+            boxes.append((visibility.box_px + _LAST_PIXEL) * STRIDE)
             scores.append(item.probability)
     boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
     return Detections(stamp_ns, boxes_xyxy_px, tuple(names), np.array(scores, np.float32))
@@ -247,10 +240,10 @@ def overlap_much(first_px: tuple[int, ...], second_px: tuple[int, ...]) -> bool:
         first_px: Left, top, right and bottom.
         second_px: Left, top, right and bottom.
     """
-    a, b = np.array(first_px), np.array(second_px)
-    shared = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0).prod()
-    smaller = min((box[2:] - box[:2]).prod() for box in (a, b))
-    return bool(shared > _DOUBLE_SHARE * smaller)
+    a, b = first_px, second_px
+    width, height = (min(a[i + 2], b[i + 2]) - max(a[i], b[i]) for i in range(2))
+    smaller = min((box[2] - box[0]) * (box[3] - box[1]) for box in (a, b))
+    return max(width, 0) * max(height, 0) > _DOUBLE_SHARE * smaller
 
 
 def is_confusable(first: str, second: str) -> bool:
@@ -269,16 +262,11 @@ def missed_rows(segment: Segment, visibility: Visibility, view: ObjectView) -> I
         visibility: What the image shows of the object's voxels.
         view: The image.
     """
-    rows = np.flatnonzero(visibility.is_visible)
-    uv = visibility.uv_px[rows]
     left, top, right, bottom = segment.box_px
     du, dv = _MISS_MARGIN * (right - left) + 1, _MISS_MARGIN * (bottom - top) + 1
-    is_outside = ((uv < (left - du, top - dv)) | (uv > (right + du, bottom + dv))).any(axis=1)
-    col, row = np.rint(uv).astype(np.int64).T
-    is_other = np.zeros(view.depth_m.size, np.bool_)
-    is_other[segment.others] = True
-    is_other = is_other[row * view.shape[1] + col]
-    return np.asarray(rows[is_outside | is_other])
+    box = np.array([left - du, top - dv, right + du, bottom + dv])
+    width = view.shape[1]
+    return missed_voxels(visibility.uv_px, visibility.is_visible, box, segment.others, width)
 
 
 def _least(class_name: str, item: MappedObject) -> float:

@@ -112,12 +112,17 @@ class Carrying:
         for item in objects:
             if item.is_present:
                 by_class.setdefault(item.class_name, []).append(item)
+        centers_m = {
+            name: np.array([item.center_map_m() for item in items])
+            for name, items in by_class.items()
+        }
         for track in tracks:
             near = by_class.get(track.class_name)
             if track.state not in SETTLED or not near:
                 continue
-            centers = np.array([item.center_map_m() for item in near])
-            distances_m = np.linalg.norm(centers - track.position_map_m, axis=1)
+            distances_m = np.linalg.norm(
+                centers_m[track.class_name] - track.position_map_m, axis=1
+            )
             nearest = int(np.argmin(distances_m))
             if distances_m[nearest] < _SAME_M:
                 near[nearest].track_id = track.track_id
@@ -295,7 +300,7 @@ def is_at_rest(segment: Segment, tracks: Sequence[TrackedObject], stamp_ns: int)
     a handled one only if a person is within reach, because tracks may stay handled for long after
     the object was put down. Otherwise the verdict does.
     """
-    center_m = np.median(segment.points_map_m, axis=0)
+    center_m = segment.center_map_m
     near = [
         (float(np.linalg.norm(track.position_map_m - center_m)), track.state is ObjectState.MOVED)
         for track in tracks

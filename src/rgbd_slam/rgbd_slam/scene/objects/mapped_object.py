@@ -9,11 +9,12 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray
+from hoid_native import cells_of, pixels_on_surface, share_in_box, share_on_surface, trimmed_box
 from rgbd_slam.scene.floor import Floor
-from rgbd_slam.scene.objects.object_view import NOISE_PER_M2
+from rgbd_slam.scene.objects.object_view import NOISE_PER_M2, ObjectView
 from rgbd_slam.scene.objects.place import Place
-from rgbd_slam.scene.objects.segmentation import KnownBox, Segment
-from rgbd_slam.scene.objects.voxel_set import VoxelSet, extend_back, keys_of
+from rgbd_slam.scene.objects.segmentation import BoxPx, KnownBox, Segment
+from rgbd_slam.scene.objects.voxel_set import BITS, VoxelSet, extend_back
 
 # None of these numbers was tuned where no other source is named. A look is an image in which the
 # object may be seen, a sighting one in which it was detected. A published object has at least so
@@ -23,7 +24,8 @@ _MIN_SEEN_SHARE = 0.5  # of the looks that show its surface, in which it must ha
 # An object with at least so many sightings is kept, as one that is gone, after it was not detected
 # in so many successive looks at its place and in more than half of all looks.
 _MANY_SIGHTINGS, _MISSING_LOOKS = 6, 4
-_PERCENTILES = (2, 98)  # of the voxels, which bound the box without outliers
+_OUTER_SHARE = 0.02  # of the voxels on each side of each axis, which the box leaves out
+_CELL_M = 0.05  # side of the cells of the surface of an object
 # Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
 _MAX_LIFT_M = 1.0  # furniture whose lowest voxel is higher above the floor does not stand on it
@@ -112,7 +114,9 @@ class MappedObject:
         self.moved_ns = 0  # stamp of the last sighting at the place before
         self.left_ns = 0  # stamp at which it was found to have left its place
         self.is_loaded = False  # whether it is from a loaded map
-        # Cached, until the voxels change:
+        # Cached, until the voxels change or the object moves with its keyframe:
+        self._class_name: str | None = None
+        self._center_map: tuple[FloatArray, FloatArray] | None = None  # with the pose it is for
         self._box: tuple[FloatArray, FloatArray] | None = None
         self._center_m: FloatArray = np.zeros(3)
         self._radius_m = 0.0
@@ -127,7 +131,9 @@ class MappedObject:
     @property
     def class_name(self) -> str:
         """Return the class with the largest sum of detection scores."""
-        return max(self.scores, key=self.scores.__getitem__)
+        if self._class_name is None:
+            self._class_name = max(self.scores, key=self.scores.__getitem__)
+        return self._class_name
 
     @property
     def is_confirmed(self) -> bool:
@@ -159,12 +165,9 @@ class MappedObject:
         2 % outermost ones on each side.
         """
         if self._box is None:
-            points = self.voxels.means_m[self.is_solid()]
-            if len(points) == 0:
-                points = self.voxels.means_m
-            ordered = np.sort(points, axis=0)
-            first, last = (round(p / 100 * (len(points) - 1)) for p in _PERCENTILES)
-            low, high = self._box = ordered[first], ordered[last]
+            solid = self.is_solid()
+            chosen = solid if solid.any() else None
+            low, high = self._box = trimmed_box(self.voxels.means_m, chosen, _OUTER_SHARE)
             self._center_m = (low + high) / 2
             self._radius_m = float(np.linalg.norm(high - low) / 2)
         return self._box
@@ -181,7 +184,7 @@ class MappedObject:
         """Return the measured box, enlarged by as much as it may grow in one image."""
         low, high = self.box_m()
         margin = _GROWTH_M + _GROWTH_SHARE * (high - low)
-        return KnownBox(se3.inverse(self.T_map_object), low - margin, high + margin)
+        return KnownBox(self.place.T_object_map, low - margin, high + margin)
 
     def points_map_m(self) -> FloatArray:
         """Return the (N, 3) mean points of all voxels in the map frame."""
@@ -193,9 +196,11 @@ class MappedObject:
 
     def center_map_m(self) -> FloatArray:
         """Return the center (3,) of the measured box in the map frame."""
-        self.box_m()
         T = self.T_map_object
-        return np.asarray(T[:3, :3] @ self._center_m + T[:3, 3])
+        if self._center_map is None or self._center_map[0] is not T:
+            self.box_m()
+            self._center_map = T, T[:3, :3] @ self._center_m + T[:3, 3]
+        return self._center_map[1]
 
     def radius_m(self) -> float:
         """Return the radius [m] of the sphere around the measured box."""
@@ -210,21 +215,24 @@ class MappedObject:
             margin_m: Length by which the box is enlarged on each side.
         """
         low, high = self.box_m()
-        points = se3.transform(se3.inverse(self.T_map_object), points_map_m)
-        inside = (points > low - margin_m) & (points < high + margin_m)
-        return float(inside.all(axis=1).mean())
+        return share_in_box(points_map_m, self.place.T_object_map, low - margin_m, high + margin_m)
 
-    def has_surface(self, points_map_m: FloatArray) -> BoolArray:
-        """Return the (N,) mask of the points (N, 3) of the map frame that are near its surface.
+    def surface_pixels(self, view: ObjectView, box_px: BoxPx) -> IntArray:
+        """Return the flat strided pixels (M,) in a box whose readings are near its surface.
 
-        These are the points in the 5 cm cells that contain solid voxels of the object.
+        These are the readings in the 5 cm cells that contain solid voxels of the object.
         """
-        points = se3.transform(se3.inverse(self.T_map_object), points_map_m)
+        return pixels_on_surface(view.depth_m, view.points_map_m, box_px, *self._surface())
+
+    def surface_share(self, points_map_m: FloatArray) -> float:
+        """Return the share of points (N, 3) of the map frame that are near its surface."""
+        return share_on_surface(points_map_m, *self._surface())
+
+    def _surface(self) -> tuple[FloatArray, IntArray, float, int]:
+        """Return T_object_map, and keys, side and bits of the cells that contain solid voxels."""
         if self._cells is None:
-            self._cells = np.unique(keys_of(self.voxels.means_m[self.is_solid()] / 2))
-        solid, keys = self._cells, keys_of(points / 2)
-        rows = np.minimum(np.searchsorted(solid, keys), max(len(solid) - 1, 0))
-        return np.equal(solid[rows], keys) if len(solid) else np.zeros(len(keys), np.bool_)
+            self._cells = cells_of(self.voxels.means_m, self.is_solid(), _CELL_M, BITS)
+        return self.place.T_object_map, self._cells, _CELL_M, BITS
 
     def add(self, segment: Segment, stamp_ns: int, T_map_camera: FloatArray) -> None:
         """Add a detection of the object at its place.
@@ -234,14 +242,13 @@ class MappedObject:
             stamp_ns: Time of the image.
             T_map_camera: (4, 4) pose of the image.
         """
-        points = se3.transform(se3.inverse(self.T_map_object), segment.points_map_m)
+        points = se3.transform(self.place.T_object_map, segment.points_map_m)
         self.voxels.add_points(points)
         self.num_sightings += 1
         self.num_visible += 1
         name = segment.detection.class_name
         self.scores[name] = self.scores.get(name, 0.0) + segment.detection.score
-        center = np.median(segment.points_map_m, axis=0)
-        way = self.T_map_object[:3, :3].T @ (center - T_map_camera[:3, 3])
+        way = self.T_map_object[:3, :3].T @ (segment.center_map_m - T_map_camera[:3, 3])
         distance_m = max(float(np.linalg.norm(way)), _MIN_DISTANCE_M)
         self.direction_m = self.direction_m + way / distance_m
         self.distance_m += distance_m
@@ -269,7 +276,7 @@ class MappedObject:
         self._changed()
 
     def _changed(self) -> None:
-        self._box = self._solid = self._cells = None
+        self._box = self._solid = self._cells = self._center_map = self._class_name = None
 
     def note_missed(self, stamp_ns: int) -> None:
         """Count a look that shows a surface at its place, but in which it was not detected.
@@ -300,7 +307,7 @@ class MappedObject:
 
     def absorb(self, other: MappedObject) -> None:
         """Add the evidence of another object that is the same thing at the same place."""
-        T = se3.inverse(self.T_map_object) @ other.T_map_object
+        T = self.place.T_object_map @ other.T_map_object
         self.voxels.merge(other.voxels.moved(T))
         for name, score in other.scores.items():
             self.scores[name] = self.scores.get(name, 0.0) + score
@@ -321,8 +328,7 @@ class MappedObject:
         """
         before_m, self.moved_ns = self.center_map_m(), self.last_ns
         self.place = other.place
-        T_object_map = se3.inverse(self.T_map_object)
-        self.moved_from_m = np.asarray(se3.transform(T_object_map, before_m[None])[0])
+        self.moved_from_m = np.asarray(se3.transform(self.place.T_object_map, before_m[None])[0])
         self.voxels, self.direction_m = other.voxels, other.direction_m
         for name, score in other.scores.items():
             self.scores[name] = self.scores.get(name, 0.0) + score

@@ -315,7 +315,7 @@ class ObjectMap:
         for segment in segments:
             if not is_at_rest(segment, tracks, stamp_ns) or self._is_claimed(segment, near):
                 continue
-            place = Place.at(np.median(segment.points_map_m, axis=0), anchor)
+            place = Place.at(segment.center_map_m, anchor)
             item = MappedObject(self._take_id(), place, stamp_ns)
             item.add(segment, stamp_ns, anchor.T_map_camera)
             self._objects.append(item)
@@ -325,20 +325,19 @@ class ObjectMap:
 
         Objects that are so much larger that the segment may lie on them are not considered.
         """
+        largest_m = _SUPPORT_RATIO * segment.radius_m()
         for item in near:
-            if not (item.is_confirmed and item.is_present):
+            if not (item.is_confirmed and item.is_present) or item.radius_m() > largest_m:
                 continue
-            if item.radius_m() > _SUPPORT_RATIO * segment.radius_m():
-                continue  # the segment may lie on it
-            if item.has_surface(segment.points_map_m).mean() > _CLAIMED_SHARE:
+            if item.surface_share(segment.points_map_m) > _CLAIMED_SHARE:
                 return True
         return False
 
     def _note_apart(self, seen: Sequence[tuple[MappedObject, Segment]]) -> None:
         """Record the pairs of objects that one image shows as two objects."""
         for (first, one), (second, other) in combinations(seen, 2):
-            if not overlap_much(one.box_px, other.box_px):
-                a, b = sorted((first.object_id, second.object_id))
+            a, b = sorted((first.object_id, second.object_id))
+            if (a, b) not in self._apart and not overlap_much(one.box_px, other.box_px):
                 self._apart.add((a, b))
 
     def _merge(self) -> None:

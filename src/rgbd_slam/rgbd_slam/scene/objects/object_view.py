@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import product
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,6 +18,8 @@ from hoid_common.values import (
     FloatArray,
     IntArray,
 )
+from hoid_native import seen_voxels
+from hoid_native.results import SeenVoxels
 
 # None of these numbers was tuned.
 _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # farther away, the noise of depth hides small objects
@@ -40,18 +42,6 @@ NOISE_PER_M2 = 0.003
 # A measured surface contains a point if their depths differ by at most this length plus two
 # standard deviations.
 _SURFACE_M = 0.06
-
-
-class Projection(NamedTuple):
-    """What an image shows at the pixels of N points.
-
-    A point is visible if the size of its gap is at most the margin, and seen through if its gap is
-    larger. Otherwise it is occluded, or nothing is known of it.
-    """
-
-    uv_px: FloatArray  # (N, 2) in strided pixels; NaN if the point is out of view or range
-    gap_m: FloatArray  # (N,) measured depth minus that of the point; NaN without a reading
-    margin_m: FloatArray  # (N,) largest gap with which the measured surface contains the point
 
 
 class ObjectView:
@@ -91,10 +81,11 @@ class ObjectView:
             box_xyxy_px: Left, top, right and bottom in pixels of the full image.
         """
         height, width = self.depth_m.shape
-        low = np.floor(np.array(box_xyxy_px[:2]) / STRIDE).astype(int)
-        high = np.ceil(np.array(box_xyxy_px[2:]) / STRIDE).astype(int)
-        left, top = np.clip(low, 0, (width, height)).tolist()
-        right, bottom = np.clip(high, (left, top), (width, height)).tolist()
+        x1, y1, x2, y2 = box_xyxy_px
+        left = min(max(math.floor(x1 / STRIDE), 0), width)
+        top = min(max(math.floor(y1 / STRIDE), 0), height)
+        right = min(max(math.ceil(x2 / STRIDE), left), width)
+        bottom = min(max(math.ceil(y2 / STRIDE), top), height)
         return left, top, right, bottom
 
     def fill_screens(self, depth_m: Float32Array, detections: Sequence[DynamicObject]) -> None:
@@ -128,7 +119,8 @@ class ObjectView:
         for _ in range(2):  # the second time with all of a frame that is not parallel to the image
             if np.count_nonzero(is_frame) < _FRAME_READINGS:
                 return
-            plane = np.linalg.lstsq(rows[is_frame], 1 / z[is_frame], rcond=None)[0]
+            A, b = rows[is_frame], 1 / z[is_frame]
+            plane = np.linalg.lstsq(A.T @ A, A.T @ b, rcond=None)[0]
             low_m, high_m = z[is_frame].min(), z[is_frame].max()
             plane_m = 1 / np.maximum(rows @ plane, 1e-6)  # a plane behind the camera fits nothing
             is_frame = np.abs(plane_m - z) < np.maximum(_FRAME_M, NOISE_PER_M2 * z * z)
@@ -140,21 +132,25 @@ class ObjectView:
         rays = self._camera.rays[index] * filled[:, None]
         self.points_map_m[index] = se3.transform(self.T_map_camera, rays)
 
-    def project(self, points_map_m: FloatArray) -> Projection:
-        """Compare points (N, 3) of the map frame with the measured depth at their pixels."""
-        points = se3.transform(se3.inverse(self.T_map_camera), points_map_m)
-        z = points[:, 2]
-        uv, gap = np.full((len(points), 2), np.nan), np.full(len(points), np.nan)
+    def look_at(
+        self, points_camera_m: FloatArray, is_solid: BoolArray, ends: IntArray
+    ) -> SeenVoxels:
+        """Return what the image shows at the voxels of objects, of one after the other.
+
+        A voxel is visible if the measured depth at its pixel differs from its own by at most 6 cm
+        and two standard deviations of depth, and seen through if the measured depth is larger.
+        Otherwise it is occluded, or nothing is known of it.
+
+        Args:
+            points_camera_m: (N, 3) voxels in the camera frame.
+            is_solid: (N,) whether they belong to their objects.
+            ends: (O,) index after the last voxel of each object.
+        """
+        z = points_camera_m[:, 2]
         ahead = np.flatnonzero((z > _MIN_RANGE_M) & (z < _MAX_RANGE_M))
-        found = self._camera.model.project_px(points[ahead]) / STRIDE
-        col, row = np.rint(found).astype(np.int64).T
-        height, width = self.depth_m.shape
-        inside = (col >= 0) & (row >= 0) & (col < width) & (row < height)
-        index = ahead[inside]
-        uv[index] = found[inside]
-        measured = self.depth_m[row[inside], col[inside]]
-        gap[index] = np.where(measured > 0, measured - z[index], np.nan)
-        return Projection(uv, gap, _SURFACE_M + 2 * NOISE_PER_M2 * z * z)
+        uv = self._camera.model.project_px(points_camera_m[ahead]) / STRIDE
+        margins = _SURFACE_M, 2 * NOISE_PER_M2
+        return seen_voxels(self.depth_m, ahead, uv, z, is_solid, ends, margins)
 
 
 class ObjectCamera:
@@ -176,15 +172,6 @@ class ObjectCamera:
     def view(self, depth_m: Float32Array, T_map_camera: FloatArray) -> ObjectView:
         """Return the view of a depth image (H, W) with its pose (4, 4)."""
         return ObjectView(self, depth_m, T_map_camera)
-
-
-def readings_in(view: ObjectView, left: int, top: int, right: int, bottom: int) -> IntArray:
-    """Return the flat indices (M,) of the pixels with a reliable reading in a box.
-
-    All are strided pixels; the box excludes `right` and `bottom`.
-    """
-    row, col = np.nonzero(view.depth_m[top:bottom, left:right])
-    return np.asarray((row + top) * view.shape[1] + col + left, np.int64)
 
 
 def _reliable(depth_m: Float32Array) -> Float32Array:

@@ -36,6 +36,7 @@ class Place:
         self, T_map_object: FloatArray, T_anchor_object: FloatArray, uid: int, map_id: int
     ) -> None:
         self.T_map_object = T_map_object
+        self._T_object_map: FloatArray | None = None  # the inverse, once it is needed
         self.T_anchor_object = T_anchor_object
         self.uid, self.map_id = uid, map_id
 
@@ -45,6 +46,13 @@ class Place:
         T = np.eye(4)
         T[:3, 3] = position_map_m
         return cls(T, se3.inverse(anchor.T_map_keyframe) @ T, anchor.uid, anchor.map_id)
+
+    @property
+    def T_object_map(self) -> FloatArray:  # noqa: N802 - a transform's name
+        """Return the transform (4, 4) from the map frame to the object frame."""
+        if self._T_object_map is None:
+            self._T_object_map = se3.inverse(self.T_map_object)
+        return self._T_object_map
 
     def follow(self, before: KeyframePoses, after: KeyframePoses) -> bool:
         """Move the frame with its keyframe, or with a substitute if that was removed.
@@ -66,6 +74,8 @@ class Place:
             self.T_anchor_object = T_near_old @ self.T_anchor_object
             row = after.row_of(self.uid)
         assert row is not None
-        self.T_map_object = after.T_map_camera[row] @ self.T_anchor_object
+        T_map_object = after.T_map_camera[row] @ self.T_anchor_object
+        if not np.array_equal(T_map_object, self.T_map_object):
+            self.T_map_object, self._T_object_map = T_map_object, None
         self.map_id = int(after.map_ids[row])
         return True

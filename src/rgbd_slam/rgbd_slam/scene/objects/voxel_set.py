@@ -5,13 +5,17 @@ A look is an image in which the object may be seen.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
+from hoid_native import merged_voxels, solid_voxels, voxel_keys, voxels_of
+from hoid_native.results import Voxels
 
 VOXEL_M = 0.025  # side of a voxel, as in the dense map
-_BITS, _OFFSET = 10, 512  # cells of each axis in a key: +-12.8 m
-NUM_KEYS = 1 << (3 * _BITS)
+BITS = 10  # of the voxel's number along each axis in a key: 1024 voxels, +-12.8 m
+NUM_KEYS = 1 << (3 * BITS)
 _MAX_VOXELS = 6000  # chosen: a couch has 5000; 140 kB
 _MAX_COUNT = 60.0  # chosen: largest sum of hits and misses, so that a change takes effect soon
 # A voxel is solid if it was hit in at least so many looks, and in at least this share of the looks
@@ -32,7 +36,7 @@ class VoxelSet:
     6000 voxels, those with fewest hits are dropped.
 
     Attributes:
-        keys: (N,) ascending keys, see `keys_of`.
+        keys: (N,) ascending keys, see `hoid_native.voxel_keys`.
         means_m: (N, 3) mean of the points measured in each voxel.
         readings: (N,) number of these points.
         hits: (N,) number of looks that measured the surface of the object in the voxel.
@@ -54,38 +58,19 @@ class VoxelSet:
 
         Points beyond 12.8 m from the origin along an axis are ignored.
         """
-        key = keys_of(points_m)
-        inside = key >= 0
-        keys, index = np.unique(key[inside], return_inverse=True)
-        num = np.bincount(index, minlength=len(keys))
-        means = (
-            np.stack(
-                [np.bincount(index, axis, len(keys)) / num for axis in points_m[inside].T], axis=1
-            )
-            if len(keys)
-            else np.empty((0, 3))
-        )
-        other = VoxelSet()
-        other.keys, other.means_m = keys, means
-        other.readings = num.astype(np.float32)
-        other.hits = np.ones(len(keys), np.float32)
-        other.misses = np.zeros(len(keys), np.float32)
-        self.merge(other)
+        self._add(voxels_of(points_m, VOXEL_M, BITS))
 
     def merge(self, other: VoxelSet) -> None:
         """Add the evidence of other voxels of the same frame."""
-        keys = np.union1d(self.keys, other.keys)
-        own, theirs = np.searchsorted(keys, self.keys), np.searchsorted(keys, other.keys)
-        sums, readings = np.zeros((len(keys), 3)), np.zeros(len(keys), np.float32)
-        hits, misses = np.zeros_like(readings), np.zeros_like(readings)
-        for rows, part in ((own, self), (theirs, other)):
-            sums[rows] += part.means_m * part.readings[:, None]
-            readings[rows] += part.readings
-            hits[rows] += part.hits
-            misses[rows] += part.misses
-        self.keys, self.means_m = keys, sums / readings[:, None]
-        self.readings, self.hits, self.misses = readings, hits, misses
-        self._limit()
+        self._add(other.arrays())
+
+    def arrays(self) -> Voxels:
+        """Return the voxels as the kernels take them."""
+        return Voxels(self.keys, self.means_m, self.readings, self.hits, self.misses)
+
+    def _add(self, others: Voxels) -> None:
+        merged = merged_voxels(self.arrays(), others, _MAX_COUNT, _MAX_VOXELS)
+        self.keys, self.means_m, self.readings, self.hits, self.misses = merged
 
     def count_misses(self, rows: IntArray) -> None:
         """Count an image as evidence that the voxels `rows` (M,) do not belong to the object."""
@@ -101,15 +86,9 @@ class VoxelSet:
                 depth spreads the hits of a distant surface over several voxels. Cells smaller than
                 a voxel have no effect.
         """
-        least = min(_SOLID_HITS, np.ceil(num_looks / 3))
-        hits = self.hits.astype(np.float64)
-        seen = hits + self.misses
-        if cell_m > VOXEL_M:
-            cells = keys_of(self.means_m * (VOXEL_M / cell_m))
-            _, index = np.unique(cells, return_inverse=True)
-            hits = np.bincount(index, hits)[index].astype(np.float64)
-            seen = np.bincount(index, seen)[index].astype(np.float64)
-        return np.asarray((hits >= least) & (hits >= _SOLID_SHARE * seen))
+        least = min(_SOLID_HITS, math.ceil(num_looks / 3))
+        cells_m = cell_m if cell_m > VOXEL_M else None
+        return solid_voxels(self.arrays(), least, _SOLID_SHARE, cells_m, BITS)
 
     def moved(self, T_new_old: FloatArray) -> VoxelSet:
         """Return the voxels in another frame.
@@ -122,7 +101,7 @@ class VoxelSet:
         """
         out = VoxelSet()
         points = self.means_m @ T_new_old[:3, :3].T + T_new_old[:3, 3]
-        key = keys_of(points)
+        key = voxel_keys(points, VOXEL_M, BITS)
         kept = np.flatnonzero(key >= 0)
         keys, index = np.unique(key[kept], return_inverse=True)
         weight = self.readings[kept].astype(np.float64)
@@ -136,29 +115,6 @@ class VoxelSet:
         np.maximum.at(out.hits, index, self.hits[kept])
         np.maximum.at(out.misses, index, self.misses[kept])
         return out
-
-    def _limit(self) -> None:
-        """Limit the evidence of each voxel, and the number of voxels to those with most hits."""
-        seen = self.hits + self.misses
-        scale = np.minimum(1.0, _MAX_COUNT / np.maximum(seen, 1)).astype(np.float32)
-        self.hits *= scale
-        self.misses *= scale
-        if len(self.keys) > _MAX_VOXELS:
-            kept = np.sort(np.argsort(self.hits, kind='stable')[-_MAX_VOXELS:])
-            self.keys, self.means_m = self.keys[kept], self.means_m[kept]
-            self.readings = self.readings[kept]
-            self.hits, self.misses = self.hits[kept], self.misses[kept]
-
-
-def keys_of(points_m: FloatArray) -> IntArray:
-    """Return the (N,) keys of the voxels of points (N, 3) of the object frame.
-
-    The key is -1 for a point beyond 12.8 m from the origin along an axis.
-    """
-    cell = np.floor(points_m / VOXEL_M).astype(np.int64) + _OFFSET
-    inside = ((cell >= 0) & (cell < 1 << _BITS)).all(axis=1)
-    key = (cell[:, 0] << (2 * _BITS)) | (cell[:, 1] << _BITS) | cell[:, 2]
-    return np.where(inside, key, -1)
 
 
 def extend_back(low_m: FloatArray, high_m: FloatArray, direction: FloatArray) -> None:

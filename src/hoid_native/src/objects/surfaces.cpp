@@ -1,0 +1,451 @@
+// The surface of an object in the box of its detection.
+//
+// The box of an object also shows what the object stands on or leans against, and what hides a part
+// of it. The former is removed as planes that continue around the box; the latter is removed where
+// its surface fits the box of another object better, or where the place of the object is known.
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <optional>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "objects/objects.hpp"
+#include "objects/planes.hpp"
+#include "objects/points.hpp"
+
+namespace hoid::objects {
+
+namespace {
+
+using Pixels = std::vector<int64_t>;
+
+// None of these numbers was tuned where no other source is named.
+constexpr int kMinReadings = 6;  // fewer readings do not show where an object is
+// Width of the ring around a box: share of the box's longer side, and limits in pixels.
+constexpr double kRingShare = 0.25, kRingLeastPx = 2, kRingMostPx = 10;
+// Largest number of planes that are removed, and smallest share of the ring's readings on each.
+constexpr int kMaxPlanes = 3;
+constexpr double kMinPlaneShare = 0.15;
+constexpr std::size_t kMaxRing = 250;  // readings of the ring that are used, to bound the time
+// An object keeps the readings near a plane if without them less than this share would remain: then
+// it is flat itself, like a book on a table.
+constexpr double kMinRest = 0.15;
+// A layer is a range of depth that is at least 4 bins thick. The object begins at the nearest layer
+// that has at least 0.6 times the readings of the fullest one (as in `object_sighting`).
+constexpr double kBinM = 0.05;
+constexpr int kLayerBins = 4;
+constexpr double kNearerShare = 0.6;
+constexpr double kLayerShare = 0.3;  // thickness of the layer of a large object: share of its size
+// An object ends at an empty range of depth of this length: share of the size of its box, at most
+// so many meters.
+constexpr double kGapShare = 0.3, kGapM = 0.25;
+constexpr double kEmptyShare = 0.02;  // of the box's readings; an empty bin has no more than this
+// Largest extent of an object along the view: share of the size of its box, at least so many
+// meters.
+constexpr double kMaxDepthShare = 0.9, kMinDepthM = 0.2;
+// Two segments that share more than this part of the smaller one are the same surface; the second
+// number holds if one of them is a person.
+constexpr double kShared = 0.4, kSharedWithPerson = 0.1;
+// If at least this share of the object's nearest part is at its known place, nothing hides it.
+constexpr double kAtPlaceShare = 0.5;
+// Ratio of box areas from which on the smaller object may lie on the larger one.
+constexpr double kSupportRatio = 3.0;
+constexpr double kFilled = 0.6;  // share of a box that its segment's bounding box covers to fill it
+
+struct Box
+{
+  int left, top, right, bottom;
+
+  int side() const { return std::max(right - left, bottom - top); }
+  double area() const { return static_cast<double>(right - left) * (bottom - top); }
+};
+
+struct Segment
+{
+  int detection;
+  Pixels pixels, others;
+};
+
+class Segmentation
+{
+public:
+  Segmentation(const DepthPoints& image, const Detections& detections)
+  : image_(image), detections_(detections), mark_(size(), 0), taken_(size(), 0)
+  {
+  }
+
+  // Return the segments of all detections that have enough readings, also of people.
+  std::vector<Segment> segments(const int32_t* owner)
+  {
+    std::vector<Segment> out;
+    for (int d = 0; d < detections_.count; ++d) {
+      take_known(owner, d);
+      if (auto found = segment(d)) {
+        out.push_back(std::move(*found));
+      }
+    }
+    return out;
+  }
+
+  // Where two segments claim the same surface, the loser is segmented again without that of the
+  // winners; it has no pixels if too few are left. A person keeps its pixels.
+  void resolve(std::vector<Segment>& segments)
+  {
+    std::vector<std::pair<bool, double>> claims;
+    for (const Segment& segment : segments) {
+      claims.push_back(claim(segment));
+    }
+    std::map<std::size_t, std::vector<std::size_t>> winners;
+    for (std::size_t i = 0; i < segments.size(); ++i) {
+      set_all(mark_, segments[i].pixels, 1);
+      for (std::size_t j = 0; j < i; ++j) {
+        if (are_same_surface(segments[i], segments[j])) {
+          const auto [loser, winner] = claims[i] < claims[j] ? std::pair{i, j} : std::pair{j, i};
+          if (!is_person(segments[loser])) {
+            winners[loser].push_back(winner);
+          }
+        }
+      }
+      set_all(mark_, segments[i].pixels, 0);
+    }
+    std::vector<std::pair<std::size_t, std::optional<Segment>>> again;
+    for (const auto& [loser, others] : winners) {
+      std::fill(taken_.begin(), taken_.end(), 0);
+      for (const std::size_t winner : others) {
+        set_all(taken_, segments[winner].pixels, 1);
+      }
+      again.emplace_back(loser, segment(segments[loser].detection));
+    }
+    for (auto& [loser, found] : again) {
+      if (found) {
+        segments[loser] = std::move(*found);
+      } else {
+        segments[loser].pixels.clear();
+      }
+    }
+  }
+
+  bool is_person(const Segment& segment) const
+  {
+    return detections_.is_person[segment.detection] != 0;
+  }
+
+private:
+  std::size_t size() const
+  {
+    return static_cast<std::size_t>(image_.depth_m.width) * image_.depth_m.height;
+  }
+
+  Box box(int d) const
+  {
+    const int32_t* box = detections_.boxes_px + static_cast<std::ptrdiff_t>(4) * d;
+    return {box[0], box[1], box[2], box[3]};
+  }
+
+  float depth(int64_t pixel) const { return image_.depth_m.data[pixel]; }
+
+  static void set_all(std::vector<uint8_t>& mask, const Pixels& pixels, uint8_t value)
+  {
+    for (const int64_t pixel : pixels) {
+      mask[pixel] = value;
+    }
+  }
+
+  // Mark the pixels of the box that show known objects of other detections as taken.
+  //
+  // Pixels of an object whose box is at least three times as large are not: the object of
+  // detection `d` may lie on it, and the surface below is removed as a plane.
+  void take_known(const int32_t* owner, int d)
+  {
+    const Box area = box(d);
+    for (int v = area.top; v < area.bottom; ++v) {
+      const auto first = static_cast<int64_t>(v) * image_.depth_m.width;
+      for (int64_t pixel = first + area.left; pixel < first + area.right; ++pixel) {
+        const int32_t o = owner[pixel];
+        taken_[pixel] = o >= 0 && o != d &&
+                        detections_.areas_px[o] < kSupportRatio * detections_.areas_px[d];
+      }
+    }
+  }
+
+  // Return the segment of a detection in the pixels that are not taken, if they are enough.
+  std::optional<Segment> segment(int d)
+  {
+    const Box area = box(d);
+    Pixels everything, pixels;
+    for (int v = area.top; v < area.bottom; ++v) {
+      const auto first = static_cast<int64_t>(v) * image_.depth_m.width;
+      for (int64_t pixel = first + area.left; pixel < first + area.right; ++pixel) {
+        if (depth(pixel) != 0) {
+          everything.push_back(pixel);
+          if (!taken_[pixel]) {
+            pixels.push_back(pixel);
+          }
+        }
+      }
+    }
+    if (pixels.size() < kMinReadings) {
+      return std::nullopt;
+    }
+    if (!detections_.is_person[d]) {
+      pixels = without_planes(pixels, area);
+    }
+    Segment out{d, {}, {}};
+    set_all(mark_, pixels, 1);
+    std::copy_if(
+      everything.begin(), everything.end(), std::back_inserter(out.others),
+      [&](int64_t pixel) { return !mark_[pixel]; });
+    set_all(mark_, pixels, 0);
+    out.pixels = part(pixels, area, d);
+    if (out.pixels.size() < kMinReadings) {
+      return std::nullopt;
+    }
+    return out;
+  }
+
+  // Return the pixels that are not on a plane around the box; those on a plane are kept if too few
+  // others would remain.
+  Pixels without_planes(const Pixels& pixels, const Box& area) const
+  {
+    Pixels rest = pixels, ring = ring_of(area, pixels);
+    std::mt19937 random;
+    const double least_ring = std::max<double>(
+      kMinReadings, kMinPlaneShare * static_cast<double>(ring.size()));
+    const double least_rest = std::max<double>(
+      kMinReadings, kMinRest * static_cast<double>(pixels.size()));
+    for (int k = 0; k < kMaxPlanes && static_cast<double>(ring.size()) >= least_ring; ++k) {
+      const std::optional<Plane> plane = best_plane(image_, ring, random);
+      const Pixels ring_left = plane ? without(*plane, ring) : ring;
+      if (static_cast<double>(ring.size() - ring_left.size()) < least_ring) {
+        break;
+      }
+      Pixels left = without(*plane, rest);
+      if (static_cast<double>(left.size()) >= least_rest) {
+        rest = std::move(left);
+      }
+      ring = ring_left;
+    }
+    return rest;
+  }
+
+  Pixels without(const Plane& plane, const Pixels& pixels) const
+  {
+    Pixels out;
+    std::copy_if(pixels.begin(), pixels.end(), std::back_inserter(out), [&](int64_t pixel) {
+      return !is_on(plane, image_, pixel);
+    });
+    return out;
+  }
+
+  // Return pixels around a box that have about the range of depth of those inside it.
+  Pixels ring_of(const Box& area, const Pixels& inside) const
+  {
+    const auto margin = static_cast<int>(
+      std::clamp(std::nearbyint(kRingShare * area.side()), kRingLeastPx, kRingMostPx));
+    float low = std::numeric_limits<float>::infinity(), high = 0;
+    for (const int64_t pixel : inside) {
+      low = std::min(low, depth(pixel));
+      high = std::max(high, depth(pixel));
+    }
+    low *= 0.9F;
+    high *= 1.1F;
+    const Image<float>& depth_m = image_.depth_m;
+    Pixels found;
+    for (int v = std::max(0, area.top - margin); v < std::min(depth_m.height, area.bottom + margin);
+         ++v) {
+      const bool is_beside = v >= area.top && v < area.bottom;
+      for (int u = std::max(0, area.left - margin); u < std::min(depth_m.width, area.right + margin);
+           ++u) {
+        if (is_beside && u == area.left) {
+          u = std::max(u, area.right - 1);
+          continue;
+        }
+        const float reading = depth_m.row(v)[u];
+        if (reading > low && reading < high) {
+          found.push_back(static_cast<int64_t>(v) * depth_m.width + u);
+        }
+      }
+    }
+    const std::size_t step = 1 + found.size() / kMaxRing;
+    Pixels out;
+    for (std::size_t n = 0; n < found.size(); n += step) {
+      out.push_back(found[n]);
+    }
+    return out;
+  }
+
+  // Return the pixels of the object: its nearest part, or what is seen of it behind an occluder.
+  //
+  // The latter are the pixels in the known box, if less than half of the nearest part is among them.
+  Pixels part(const Pixels& pixels, const Box& area, int d)
+  {
+    Pixels nearest = nearest_part(pixels, area), at_place;
+    const double* T_box_map = detections_.T_box_map + static_cast<std::ptrdiff_t>(16) * d;
+    const double *low = point(detections_.known_low_m, d),
+                 *high = point(detections_.known_high_m, d);
+    if (!(low[0] < high[0])) {
+      return nearest;
+    }
+    std::copy_if(pixels.begin(), pixels.end(), std::back_inserter(at_place), [&](int64_t pixel) {
+      return is_in_box(T_box_map, low, high, point(image_.points_m, pixel));
+    });
+    if (at_place.size() < kMinReadings) {
+      return nearest;
+    }
+    set_all(mark_, at_place, 1);
+    const auto shared = std::count_if(
+      nearest.begin(), nearest.end(), [&](int64_t pixel) { return mark_[pixel] != 0; });
+    set_all(mark_, at_place, 0);
+    const bool is_nearest =
+      static_cast<double>(shared) >= kAtPlaceShare * static_cast<double>(nearest.size());
+    return is_nearest ? nearest : at_place;
+  }
+
+  // Return the pixels of the nearest well-filled layer, and behind it up to a gap in depth.
+  Pixels nearest_part(const Pixels& pixels, const Box& area) const
+  {
+    if (pixels.empty()) {
+      return pixels;
+    }
+    std::vector<int> bins;
+    std::vector<float> depths;
+    for (const int64_t pixel : pixels) {
+      depths.push_back(depth(pixel));
+      bins.push_back(static_cast<int>(depth(pixel) / static_cast<float>(kBinM)));
+    }
+    const double size_m = image_.pixel_m * area.side() * static_cast<double>(median(depths));
+    const auto in_bins = [](double length_m) {
+      return static_cast<int>(std::nearbyint(length_m / kBinM));
+    };
+    const int num_bins = std::max(*std::max_element(bins.begin(), bins.end()) + 1, kLayerBins);
+    const int thick = std::max(kLayerBins, in_bins(kLayerShare * size_m));
+    const int gap = std::max(2, in_bins(std::min(kGapShare * size_m, kGapM)));
+    const int most = in_bins(std::max(kMaxDepthShare * size_m, kMinDepthM));
+    std::vector<int> count(num_bins, 0);
+    for (const int bin : bins) {
+      ++count[bin];
+    }
+    const int first = first_bin(count, thick);
+    const double least = std::max(1.0, kEmptyShare * static_cast<double>(pixels.size()));
+    // The object ends before the first `gap` bins that are empty, beyond the first layer.
+    int end = first, num_empty = 0;
+    for (int bin = first; bin < num_bins && num_empty < gap; ++bin) {
+      const bool is_filled = bin < first + thick || count[bin] > least;
+      num_empty = is_filled ? 0 : num_empty + 1;
+      end = is_filled ? bin + 1 : end;
+    }
+    end = std::min(end, first + most);
+    Pixels out;
+    for (std::size_t n = 0; n < pixels.size(); ++n) {
+      // One bin before the layer: its first readings are noise of the same surface.
+      if (bins[n] >= first - 1 && bins[n] < end) {
+        out.push_back(pixels[n]);
+      }
+    }
+    return out;
+  }
+
+  // Return the first bin with readings in the nearest layer that is filled well.
+  static int first_bin(const std::vector<int>& count, int thick)
+  {
+    const auto num = static_cast<int>(count.size());
+    std::vector<int> layers(num, 0);
+    for (int bin = num - 1, sum = 0; bin >= 0; --bin) {
+      sum += count[bin] - (bin + thick < num ? count[bin + thick] : 0);
+      layers[bin] = sum;
+    }
+    const int fullest = *std::max_element(layers.begin(), layers.end());
+    int first = 0;
+    while (layers[first] < kNearerShare * fullest) {
+      ++first;
+    }
+    while (count[first] == 0) {
+      ++first;
+    }
+    return first;
+  }
+
+  // Return whether a segment shares much of its pixels with the one whose pixels are marked.
+  bool are_same_surface(const Segment& marked, const Segment& other) const
+  {
+    const auto shared = std::count_if(
+      other.pixels.begin(), other.pixels.end(), [&](int64_t pixel) { return mark_[pixel] != 0; });
+    const double least = is_person(marked) || is_person(other) ? kSharedWithPerson : kShared;
+    const auto smaller = std::min(marked.pixels.size(), other.pixels.size());
+    return static_cast<double>(shared) > least * static_cast<double>(smaller);
+  }
+
+  // Return the sort key of a segment; the one with the larger key keeps the shared pixels.
+  //
+  // Boxes that are filled come before others, and the smaller box before the larger one. Among
+  // boxes that are not filled, the one that is filled more comes first.
+  std::pair<bool, double> claim(const Segment& segment) const
+  {
+    const int width = image_.depth_m.width;
+    int left = width, right = 0;
+    for (const int64_t pixel : segment.pixels) {
+      const auto column = static_cast<int>(pixel % width);
+      left = std::min(left, column);
+      right = std::max(right, column);
+    }
+    const auto rows = segment.pixels.back() / width - segment.pixels.front() / width + 1;
+    const double area = box(segment.detection).area();
+    const double fit = static_cast<double>(rows) * (right - left + 1) / std::max(area, 1.0);
+    return fit >= kFilled ? std::pair{true, -area} : std::pair{false, fit};
+  }
+
+  const DepthPoints& image_;
+  const Detections& detections_;
+  std::vector<uint8_t> mark_;   // all 0 between calls
+  std::vector<uint8_t> taken_;  // valid in the box of the present detection
+};
+
+void add_points(const DepthPoints& image, const Pixels& pixels, Surfaces& out)
+{
+  for (const int64_t pixel : pixels) {
+    const double* p = point(image.points_m, pixel);
+    out.points_m.insert(out.points_m.end(), p, p + 3);
+  }
+  std::vector<double> values(pixels.size());
+  for (int axis = 0; axis < 3; ++axis) {
+    std::transform(pixels.begin(), pixels.end(), values.begin(), [&](int64_t pixel) {
+      return point(image.points_m, pixel)[axis];
+    });
+    const auto [low, high] = std::minmax_element(values.begin(), values.end());
+    out.low_m.push_back(*low);
+    out.high_m.push_back(*high);
+    out.center_m.push_back(median(values));
+  }
+}
+
+}  // namespace
+
+Surfaces object_surfaces(
+  const DepthPoints& image, const Detections& detections, const int32_t* owner)
+{
+  Segmentation segmentation(image, detections);
+  std::vector<Segment> segments = segmentation.segments(owner);
+  segmentation.resolve(segments);
+  Surfaces out;
+  for (const Segment& segment : segments) {
+    if (segmentation.is_person(segment) || segment.pixels.empty()) {
+      continue;
+    }
+    out.detection.push_back(segment.detection);
+    out.pixels.insert(out.pixels.end(), segment.pixels.begin(), segment.pixels.end());
+    out.pixels_end.push_back(static_cast<int64_t>(out.pixels.size()));
+    out.others.insert(out.others.end(), segment.others.begin(), segment.others.end());
+    out.others_end.push_back(static_cast<int64_t>(out.others.size()));
+    add_points(image, segment.pixels, out);
+  }
+  return out;
+}
+
+}  // namespace hoid::objects
