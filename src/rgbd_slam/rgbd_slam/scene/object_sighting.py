@@ -168,11 +168,12 @@ def measure(
 
 def _nearest_layer(depth: Float32Array) -> float:
     """Return the median depth [m] of the nearest layer that is filled well (`_NEARER_SHARE`)."""
-    count = np.bincount((depth / _BIN_M).astype(np.int64), minlength=_LAYER_BINS)
+    bins = (depth / _BIN_M).astype(np.int64)
+    count = np.bincount(bins, minlength=_LAYER_BINS)
     layers = np.convolve(count, np.ones(_LAYER_BINS))[_LAYER_BINS - 1 :]
     first = int(np.argmax(layers >= _NEARER_SHARE * layers.max()))
     first += int(np.argmax(layers[first : first + _LAYER_BINS]))
-    inside = (depth >= first * _BIN_M) & (depth < (first + _LAYER_BINS) * _BIN_M)
+    inside = (bins >= first) & (bins < first + _LAYER_BINS)
     return float(np.median(depth[inside]))
 
 
