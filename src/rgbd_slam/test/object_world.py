@@ -51,7 +51,7 @@ class ObjectWorld:
     ) -> tuple[MapObject, ...]:
         """Return the objects of the map after looks at these boxes."""
         T_map_camera = (np.eye(4) if T_map_body is None else T_map_body) @ T_BODY_OPTICAL
-        depth_m, seen = _rendered(boxes, T_map_camera)
+        depth_m, seen = rendered(boxes, T_map_camera)
         for _ in range(times):
             self.stamp_ns += LOOK_NS
             request = SceneRequest(self.stamp_ns, T_map_camera, 0, self.keyframes, True, True)
@@ -64,7 +64,7 @@ def keyframes(T_map_keyframe: FloatArray, version: int = 1, uid: int = 0) -> Key
     return KeyframePoses(version, np.array([uid]), np.array([0]), 0, T_map_keyframe[None])
 
 
-def _rendered(
+def rendered(
     boxes: tuple[Box, ...], T_map_camera: FloatArray
 ) -> tuple[Float32Array, list[DynamicObject]]:
     """Return the depth (H, W), and the exact boxes of the visible pixels."""

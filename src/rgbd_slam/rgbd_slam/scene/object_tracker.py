@@ -25,6 +25,7 @@ _OCCLUDED_M = 0.15  # a surface this far in front of an object's place occludes 
 _GONE_M = 0.25  # a surface this far behind an object's place shows that the object is gone
 # How far a person may carry an object while it is not detected: speed [m/s] and longest time [s].
 _CARRY_MPS, _CARRY_S = 1.5, 3.0
+_FRESH_NS = NS_PER_S // 2  # an object that was not detected for longer may have been taken
 
 
 class ObjectTracker:
@@ -77,6 +78,30 @@ class ObjectTracker:
         confirmed = [track for track in self._tracks if track.is_confirmed]
         confirmed.sort(key=lambda track: track.track_id)
         return tuple(track.value_at(stamp_ns) for track in confirmed)
+
+    def is_at_rest(self, detection: DynamicObject, image: DepthImage, stamp_ns: int) -> bool:
+        """Return whether a detection that the filter calls dynamic shows an object at rest.
+
+        It does if enough of its box is at the depth of the place of a track of its class that is
+        settled and was detected lately.
+
+        Args:
+            detection: The detection.
+            image: The depth image.
+            stamp_ns: Time of the image, which is not older than that of the last `update`.
+        """
+        if detection.class_name == PERSON or not _is_measured(detection):
+            return False
+        settled = [
+            track
+            for track in self._tracks
+            if track.is_settled and track.is_confirmed and stamp_ns - track.stamp_ns < _FRESH_NS
+        ]
+        known = self._track_in_box(detection, image, settled, stamp_ns)
+        if known is None:
+            return False
+        sighting = measure(detection, image, known.position_at_m(stamp_ns), None)
+        return sighting is not None and sighting.is_at_known_depth
 
     def _track_in_box(
         self, detection: DynamicObject, image: DepthImage, free: list[KalmanTrack], stamp_ns: int

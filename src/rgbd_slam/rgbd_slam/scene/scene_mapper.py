@@ -121,8 +121,11 @@ class SceneMapper:
         """Integrate an image (H, W) into the dense map.
 
         Pixels in or near the boxes of dynamic objects add no surface, but voxels in front of the
-        surface that they show are removed (carved). The image is ignored if its keyframe does not
-        exist any more.
+        surface that they show are removed (carved). Objects whose tracks are at rest do not count
+        as dynamic: the filter may call them handled for seconds after they were put down, or as
+        long as a person is near. The image is ignored if its keyframe does not exist any more.
+
+        If the image is for the tracks as well, `track_objects` must be called first.
 
         Args:
             request: Time, pose and keyframe of the image.
@@ -133,7 +136,12 @@ class SceneMapper:
         Raises:
             OSError: The file of the image cannot be written.
         """
-        boxes = [seen.box_xyxy_px for seen in objects if seen.is_dynamic]
+        image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
+        boxes = [
+            seen.box_xyxy_px
+            for seen in objects
+            if seen.is_dynamic and not self._tracker.is_at_rest(seen, image, request.stamp_ns)
+        ]
         boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
         is_dynamic = in_boxes(depth_m.shape, boxes_xyxy_px, self._config.mask_margin_px)
         self.ledger.add(request, self._voxels.camera.view_of(depth_m, is_dynamic, image_bgr))
