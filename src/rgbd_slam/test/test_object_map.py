@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hoid_common.values import FloatArray, Reason
+from hoid_common.values import DynamicObject, FloatArray, Reason
 from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
-from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
+from rgbd_slam.scene.objects.association import are_inside_each_other
+from rgbd_slam.scene.objects.mapped_object import MapObject, MappedObject, PlaceState
+from rgbd_slam.scene.objects.place import Anchor, Place
+from rgbd_slam.scene.objects.segmentation import Segment
 
 from .object_world import LOOK_NS, Box, ObjectWorld, keyframes
 
@@ -69,6 +72,28 @@ def test_two_of_a_kind_beside_each_other_stay_two() -> None:
         objects = world.look(TABLE, CUP, second, T_map_body=at(0.0, 0.05 * i, 0.0))
     y_m = sorted(item.center_map_m[1] for item in objects)
     assert y_m == pytest.approx([0.35, 0.49], abs=0.03)
+
+
+def thing(class_name: str, low_m: tuple[float, float, float]) -> MappedObject:
+    """Return an object of 20 cm on each side that was seen three times."""
+    points = np.array(low_m) + np.stack(np.mgrid[:9, :9, :9], -1).reshape(-1, 3) / 40
+    anchor = Anchor(0, 0, np.eye(4), np.eye(4))
+    item = MappedObject(0, Place.at(points.mean(axis=0), anchor), 0)
+    seen = DynamicObject(class_name, (0.0, 0.0, 9.0, 9.0), 0.9, -1, Reason.STATIC)
+    none = np.empty(0, np.int64)
+    ends = np.median(points, axis=0), points.min(axis=0), points.max(axis=0)
+    segment = Segment(seen, (0, 0, 9, 9), none, points, *ends, none)
+    for stamp_ns in (0, LOOK_NS, 2 * LOOK_NS):
+        item.add(segment, stamp_ns, np.eye(4))
+    return item
+
+
+def test_objects_of_a_class_that_are_inside_each_other_are_one() -> None:
+    """Although an image may have shown two boxes of it."""
+    plant = thing('potted plant', (2.0, 0.0, 0.0))
+    assert are_inside_each_other(plant, thing('potted plant', (2.03, 0.02, 0.05)))
+    assert not are_inside_each_other(plant, thing('vase', (2.03, 0.02, 0.05)))
+    assert not are_inside_each_other(plant, thing('potted plant', (2.0, 0.13, 0.0)))
 
 
 def test_parts_seen_later_complete_an_object() -> None:

@@ -29,6 +29,7 @@ from rgbd_slam.scene.floor import Floor
 from rgbd_slam.scene.object_track import TrackedObject
 from rgbd_slam.scene.objects.association import (
     Visibility,
+    are_inside_each_other,
     associate,
     expected_boxes,
     in_box,
@@ -341,7 +342,7 @@ class ObjectMap:
                 self._apart.add((a, b))
 
     def _merge(self) -> None:
-        """Merge objects that overlap, unless one image showed both."""
+        """Merge objects that overlap, unless an image showed both beside each other."""
         by_size = sorted(self._objects, key=lambda item: -item.num_sightings)
         gone: set[int] = set()
         for i, j in np.argwhere(np.triu(touching(by_size), 1)).tolist():
@@ -359,12 +360,13 @@ class ObjectMap:
 
     def _are_one(self, first: MappedObject, second: MappedObject) -> bool:
         is_same_map = first.place.map_id == second.place.map_id
-        if not (first.is_present and second.is_present and is_same_map):
+        offset_m = np.linalg.norm(first.center_map_m() - second.center_map_m())
+        is_near = offset_m <= first.radius_m() + second.radius_m()
+        if not (first.is_present and second.is_present and is_same_map and is_near):
             return False
         ids = sorted((first.object_id, second.object_id))
-        offset_m = np.linalg.norm(first.center_map_m() - second.center_map_m())
-        if offset_m > first.radius_m() + second.radius_m() or (ids[0], ids[1]) in self._apart:
-            return False
+        if (ids[0], ids[1]) in self._apart:
+            return are_inside_each_other(first, second)
         is_alike = is_confusable(first.class_name, second.class_name)
         small, large = sorted((first.radius_m(), second.radius_m()))
         if not is_alike and large > _SUPPORT_RATIO * small:
