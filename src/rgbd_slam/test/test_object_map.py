@@ -76,7 +76,7 @@ def test_two_of_a_kind_beside_each_other_stay_two() -> None:
 
 def thing(class_name: str, low_m: tuple[float, float, float]) -> MappedObject:
     """Return an object of 20 cm on each side that was seen three times."""
-    points = np.array(low_m) + np.stack(np.mgrid[:9, :9, :9], -1).reshape(-1, 3) / 40
+    points = np.array(low_m) + np.moveaxis(np.mgrid[:9, :9, :9], 0, -1).reshape(-1, 3) / 40
     anchor = Anchor(0, 0, np.eye(4), np.eye(4))
     item = MappedObject(0, Place.at(points.mean(axis=0), anchor), 0)
     seen = DynamicObject(class_name, (0.0, 0.0, 9.0, 9.0), 0.9, -1, Reason.STATIC)
