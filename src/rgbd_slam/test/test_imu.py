@@ -256,6 +256,20 @@ def test_up_is_found_in_two_seconds(gyro: bool) -> None:
     assert np.rad2deg(np.arccos(up.up_camera @ true)) < 1.5
 
 
+def test_a_calibrated_mounting_makes_up_more_certain() -> None:
+    ups = []
+    for sigma_deg in (1.0, 0.3):
+        given = Mounting(ODD, sigma_rad=np.deg2rad(sigma_deg))
+        shaken = ShakenImu(ODD, given=given, accelerometer=True, gyro=False)
+        shaken.run(3.1)
+        assert shaken.imu.up is not None
+        ups.append(shaken.imu.up)
+    stated, calibrated = ups
+    true = pose(1e-9 * (calibrated.stamp_ns - START_NS))[:3, :3].T @ UP_WORLD
+    assert np.rad2deg(np.arccos(calibrated.up_camera @ true)) < 0.6
+    assert calibrated.sigma_rad < 0.8 * stated.sigma_rad
+
+
 @pytest.mark.parametrize('factor', [1 / 9.81, np.array([1.0, -1.0, 1.0])], ids=['g', 'mirrored'])
 def test_a_faulty_accelerometer_gives_no_certain_up(factor: float | FloatArray) -> None:
     shaken = ShakenImu(accelerometer=True, distort_force=lambda forces: forces * factor)

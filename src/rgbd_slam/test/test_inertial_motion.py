@@ -11,7 +11,7 @@ from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.inertial.mounting import kalibr_mounting, read_kalibr, snapped
+from rgbd_slam.inertial.mounting import Mounting, kalibr_mounting, read_kalibr, snapped
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.tracked_frame import TrackedFrame
@@ -206,6 +206,7 @@ def test_a_calibration_of_kalibr_in_the_home_folder_is_read(
     assert mounting is not None
     np.testing.assert_allclose(mounting.R_camera_imu, [[0, -1, 0], [0, 0, -1], [1, 0, 0]])
     assert mounting.offset_s == -0.0071
+    assert mounting.sigma_rad < Mounting(mounting.R_camera_imu).sigma_rad
 
 
 @pytest.mark.parametrize(

@@ -43,8 +43,9 @@ class ImuConfig(Config):
     calibration: str = param(
         '',
         'File camchain-imucam.yaml of Kalibr, whose T_cam_imu and timeshift_cam_imu of cam0 are '
-        'used at first. If it is empty, the rotation is read from /tf_static. In both cases the '
-        'time offset is then estimated from the images; so is the rotation, if none is given or '
-        'if the images contradict the given one.',
+        'used at first; the rotation counts as known to 0.3 degrees. If it is empty, the rotation '
+        'is read from /tf_static and counts as known to 1 degree. In both cases the time offset '
+        'is then estimated from the images; so is the rotation, if none is given or if the images '
+        'contradict the given one.',
         expert=True,
     )

@@ -20,7 +20,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
 from rgbd_slam.inertial.gyro_integral import rotation_vector, rotations
-from rgbd_slam.inertial.mounting import snapped
+from rgbd_slam.inertial.mounting import Mounting, snapped
 from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer
 
 GRAVITY_MPS2 = 9.81  # within 0.3 % everywhere at sea level
@@ -37,7 +37,6 @@ _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 deg
 # has calibrated. If the last one is 0.3, the estimated bias takes up errors of the tracked
 # rotation: the error after 6 s of fr1_xyz is then 3.9 instead of 1.5 degrees.
 _TRIPLE_MPS2, _LENGTH_MPS2, _BIAS_MPS2 = 0.15, 0.2, 0.1
-_KNOWN_ROTATION_RAD = np.deg2rad(1.0)  # chosen: of a mounting that is given
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees between axes
 # Chosen: the scale of a cheap accelerometer is off by up to 0.2 m/s^2 at the length of gravity; an
 # accelerometer in another unit is off by more than this limit.
@@ -112,7 +111,7 @@ class GravityEstimator:
                 self._triples.append(triple)
         self._forget_old(end_ns)
 
-    def fit(self, R_camera_imu: FloatArray | None) -> GravityFit | None:
+    def fit(self, mounting: Mounting | None) -> GravityFit | None:
         """Return gravity by all stored triples of images.
 
         None is returned if there are fewer than 10 triples, if the rotation of the IMU is neither
@@ -121,21 +120,21 @@ class GravityEstimator:
         an accelerometer that contradicts the tracked motion determines nothing.
 
         Args:
-            R_camera_imu: (3, 3) rotation of the IMU, if it is known; it is refined with a prior of
-                1 degree. None: it is estimated, which needs accelerations in all directions.
+            mounting: Its rotation is refined, with its standard deviation as a prior. None: the
+                rotation is estimated, which needs accelerations in all directions.
         """
         if len(self._triples) < _MIN_EPOCHS:
             return None
         force = np.stack([triple.force for triple in self._triples])
         turned = np.stack([triple.mean_rotation for triple in self._triples])
         acceleration = np.stack([triple.acceleration_mps2 for triple in self._triples])
-        if R_camera_imu is None:
+        if mounting is None:
             start = _linear_rotation(force, acceleration)
             solved = _solve(force, turned, acceleration, start, np.pi)
             if solved.rotation_sigma_rad > _MAX_ROTATION_SIGMA_RAD:
                 return None
-            R_camera_imu = snapped(solved.R_camera_imu, solved.rotation_sigma_rad)
-        solved = _solve(force, turned, acceleration, R_camera_imu, _KNOWN_ROTATION_RAD)
+            mounting = Mounting(snapped(solved.R_camera_imu, solved.rotation_sigma_rad))
+        solved = _solve(force, turned, acceleration, mounting.R_camera_imu, mounting.sigma_rad)
         length_mps2 = float(np.linalg.norm(solved.gravity_mps2))
         if abs(length_mps2 - GRAVITY_MPS2) > _MAX_LENGTH_ERROR_MPS2:
             return None

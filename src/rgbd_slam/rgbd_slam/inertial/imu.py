@@ -20,7 +20,7 @@ from rgbd_slam.inertial.force_integral import ForceIntegral, force_integral
 from rgbd_slam.inertial.gravity import GravityEstimator, GravityFit
 from rgbd_slam.inertial.gyro_calibration import UNKNOWN_BIAS_RADPS, GyroCalibration, GyroFit
 from rgbd_slam.inertial.gyro_integral import rotation_between, rotation_vector
-from rgbd_slam.inertial.mounting import Mounting, snapped
+from rgbd_slam.inertial.mounting import PARALLEL_SIGMA_RAD, Mounting, snapped
 from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 
 # Chosen: time between two comparisons with the tracked motion, at first and once the time offset
@@ -33,7 +33,6 @@ _KNOWN_OFFSET_S = 0.005  # chosen: standard deviation; a hand turns by 0.5 degre
 # Chosen: an estimated rotation between IMU and camera with a larger standard deviation is not used
 # to predict; the rotations between parallel axes differ by 90 degrees.
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(25.0)
-_PARALLEL_SIGMA_RAD = np.deg2rad(1.0)  # chosen: tolerance of a mounting that is given or parallel
 _CONTRADICTED_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0  # chosen: see `snapped`
 # Chosen: the mounting of the gyro counts as known once its rates correlate with the tracked ones
 # by more than this. The first number holds if the axes of the IMU are the given ones or parallel
@@ -272,7 +271,7 @@ class Imu:
         fit, is_certain = free, sigma_rad < _MAX_ROTATION_SIGMA_RAD
         if R is not free.R_camera_imu:
             fit = self._calibration.fit(self._gyro, R, free.offset_s) or free
-            sigma_rad = min(sigma_rad, _PARALLEL_SIGMA_RAD)
+            sigma_rad = min(sigma_rad, PARALLEL_SIGMA_RAD)
         is_given = self._mounting is not None and R is self._mounting.R_camera_imu
         is_expected = is_given or np.array_equal(R, np.eye(3))
         needed = _EXPECTED_CORRELATION if is_expected else _FOUND_CORRELATION
@@ -310,10 +309,11 @@ class Imu:
     def _measure_up(self, image_ns: int) -> None:
         """Update `up`, the direction opposite to gravity; it becomes None if it is unknown."""
         self._gravity.measure(self._accelerometer, round(self._offset_s * NS_PER_S))
-        R = None if self._mounting is None else self._mounting.R_camera_imu
-        if self.fit is not None and self.fault is None and self._is_mounting_known:
-            R = self.fit.R_camera_imu
-        self._gravity_fit = found = self._gravity.fit(R)
+        mounting, fit = self._mounting, self.fit
+        if fit is not None and self.fault is None and self._is_mounting_known:
+            is_given = mounting is not None and mounting.R_camera_imu is fit.R_camera_imu
+            mounting = mounting if is_given else Mounting(fit.R_camera_imu)
+        self._gravity_fit = found = self._gravity.fit(mounting)
         self.up = None if found is None else Up(image_ns, found.up_camera, found.up_sigma_rad)
 
     def _say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:

@@ -22,6 +22,10 @@ from rgbd_slam.inertial.gyro_integral import rotation_vector
 _AXES_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0
 _MAX_ROTATION_ERROR = 1e-3  # not tuned: largest deviation from a rotation in a file of 8 digits
 _CAMERA = 'cam0'
+# Chosen: standard deviations about each axis of a mounting that a frame states or that lies
+# between parallel axes, and of one that was calibrated for this IMU. Parts are mounted to about a
+# degree; the axes of an accelerometer are orthogonal to 1 %.
+PARALLEL_SIGMA_RAD, _CALIBRATED_SIGMA_RAD = np.deg2rad(1.0), np.deg2rad(0.3)
 
 
 class Mounting(NamedTuple):
@@ -29,6 +33,7 @@ class Mounting(NamedTuple):
 
     R_camera_imu: FloatArray  # (3, 3)
     offset_s: float = 0.0  # by which the stamps of the IMU are later than those of the images
+    sigma_rad: float = PARALLEL_SIGMA_RAD  # standard deviation of the rotation about each axis
 
 
 def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
@@ -80,7 +85,7 @@ def read_kalibr(path: Path) -> Mounting:
     offset_s = entry.get('timeshift_cam_imu', 0.0)
     if not isinstance(offset_s, int | float) or not np.isfinite(offset_s):
         raise InputError(f'{path}: {_CAMERA}.timeshift_cam_imu is not a time in seconds')
-    return Mounting(R, float(offset_s))
+    return Mounting(R, float(offset_s), _CALIBRATED_SIGMA_RAD)
 
 
 def _matrix(rows: Any) -> FloatArray | None:
