@@ -145,9 +145,9 @@ class DeadReckoning:
         tracked, squares = self._tracked(), []
         for origin_s in -_TRIAL_S - _TRIAL_STEP_S * np.arange(_NUM_TRIALS):
             before = tracked.between(origin_s - _WINDOW_S, origin_s)
-            if not before.is_enough:
-                break
             known = tracked.between(origin_s, origin_s + _TRIAL_S)
+            if not (before.is_enough and len(known.times_s)):
+                break
             found = _continued(forces, before, up, known.times_s)
             if found is None:
                 return None
