@@ -77,12 +77,12 @@ def test_two_of_a_kind_beside_each_other_stay_two() -> None:
 def thing(class_name: str, low_m: tuple[float, float, float]) -> MappedObject:
     """Return an object of 20 cm on each side that was seen three times."""
     points = np.array(low_m) + np.moveaxis(np.mgrid[:9, :9, :9], 0, -1).reshape(-1, 3) / 40
-    anchor = Anchor(0, 0, np.eye(4), np.eye(4))
-    item = MappedObject(0, Place.at(points.mean(axis=0), anchor), 0)
+    none, middle = np.empty(0, np.int64), points.mean(axis=0)
+    item = MappedObject(0, Place.at(middle, Anchor(0, 0, np.eye(4), np.eye(4))), 0)
     seen = DynamicObject(class_name, (0.0, 0.0, 9.0, 9.0), 0.9, -1, Reason.STATIC)
-    none = np.empty(0, np.int64)
-    ends = np.median(points, axis=0), points.min(axis=0), points.max(axis=0)
-    segment = Segment(seen, (0, 0, 9, 9), none, points, *ends, none)
+    segment = Segment(
+        seen, (0, 0, 9, 9), none, points, middle, points.min(axis=0), points.max(axis=0), none
+    )
     for stamp_ns in (0, LOOK_NS, 2 * LOOK_NS):
         item.add(segment, stamp_ns, np.eye(4))
     return item
@@ -94,6 +94,18 @@ def test_objects_of_a_class_that_are_inside_each_other_are_one() -> None:
     assert are_inside_each_other(plant, thing('potted plant', (2.03, 0.02, 0.05)))
     assert not are_inside_each_other(plant, thing('vase', (2.03, 0.02, 0.05)))
     assert not are_inside_each_other(plant, thing('potted plant', (2.0, 0.13, 0.0)))
+
+
+@pytest.mark.parametrize(('half_width_m', 'count'), [(0.25, 1), (0.45, 2)])
+def test_two_sides_of_a_chair_at_the_border_of_the_image_are_one(
+    half_width_m: float, count: int
+) -> None:
+    """Two sides that are too far apart for one chair stay two."""
+    chair = Box('chair', (1.9, -half_width_m, -1.2), (2.3, half_width_m, -0.2))
+    world, yaw_rad = ObjectWorld(), np.radians(31.4) + np.arctan(0.5 * half_width_m / 1.9)
+    world.look(chair, T_map_body=at(0.0, 0.0, yaw_rad), times=5)
+    objects = world.look(chair, T_map_body=at(0.0, 0.0, -yaw_rad), times=5)
+    assert [item.class_name for item in objects] == ['chair'] * count
 
 
 def test_parts_seen_later_complete_an_object() -> None:

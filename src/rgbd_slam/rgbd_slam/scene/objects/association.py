@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ _DOUBLE_SHARE = 0.7
 _INSIDE_SHARE = 0.7
 # An image should show an object of which at least so much of the surface is visible; not tuned.
 _EXPECTED_SHARE = 0.5
+_CHAIR, _CHAIR_M = 'chair', 0.65  # largest width and depth of a usual chair; chosen
 _CONFUSABLE_CLASSES = (
     frozenset({'chair', 'couch', 'bench', 'bed'}),
     frozenset({'dining table', 'bed', 'bench', 'couch'}),
@@ -217,9 +219,14 @@ def expected_boxes(
 
 
 def touching(objects: Sequence[MappedObject]) -> BoolArray:
-    """Return the (O, O) mask of the pairs of objects whose bounding spheres touch."""
+    """Return the (O, O) mask of the pairs of objects whose bounding spheres touch.
+
+    A chair has at least the sphere of a whole one, because the object may be a part of it.
+    """
     centers = np.array([item.center_map_m() for item in objects]).reshape(-1, 3)
     radii = np.array([item.radius_m() for item in objects])
+    is_chair = np.array([item.class_name == _CHAIR for item in objects], np.bool_)
+    radii = np.maximum(radii, is_chair * _CHAIR_M / 2)
     distances = np.linalg.norm(centers[:, None] - centers, axis=2)
     return np.asarray(distances <= radii[:, None] + radii)
 
@@ -237,6 +244,26 @@ def are_inside_each_other(first: MappedObject, second: MappedObject) -> bool:
         len(points) > 0 and item.contains(points, _MARGIN_M) > _INSIDE_SHARE
         for item, points in pairs
     )
+
+
+def are_parts_of_a_chair(first: MappedObject, second: MappedObject) -> bool:
+    """Return whether two chairs are parts of one, of which each image showed one part only.
+
+    Both are confirmed, the border of the image has cut them in all their sightings, and together
+    they are no larger than one chair: the two horizontal lengths of their common box are compared.
+
+    Args:
+        first: One chair.
+        second: The other one, which no image showed together with the first one.
+    """
+    both = first, second
+    if not all(item.is_cut and item.is_confirmed and item.class_name == _CHAIR for item in both):
+        return False
+    low, high = first.box_m()
+    T = se3.inverse(first.T_map_object) @ second.T_map_object
+    corners = se3.transform(T, np.array(list(product(*zip(*second.box_m(), strict=True)))))
+    size_m = np.maximum(high, corners.max(axis=0)) - np.minimum(low, corners.min(axis=0))
+    return bool((size_m[:2] <= _CHAIR_M).all())
 
 
 def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:

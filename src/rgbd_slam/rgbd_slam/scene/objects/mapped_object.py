@@ -94,13 +94,11 @@ class MappedObject:
         self.object_id = object_id
         self.state = PlaceState.AT_REST
         self.scores: dict[str, float] = {}  # sum of the detections' scores, by class
-        # Images in which it was detected with its surface, and those that showed its surface,
-        # detected or not.
+        # Images in which it was detected with its surface, and those that showed its surface.
         self.num_sightings = self.num_visible = 0
         self.first_ns = self.last_ns = stamp_ns
         self.num_through = 0  # successive looks that showed its place empty
-        # Successive looks that showed its place, empty or not, without a detection of it.
-        self.num_absent = 0
+        self.num_absent = 0  # successive looks at its place, empty or not, without a detection
         self.was_carried = False  # whether its track shows that a person carried it to its place
         self.probability = 0.5  # that it is still at its place
         self.place = place
@@ -114,6 +112,7 @@ class MappedObject:
         self.moved_ns = 0  # stamp of the last sighting at the place before
         self.left_ns = 0  # stamp at which it was found to have left its place
         self.is_loaded = False  # whether it is from a loaded map
+        self.is_cut = True  # whether the border of the image has cut it in each sighting
         # Cached, until the voxels change or the object moves with its keyframe:
         self._class_name: str | None = None
         self._center_map: tuple[FloatArray, FloatArray] | None = None  # with the pose it is for
@@ -242,10 +241,10 @@ class MappedObject:
             stamp_ns: Time of the image.
             T_map_camera: (4, 4) pose of the image.
         """
-        points = se3.transform(self.place.T_object_map, segment.points_map_m)
-        self.voxels.add_points(points)
+        self.voxels.add_points(se3.transform(self.place.T_object_map, segment.points_map_m))
         self.num_sightings += 1
         self.num_visible += 1
+        self.is_cut &= segment.is_cut
         name = segment.detection.class_name
         self.scores[name] = self.scores.get(name, 0.0) + segment.detection.score
         way = self.T_map_object[:3, :3].T @ (segment.center_map_m - T_map_camera[:3, 3])
@@ -316,6 +315,7 @@ class MappedObject:
         self.first_ns = min(self.first_ns, other.first_ns)
         self.last_ns = max(self.last_ns, other.last_ns)
         self.is_loaded |= other.is_loaded
+        self.is_cut &= other.is_cut
         self.probability = max(self.probability, other.probability)
         self.direction_m = self.direction_m + T[:3, :3] @ other.direction_m
         self.distance_m += other.distance_m
@@ -340,7 +340,7 @@ class MappedObject:
         self.num_visible += other.num_visible
         self.last_ns, self.track_id = other.last_ns, other.track_id
         self.probability, self.num_through, self.num_absent = other.probability, 0, 0
-        self.was_carried = other.was_carried
+        self.was_carried, self.is_cut = other.was_carried, other.is_cut
         self.state = PlaceState.MOVED
         self._changed()
 

@@ -30,6 +30,7 @@ from rgbd_slam.scene.object_track import TrackedObject
 from rgbd_slam.scene.objects.association import (
     Visibility,
     are_inside_each_other,
+    are_parts_of_a_chair,
     associate,
     expected_boxes,
     in_box,
@@ -360,9 +361,7 @@ class ObjectMap:
 
     def _are_one(self, first: MappedObject, second: MappedObject) -> bool:
         is_same_map = first.place.map_id == second.place.map_id
-        offset_m = np.linalg.norm(first.center_map_m() - second.center_map_m())
-        is_near = offset_m <= first.radius_m() + second.radius_m()
-        if not (first.is_present and second.is_present and is_same_map and is_near):
+        if not (first.is_present and second.is_present and is_same_map):
             return False
         ids = sorted((first.object_id, second.object_id))
         if (ids[0], ids[1]) in self._apart:
@@ -375,7 +374,8 @@ class ObjectMap:
             first.contains(second.points_map_m(), _MERGE_MARGIN_M),
             second.contains(first.points_map_m(), _MERGE_MARGIN_M),
         )
-        return share >= (_MERGE_SHARE if is_alike else _MERGE_OTHER_SHARE)
+        least = _MERGE_SHARE if is_alike else _MERGE_OTHER_SHARE
+        return share >= least or are_parts_of_a_chair(first, second)
 
     def _rename_apart(self, old: int, new: int) -> None:
         moved = {pair for pair in self._apart if old in pair}

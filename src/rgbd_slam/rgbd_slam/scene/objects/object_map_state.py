@@ -167,7 +167,7 @@ class ObjectMapState(Record):
         for name in _COPIED:
             value = getattr(self, name)[o]
             setattr(item, name, value.copy() if value.ndim else value.item())
-        item.state = PlaceState(int(self.state[o]))
+        item.state, item.is_cut = PlaceState(int(self.state[o])), False
         item.moved_from_m = self.moved_from_m[o].copy() if self.was_moved[o] else None
         item.scores = {
             decoded(self.class_name[c]): float(self.class_score[c]) for c in rows.classes

@@ -88,6 +88,12 @@ class ObjectView:
         bottom = min(max(math.ceil(y2 / STRIDE), top), height)
         return left, top, right, bottom
 
+    def is_at_border(self, box_px: tuple[int, int, int, int]) -> bool:
+        """Return whether a box in strided pixels reaches the border of the image."""
+        height, width = self.depth_m.shape
+        left, top, right, bottom = box_px
+        return left == 0 or top == 0 or right == width or bottom == height
+
     def fill_screens(self, depth_m: Float32Array, detections: Sequence[DynamicObject]) -> None:
         """Give the holes in the boxes of screens the depth of the plane through their frames.
 

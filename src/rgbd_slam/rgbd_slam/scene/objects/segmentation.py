@@ -50,6 +50,7 @@ class Segment(NamedTuple):
     low_map_m: FloatArray  # (3,) lowest corner of their bounding box
     high_map_m: FloatArray  # (3,) highest corner
     others: IntArray  # (N,) flat indices of the pixels in the box that show other things
+    is_cut: bool = False  # whether the box reaches the border of the image
 
     def radius_m(self) -> float:
         """Return half the diagonal [m] of the points' bounding box, along the map's axes."""
@@ -99,6 +100,7 @@ def segment_all(
                 found.low_map_m[s],
                 found.high_map_m[s],
                 found.others[first_other:end_other],
+                view.is_at_border(boxes[d]),
             )
         )
         first, first_other = end, end_other
