@@ -81,7 +81,7 @@ class ShakenImu:
     ) -> None:
         self.imu = Imu(config or ImuConfig(), given)
         self._R_imu_camera = np.eye(3) if R_camera_imu is None else R_camera_imu.T
-        self._offset_s, self.distort, self._distort_force = offset_s, distort, distort_force
+        self._offset_s, self.distort, self.distort_force = offset_s, distort, distort_force
         self._bias = np.zeros(3) if gyro_bias is None else gyro_bias
         self._accelerometer, self._gyro = accelerometer, gyro
         self._rng = np.random.default_rng(seed)
@@ -126,5 +126,5 @@ class ShakenImu:
         if self._accelerometer:
             forces = np.stack([force(s) for s in times_s.tolist()]) @ self._R_imu_camera.T
             forces += self._rng.normal(0, 0.02, forces.shape)
-            forces = forces if self._distort_force is None else self._distort_force(forces)
+            forces = forces if self.distort_force is None else self.distort_force(forces)
             self.imu.add_accelerations(Samples(stamps_ns, forces))

@@ -270,6 +270,20 @@ def test_a_calibrated_mounting_makes_up_more_certain() -> None:
     assert calibrated.sigma_rad < 0.8 * stated.sigma_rad
 
 
+def test_an_accelerometer_that_gets_stuck_is_left_out() -> None:
+    shaken = ShakenImu(AXES, accelerometer=True)
+    shaken.run(5.0)
+    assert shaken.imu.up is not None
+    shaken.imu.take_news()
+    shaken.distort_force = lambda forces: np.tile([0.0, 9.81, 0.0], (len(forces), 1))
+    shaken.run(8.0)
+    assert shaken.imu.up is None
+    texts = [news.text for news in shaken.imu.take_news()]
+    assert texts == [
+        'imu: the accelerometer is left out: its values do not change; restart its driver'
+    ]
+
+
 @pytest.mark.parametrize('factor', [1 / 9.81, np.array([1.0, -1.0, 1.0])], ids=['g', 'mirrored'])
 def test_a_faulty_accelerometer_gives_no_certain_up(factor: float | FloatArray) -> None:
     shaken = ShakenImu(accelerometer=True, distort_force=lambda forces: forces * factor)

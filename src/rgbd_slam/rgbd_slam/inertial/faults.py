@@ -1,4 +1,4 @@
-"""Faults of a gyro, noticed by itself or by comparison with the tracked rotation."""
+"""Faults of an IMU, shown by its samples or by comparison with the tracked rotation."""
 
 from __future__ import annotations
 
@@ -42,10 +42,16 @@ def fault_of_samples(gyro: SampleBuffer, image_ns: int, offset_ns: int) -> GyroF
     newest_ns = gyro.newest_ns
     if newest_ns is None or newest_ns < image_ns + offset_ns - _LATE_NS:
         return GyroFault.LATE
-    latest = gyro.between(newest_ns - _LOOK_NS, newest_ns).values
-    if len(latest) >= _MIN_SAMPLES and (latest == latest[0]).all():
-        return GyroFault.STUCK
-    return None
+    return GyroFault.STUCK if is_stuck(gyro) else None
+
+
+def is_stuck(sensor: SampleBuffer) -> bool:
+    """Return whether all samples of the last second are equal, which noise makes impossible."""
+    newest_ns = sensor.newest_ns
+    if newest_ns is None:
+        return False
+    latest = sensor.between(newest_ns - _LOOK_NS, newest_ns).values
+    return len(latest) >= _MIN_SAMPLES and bool((latest == latest[0]).all())
 
 
 def fault_of_fit(fit: GyroFit) -> GyroFault | None:

@@ -15,6 +15,7 @@ from rgbd_slam.inertial.faults import (
     fault_of_recent_rates,
     fault_of_samples,
     is_saturated,
+    is_stuck,
 )
 from rgbd_slam.inertial.force_integral import ForceIntegral, force_integral
 from rgbd_slam.inertial.gravity import GravityEstimator, GravityFit
@@ -48,6 +49,9 @@ _MAX_UP_SIGMA_RAD = np.deg2rad(3.0)  # chosen: the limit of `Leveling`
 _FAULTS_OF_SAMPLES = GyroFault.STUCK, GyroFault.LATE  # the samples show their end as well
 _LEFT_OUT = 'imu: the gyro is left out: {}'
 _SATURATED = 'imu: it turns faster than the range of the gyro; such turns are left out'
+_STUCK_ACCELEROMETER = (
+    'imu: the accelerometer is left out: its values do not change; restart its driver'
+)
 
 
 class MeasuredRotation(NamedTuple):
@@ -308,6 +312,10 @@ class Imu:
 
     def _measure_up(self, image_ns: int) -> None:
         """Update `up`, the direction opposite to gravity; it becomes None if it is unknown."""
+        if is_stuck(self._accelerometer):
+            self._gravity, self._gravity_fit, self.up = GravityEstimator(), None, None
+            self._say(_STUCK_ACCELEROMETER)
+            return
         self._gravity.measure(self._accelerometer, round(self._offset_s * NS_PER_S))
         mounting, fit = self._mounting, self.fit
         if fit is not None and self.fault is None and self._is_mounting_known:
