@@ -107,8 +107,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check_names(args)
         for line in _abandoned_folders(args):
             sys.stderr.write(f'hoid: {line}\n')
-        # A line of the log must not continue that of a progress bar.
-        with import_module('tqdm.contrib.logging').logging_redirect_tqdm():
+        from tqdm.contrib.logging import logging_redirect_tqdm  # `hoid --help` starts without it
+
+        with logging_redirect_tqdm():  # a line of the log does not continue that of a bar
             getattr(_module(chosen), f'{_identifier(chosen)}_command')(args)
         print(end='', flush=True)  # buffered output may fail to be written
     except HoidError as error:
