@@ -1150,6 +1150,110 @@ def object_surfaces(
         ValueError: The image is empty, a box or an owner is invalid, or lengths differ.
     """
 
+def transformed_parts(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    T: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return points (N, 3) in other frames, those of each part with its own transform.
+
+    Args:
+        points_m: (N, 3) points.
+        ends: (P,) int64 index after the last point of each part.
+        T: (P, 4, 4) transforms.
+
+    Raises:
+        ValueError: The ends are not ascending or not those of all points, or lengths differ.
+    """
+
+def seen_voxels(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    ahead: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    voxel_depth_m: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
+    is_solid: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    margin: tuple[float, float],
+) -> hoid_native.results.SeenVoxels:
+    """
+    Return what an image shows at the N voxels of O objects, of one after the other.
+
+    A voxel is visible if the measured depth at its nearest pixel differs from its own by at most the
+    margin, and seen through if the measured depth is larger.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
+        ahead: (M,) int64 rows of the voxels in front of the camera, within its range.
+        uv_px: (M, 2) pixels of these, which need not be within the image.
+        voxel_depth_m: (N,) depths of all voxels.
+        is_solid: (N,) bool, whether the voxel belongs to its object.
+        ends: (O,) int64 index after the last voxel of each object.
+        margin: largest difference of depths: constant (m), and multiple of the squared depth (1/m).
+
+    Raises:
+        ValueError: The image is empty, a row is not that of a voxel, the ends are not ascending or not
+            those of all voxels, or lengths differ.
+    """
+
+def missed_voxels(
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    box_px: Annotated[NDArray[numpy.float64], dict(shape=(4), writable=False)],
+    others: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    width: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the ascending rows of visible voxels that an image shows not to belong to an object.
+
+    They are outside the box of the object, or at pixels that show other things.
+
+    Args:
+        uv_px: (N, 2) pixels of the voxels; NaN where they are not visible.
+        is_visible: (N,) bool, whether a surface is measured at the voxel.
+        box_px: (4,) left, top, right and bottom; all are inside.
+        others: ascending flat indices of the pixels that show other things.
+        width: width of the image.
+
+    Raises:
+        ValueError: Lengths differ.
+    """
+
+def pair_scores(
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    point_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
+    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+    low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    voxel_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    is_candidate: Annotated[NDArray[numpy.bool_], dict(shape=(None, None), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (S, O) scores of pairs of segments and objects, in [0, 1].
+
+    The score is the geometric mean of the share of the segment's points that are in the box of the
+    object, and of the share of the object's visible voxels that are in the box of the detection. Voxels
+    up to half a pixel left of this box or above it are inside.
+
+    Args:
+        points_map_m: (N, 3) points of all segments, of one after the other.
+        point_ends: (S,) int64 index after the last point of each segment.
+        boxes_px: (S, 4) int32 boxes of the detections; right and bottom are excluded.
+        T_box_map: (O, 4, 4) transforms from the map frame to that of the object's box.
+        low_m: (O, 3) lowest corners of the objects' boxes.
+        high_m: (O, 3) highest corners.
+        uv_px: (V, 2) pixels of the voxels of all objects.
+        is_visible: (V,) bool, whether the voxel is visible.
+        voxel_ends: (O,) int64 index after the last voxel of each object.
+        is_candidate: (S, O) bool; the scores of other pairs are 0.
+
+    Raises:
+        ValueError: Ends are not ascending or not those of all rows, or lengths differ.
+    """
+
 def voxel_keys(
     points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
     voxel_m: float,
@@ -1332,108 +1436,4 @@ def share_in_box(
         T_box_map: (4, 4) transform from the map frame to that of the box.
         low_m: (3,) lowest corner.
         high_m: (3,) highest corner.
-    """
-
-def transformed_parts(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    T: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
-    """
-    Return points (N, 3) in other frames, those of each part with its own transform.
-
-    Args:
-        points_m: (N, 3) points.
-        ends: (P,) int64 index after the last point of each part.
-        T: (P, 4, 4) transforms.
-
-    Raises:
-        ValueError: The ends are not ascending or not those of all points, or lengths differ.
-    """
-
-def seen_voxels(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    ahead: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
-    voxel_depth_m: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
-    is_solid: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    margin: tuple[float, float],
-) -> hoid_native.results.SeenVoxels:
-    """
-    Return what an image shows at the N voxels of O objects, of one after the other.
-
-    A voxel is visible if the measured depth at its nearest pixel differs from its own by at most the
-    margin, and seen through if the measured depth is larger.
-
-    Args:
-        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
-        ahead: (M,) int64 rows of the voxels in front of the camera, within its range.
-        uv_px: (M, 2) pixels of these, which need not be within the image.
-        voxel_depth_m: (N,) depths of all voxels.
-        is_solid: (N,) bool, whether the voxel belongs to its object.
-        ends: (O,) int64 index after the last voxel of each object.
-        margin: largest difference of depths: constant (m), and multiple of the squared depth (1/m).
-
-    Raises:
-        ValueError: The image is empty, a row is not that of a voxel, the ends are not ascending or not
-            those of all voxels, or lengths differ.
-    """
-
-def missed_voxels(
-    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
-    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    box_px: Annotated[NDArray[numpy.float64], dict(shape=(4), writable=False)],
-    others: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    width: int,
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the ascending rows of visible voxels that an image shows not to belong to an object.
-
-    They are outside the box of the object, or at pixels that show other things.
-
-    Args:
-        uv_px: (N, 2) pixels of the voxels; NaN where they are not visible.
-        is_visible: (N,) bool, whether a surface is measured at the voxel.
-        box_px: (4,) left, top, right and bottom; all are inside.
-        others: ascending flat indices of the pixels that show other things.
-        width: width of the image.
-
-    Raises:
-        ValueError: Lengths differ.
-    """
-
-def pair_scores(
-    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    point_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
-    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
-    low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
-    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    voxel_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    is_candidate: Annotated[NDArray[numpy.bool_], dict(shape=(None, None), writable=False)],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
-    """
-    Return the (S, O) scores of pairs of segments and objects, in [0, 1].
-
-    The score is the geometric mean of the share of the segment's points that are in the box of the
-    object, and of the share of the object's visible voxels that are in the box of the detection. Voxels
-    up to half a pixel left of this box or above it are inside.
-
-    Args:
-        points_map_m: (N, 3) points of all segments, of one after the other.
-        point_ends: (S,) int64 index after the last point of each segment.
-        boxes_px: (S, 4) int32 boxes of the detections; right and bottom are excluded.
-        T_box_map: (O, 4, 4) transforms from the map frame to that of the object's box.
-        low_m: (O, 3) lowest corners of the objects' boxes.
-        high_m: (O, 3) highest corners.
-        uv_px: (V, 2) pixels of the voxels of all objects.
-        is_visible: (V,) bool, whether the voxel is visible.
-        voxel_ends: (O,) int64 index after the last voxel of each object.
-        is_candidate: (S, O) bool; the scores of other pairs are 0.
-
-    Raises:
-        ValueError: Ends are not ascending or not those of all rows, or lengths differ.
     """

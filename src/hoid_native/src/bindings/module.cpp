@@ -13,4 +13,5 @@ NB_MODULE(_native, module)
   hoid::bindings::bind_masks(module);
   hoid::bindings::bind_motion(module);
   hoid::bindings::bind_objects(module);
+  hoid::bindings::bind_voxels(module);
 }

@@ -13,5 +13,6 @@ void bind_boxes(nanobind::module_& module);
 void bind_masks(nanobind::module_& module);
 void bind_motion(nanobind::module_& module);
 void bind_objects(nanobind::module_& module);
+void bind_voxels(nanobind::module_& module);
 
 }  // namespace hoid::bindings
