@@ -21,7 +21,7 @@ setup(
         (f'share/{NAME}/rviz', glob('rviz/*.rviz')),
         (f'share/{NAME}/foxglove', glob('foxglove/*.json')),
     ],
-    install_requires=['numpy', 'opencv-python-headless', 'psutil', 'pyyaml', 'rosbags', 'tqdm'],
+    install_requires=['numpy', 'opencv-python-headless', 'psutil', 'pyyaml', 'rosbags'],
     # Without pytest here `colcon test` runs no test at all.
     extras_require={
         'test': ['hypothesis', 'pytest'],

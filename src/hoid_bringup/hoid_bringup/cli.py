@@ -107,10 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check_names(args)
         for line in _abandoned_folders(args):
             sys.stderr.write(f'hoid: {line}\n')
-        from tqdm.contrib.logging import logging_redirect_tqdm  # `hoid --help` starts without it
-
-        with logging_redirect_tqdm():  # a line of the log does not continue that of a bar
-            getattr(_module(chosen), f'{_identifier(chosen)}_command')(args)
+        getattr(_module(chosen), f'{_identifier(chosen)}_command')(args)
         print(end='', flush=True)  # buffered output may fail to be written
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)

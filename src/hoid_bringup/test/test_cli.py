@@ -7,7 +7,6 @@ import sys
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -112,24 +111,6 @@ def test_folders_of_killed_commands_are_named(
     first, second = capsys.readouterr().err.splitlines()
     assert '.bag.partial-12345678: left by a killed recording; "hoid info --repair"' in first
     assert '.check.partial-abcdefgh: left by a killed command' in second
-
-
-@pytest.mark.slow
-def test_a_warning_does_not_continue_the_line_of_the_progress_bar(tmp_path: Path) -> None:
-    for kind, image in (
-        ('rgb', np.full((480, 640, 3), 90, np.uint8)),
-        ('depth', np.full((480, 640), 500, np.uint16)),  # 0.1 m, which is unusual for a room
-    ):
-        (tmp_path / 'fr1' / kind).mkdir(parents=True)
-        cv2.imwrite(str(tmp_path / 'fr1' / kind / '0.png'), image)
-        rows = ''.join(f'{100 + 0.1 * i:.1f} {kind}/0.png\n' for i in range(12))
-        (tmp_path / 'fr1' / f'{kind}.txt').write_text(rows)
-    command = [sys.executable, '-m', 'hoid_bringup', 'run', 'fr1', '--filter', 'none']
-    done = subprocess.run(
-        [*command, '--out', 'out'], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    lines = done.stderr.replace('\r', '\n').splitlines()
-    assert next(line for line in lines if 'median of 0.10 m' in line).startswith('WARNING')
 
 
 @pytest.mark.slow
