@@ -1,4 +1,4 @@
-"""The surface of a carried object in the dense map: on its way, in the hand, and put down."""
+"""An object in the dense map while a person carries it, and after it was put down."""
 
 from __future__ import annotations
 

@@ -191,7 +191,7 @@ class _Continued(NamedTuple):
 def _continued(
     forces: ForceIntegral, before: _Path, up: _Up, later_s: FloatArray
 ) -> _Continued | None:
-    """Return the positions (M, 3) at later times.
+    """Return the positions of the camera after the known ones, by dead reckoning.
 
     None is returned if too few positions are known, or if they contradict gravity.
 

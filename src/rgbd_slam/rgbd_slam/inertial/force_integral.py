@@ -19,7 +19,7 @@ _HELD_NS = NS_PER_S // 40
 
 
 class ForceIntegral:
-    """The double integral of the specific force, in the frame of a camera at one time.
+    """The double integral of the specific force, along the axes of the camera at one time.
 
     Args:
         times_s: (N,) increasing times.

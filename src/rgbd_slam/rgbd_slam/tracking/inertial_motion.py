@@ -165,7 +165,7 @@ class InertialMotion:
         return T
 
     def _reckon(self) -> Reckoned | None:
-        """Return the position by integrated specific force; None: use the decaying velocity.
+        """Return the position by the accelerometer; None: predict it by the last velocity.
 
         None is returned for the first 0.1 s, if the accelerometer is missing or not confirmed, and
         unless its position has a smaller variance.

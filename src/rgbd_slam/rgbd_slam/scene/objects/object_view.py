@@ -141,7 +141,7 @@ class ObjectView:
     def look_at(
         self, points_camera_m: FloatArray, is_solid: BoolArray, ends: IntArray
     ) -> SeenVoxels:
-        """Return what the image shows at the voxels of objects, of one after the other.
+        """Return which voxels of some objects the image shows, hides or sees through.
 
         A voxel is visible if the measured depth at its pixel differs from its own by at most 6 cm
         and two standard deviations of depth, and seen through if the measured depth is larger.
