@@ -21,9 +21,10 @@ _LEVEL_SIGMA_RAD, _LEVEL_AFTER_NS = np.deg2rad(0.5), 30 * NS_PER_S
 class Leveling:
     """Turns the map frame with each new measurement of gravity, so that its z axis points up.
 
-    Measurements with a standard deviation above 3 degrees are not used. The frame is kept from the
-    measurement on whose standard deviation is below 0.5 degrees, or which is more than 30 s later
-    than the first used one.
+    Measurements that the tracked motion contradicts (`Imu.confirmed_up`), and those with a
+    standard deviation above 3 degrees, are not used. The frame is kept from the measurement on
+    whose standard deviation is below 0.5 degrees, or which is more than 30 s later than the first
+    used one.
 
     Args:
         frames: The frames of the robot, of which the map frame is turned.
@@ -48,7 +49,7 @@ class Leveling:
             return False
         if self._frames.is_fixed:
             self._imu.stop_measuring_up()
-        up = self._imu.up
+        up = self._imu.confirmed_up
         if up is None or up is self._last or self._frames.is_fixed:
             return False
         is_tracked = result.state is SlamState.TRACKING and result.T_map_camera is not None

@@ -25,6 +25,31 @@ def image_pose(k: int) -> FloatArray:
     return pose(k * 1e-9 * IMAGE_NS)
 
 
+def shaken_imu(
+    seed: int = 0,
+    config: ImuConfig | None = None,
+    distort: Callable[[FloatArray], FloatArray] | None = None,
+) -> ShakenImu:
+    """Return an IMU of which neither the mounting nor the offset nor the bias is told."""
+    bias = np.array([0.01, 0.0, -0.02])
+    return ShakenImu(
+        AXES, 0.02, bias, distort_force=distort, accelerometer=True, seed=seed, config=config
+    )
+
+
+def track(source: InertialMotion, shaken: ShakenImu, num_images: int, seed: int = 0) -> None:
+    """Let the source observe images from the start on, with noise."""
+    rng, before = np.random.default_rng(seed), image_pose(0)
+    for k in range(num_images):
+        shaken.sample((k + 1) * IMAGE_NS + NS_PER_S // 10)
+        noise = np.r_[rng.normal(0, POSE_NOISE_RAD, 3), rng.normal(0, POSE_NOISE_M, 3)]
+        now = image_pose(k + 1) @ se3.exp(noise)
+        source.start(START_NS + k * IMAGE_NS)
+        source.advance(START_NS + (k + 1) * IMAGE_NS)
+        source.observe(se3.inverse(before) @ now, np.zeros(6))
+        before = now
+
+
 def bridged(
     seed: int = 0,
     num_tracked: int = NUM_TRACKED,
@@ -33,20 +58,9 @@ def bridged(
     distort: Callable[[FloatArray], FloatArray] | None = None,
 ) -> BridgedMotion:
     """Return the motion over images that are lost, after tracked ones with noise."""
-    bias = np.array([0.01, 0.0, -0.02])
-    shaken = ShakenImu(
-        AXES, 0.02, bias, distort_force=distort, accelerometer=True, seed=seed, config=config
-    )  # fmt: skip
-    source, rng = InertialMotion(shaken.imu), np.random.default_rng(seed)
-    before = image_pose(0)
-    for k in range(num_tracked):
-        shaken.sample((k + 1) * IMAGE_NS + NS_PER_S // 10)
-        noise = np.r_[rng.normal(0, POSE_NOISE_RAD, 3), rng.normal(0, POSE_NOISE_M, 3)]
-        now = image_pose(k + 1) @ se3.exp(noise)
-        source.start(START_NS + k * IMAGE_NS)
-        source.advance(START_NS + (k + 1) * IMAGE_NS)
-        source.observe(se3.inverse(before) @ now, np.zeros(6))
-        before = now
+    shaken = shaken_imu(seed, config, distort)
+    source = InertialMotion(shaken.imu)
+    track(source, shaken, num_tracked, seed)
     shaken.sample((num_tracked + num_lost) * IMAGE_NS + NS_PER_S // 10)
     source.start(START_NS + num_tracked * IMAGE_NS)
     for k in range(num_lost):
@@ -139,3 +153,33 @@ def test_a_short_step_or_a_short_past_uses_the_last_velocity(
     given = bridged(0, num_tracked, num_lost)
     without = bridged(0, num_tracked, num_lost, OFF)
     np.testing.assert_array_equal(given.T_last_camera, without.T_last_camera)
+
+
+@pytest.mark.parametrize('config', [ImuConfig(), OFF], ids=['integrated', 'not integrated'])
+def test_an_accelerometer_that_agrees_with_the_tracked_motion_confirms_up(
+    config: ImuConfig,
+) -> None:
+    shaken = shaken_imu(config=config)
+    source = InertialMotion(shaken.imu)
+    track(source, shaken, 100)
+    assert shaken.imu.up is not None
+    assert shaken.imu.confirmed_up is shaken.imu.up
+    for agrees, confirmed in ((False, None), (None, shaken.imu.up), (True, shaken.imu.up)):
+        shaken.imu.judge_accelerometer(agrees=agrees)
+        assert shaken.imu.confirmed_up is confirmed
+
+
+@pytest.mark.slow
+def test_an_accelerometer_that_contradicts_the_tracked_motion_confirms_no_up() -> None:
+    """A bias of 4 m/s^2 tilts gravity by 20 degrees, and the fit alone does not notice it."""
+    bias_mps2 = np.array([4.0, 0.0, 0.0])
+    shaken = shaken_imu(distort=lambda forces: forces + bias_mps2)
+    track(InertialMotion(shaken.imu), shaken, 480)
+    assert shaken.imu.up is not None
+    assert np.rad2deg(shaken.imu.up.sigma_rad) < 1.0
+    assert shaken.imu.confirmed_up is None
+    (problem,) = [news.text for news in shaken.imu.take_news() if news.is_problem]
+    assert problem == (
+        'imu: the map is not made level, because the accelerometer does not agree with the '
+        'tracked motion; check its axes and stamps, or turn the camera more slowly'
+    )

@@ -12,6 +12,7 @@ squares. The tilt of g and a constant bias of the accelerometer thus hardly matt
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -78,7 +79,7 @@ class DeadReckoning:
         self._stamps_ns: deque[int] = deque()
         self._T_chain_camera: deque[FloatArray] = deque()
         # Stamp of the image from which the latest trials were made, and the RMS of their errors in
-        # standard deviations; None: there were too few trials.
+        # standard deviations; None: there were too few trials, inf: gravity contradicts one.
         self._tried: tuple[int, float | None] = (0, None)
 
     def add(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
@@ -108,9 +109,7 @@ class DeadReckoning:
         up = self._up()
         if up is None or self._stamps_ns[-1] != last_ns:
             return None
-        if self._tried[0] != last_ns:
-            self._tried = last_ns, self._trials(up)
-        error = self._tried[1]
+        error = self._error(up)
         if error is None or error > _MAX_ERROR:
             return None
         before = self._tracked().between(-_WINDOW_S)
@@ -127,6 +126,23 @@ class DeadReckoning:
             scale * float(found.speed_variances_m2ps2[0]),
         )
 
+    def agrees(self) -> bool | None:
+        """Return whether the accelerometer predicts the tracked positions of the last 3 s.
+
+        None is returned if it cannot be tried: after less than 2.3 s of tracking without
+        interruption, or if the IMU gives no forces or no direction of gravity.
+        """
+        up = self._up()
+        error = None if up is None else self._error(up)
+        return None if error is None else error <= _MAX_ERROR
+
+    def _error(self, up: _Up) -> float | None:
+        """Return the error of the trials from the last image, which are made once."""
+        last_ns = self._stamps_ns[-1]
+        if self._tried[0] != last_ns:
+            self._tried = last_ns, self._trials(up)
+        return self._tried[1]
+
     def _up(self) -> _Up | None:
         """Return the measured direction of gravity, turned into the frame of the last image."""
         up = self._imu.up
@@ -137,7 +153,10 @@ class DeadReckoning:
         return _Up(R @ up.up_camera, float(np.hypot(up.sigma_rad, _DRIFT_RAD)))
 
     def _trials(self, up: _Up) -> float | None:
-        """Return the RMS of the errors of trials in standard deviations; None: too few trials."""
+        """Return the RMS of the errors of trials in standard deviations; None: too few trials.
+
+        It is infinite if the positions before a trial contradict gravity.
+        """
         last_ns = self._stamps_ns[-1]
         forces = self._imu.forces(self._stamps_ns[0], last_ns, last_ns)
         if forces is None:
@@ -150,7 +169,7 @@ class DeadReckoning:
                 break
             found = _continued(forces, before, up, known.times_s)
             if found is None:
-                return None
+                return math.inf
             square_m2 = np.square(found.positions_m - known.positions_m).sum(axis=1)
             squares.append(np.mean(square_m2 / (3 * (found.variances_m2 + 2 * _LEAST_M**2))))
         return float(np.sqrt(np.mean(squares))) if len(squares) >= _MIN_TRIALS else None

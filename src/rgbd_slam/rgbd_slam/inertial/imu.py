@@ -28,8 +28,8 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 # is known; a comparison takes 5 to 15 ms.
 _FIRST_PERIOD_NS, _PERIOD_NS = NS_PER_S // 2, 2 * NS_PER_S
 # Chosen: with an accelerometer, the first period also lasts for this time after the first image,
-# because gravity is known after 1.5 s.
-_EARLY_NS = 2 * NS_PER_S
+# because gravity is known after 1.5 s, and can be confirmed after 2.3 s.
+_EARLY_NS = 3 * NS_PER_S
 _KNOWN_OFFSET_S = 0.005  # chosen: standard deviation; a hand turns by 0.5 degrees in 5 ms
 # Chosen: an estimated rotation between IMU and camera with a larger standard deviation is not used
 # to predict; the rotations between parallel axes differ by 90 degrees.
@@ -46,9 +46,18 @@ _CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of trackin
 _NOISE_RAD = 0.002
 _SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
 _MAX_UP_SIGMA_RAD = np.deg2rad(3.0)  # chosen: the limit of `Leveling`
+# Chosen: standard deviation above which gravity is not used before the accelerometer was tried. On
+# calm cameras it is 1.1 to 1.2 degrees after 1.5 s, and 2.0 to 4.4 with permuted axes.
+_UNTRIED_SIGMA_RAD = np.deg2rad(1.5)
 _FAULTS_OF_SAMPLES = GyroFault.STUCK, GyroFault.LATE  # the samples show their end as well
 _LEFT_OUT = 'imu: the gyro is left out: {}'
 _SATURATED = 'imu: it turns faster than the range of the gyro; such turns are left out'
+# Chosen: time without agreement after which it is reported that the map does not become level.
+_UNLEVEL_NS = 10 * NS_PER_S
+_CONTRADICTS = (
+    'imu: the map is not made level, because the accelerometer does not agree with the tracked '
+    'motion; check its axes and stamps, or turn the camera more slowly'
+)
 _STUCK_ACCELEROMETER = (
     'imu: the accelerometer is left out: its values do not change; restart its driver'
 )
@@ -95,10 +104,13 @@ class Imu:
         self._compared_ns: int | None = None  # stamp of the image of the last comparison
         self._begun_ns = 0  # stamp of the image at which the first period began
         self._is_mounting_known = False
-        self._levels = config.level  # whether gravity is needed to make the map level
         self._gravity_fit: GravityFit | None = None  # by the last comparison
+        # Whether the accelerometer agrees with the tracked motion; None = not tried.
+        self._agrees: bool | None = None
+        self._contradicted_ns: int | None = None  # stamp since which it does not; None = it does
         self._news: list[News] = []
         self._said: set[str] = set()
+        self.levels = config.level  # whether gravity is measured to make the map level
         self.fit: GyroFit | None = None  # by the last comparison in which there was no fault
         self.fault: GyroFault | None = None  # why the gyro is left out
         self.up: Up | None = None  # by the last comparison
@@ -120,7 +132,7 @@ class Imu:
         the first 2 s. A sensor that is switched off or has sent no sample is left out.
         """
         has_gyro = bool(self._config.gyro and len(self._gyro))
-        needs_up = self._levels or (has_gyro and self._config.integrate)
+        needs_up = self.levels or (has_gyro and self._config.integrate)
         has_accelerometer = bool(needs_up and len(self._accelerometer))
         if has_gyro:
             self._calibration.add(first_ns, second_ns, T_first_second[:3, :3])
@@ -142,7 +154,7 @@ class Imu:
         saturation is reported by `take_news`.
         """
         fit = self.fit
-        if fit is None or self.fault is not None or not self._is_mounting_known:
+        if fit is None or not self._is_gyro_confirmed:
             return None
         offset_ns = round(fit.offset_s * NS_PER_S)
         ends_ns = first_ns + offset_ns, second_ns + offset_ns
@@ -165,8 +177,8 @@ class Imu:
     def forces(self, first_ns: int, origin_ns: int, last_ns: int) -> ForceIntegral | None:
         """Return the integrals of the specific force between the stamps of two images.
 
-        None is returned if samples are missing, while the gyro has a `fault`, if the accelerometer
-        is switched off (`imu.integrate`), and unless gravity is known to 3 degrees (`up`).
+        None is returned if samples are missing, and unless the gyro is confirmed and gravity is
+        known to 3 degrees (`up`).
 
         Args:
             first_ns: Stamp of the first image.
@@ -176,7 +188,7 @@ class Imu:
         fit, gravity, up = self.fit, self._gravity_fit, self.up
         if fit is None or gravity is None or up is None or up.sigma_rad > _MAX_UP_SIGMA_RAD:
             return None
-        if self.fault is not None or not (self._config.integrate and self._is_mounting_known):
+        if not self._is_gyro_confirmed:
             return None
         offset_ns = round(fit.offset_s * NS_PER_S)
         return force_integral(
@@ -186,6 +198,41 @@ class Imu:
             gravity.R_camera_imu,
             (fit.bias_radps, gravity.R_camera_imu.T @ gravity.bias_mps2),
         )
+
+    def judge_accelerometer(self, *, agrees: bool | None) -> None:
+        """Note whether the accelerometer agrees with the tracked motion at the last comparison.
+
+        A map that does not become level for 10 s because of a contradiction is reported once.
+
+        Args:
+            agrees: Whether it does; None: it could not be tried.
+        """
+        self._agrees = agrees
+        if agrees is not False or self._compared_ns is None:
+            self._contradicted_ns = None
+            return
+        self._contradicted_ns = self._contradicted_ns or self._compared_ns
+        if self._compared_ns - self._contradicted_ns >= _UNLEVEL_NS:
+            self._say(_CONTRADICTS)
+
+    @property
+    def confirmed_up(self) -> Up | None:
+        """Return `up` if the map may be made level by it, else None.
+
+        Beside a confirmed gyro, the accelerometer must agree with the tracked motion
+        (`judge_accelerometer`). As long as that could not be tried, gravity must be known to 1.5
+        degrees. Without a gyro it cannot be tried, and `up` is returned.
+        """
+        up = self.up
+        if up is None or self._agrees or not self._is_gyro_confirmed:
+            return up
+        is_certain = up.sigma_rad < _UNTRIED_SIGMA_RAD
+        return up if self._agrees is None and is_certain else None
+
+    @property
+    def integrates(self) -> bool:
+        """Return whether the specific force may continue the position without images."""
+        return self._config.integrate
 
     @property
     def gives_prior(self) -> bool:
@@ -209,7 +256,7 @@ class Imu:
 
     def stop_measuring_up(self) -> None:
         """Measure gravity only to bridge losses from now on, because the map is level for good."""
-        self._levels = False
+        self.levels = False
 
     @property
     def problem(self) -> str:
@@ -220,6 +267,11 @@ class Imu:
         """Return the messages about the IMU since the last call, and remove them."""
         news, self._news = self._news, []
         return news
+
+    @property
+    def _is_gyro_confirmed(self) -> bool:
+        """Return whether the tracked motion has shown how the gyro is mounted, and no fault."""
+        return self.fit is not None and self.fault is None and self._is_mounting_known
 
     def _is_due(self, stamp_ns: int, *, has_accelerometer: bool) -> bool:
         """Return whether the next comparison with the tracked motion is due.
@@ -318,7 +370,7 @@ class Imu:
             return
         self._gravity.measure(self._accelerometer, round(self._offset_s * NS_PER_S))
         mounting, fit = self._mounting, self.fit
-        if fit is not None and self.fault is None and self._is_mounting_known:
+        if fit is not None and self._is_gyro_confirmed:
             is_given = mounting is not None and mounting.R_camera_imu is fit.R_camera_imu
             mounting = mounting if is_given else Mounting(fit.R_camera_imu)
         self._gravity_fit = found = self._gravity.fit(mounting)

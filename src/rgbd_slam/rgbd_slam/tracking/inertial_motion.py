@@ -81,6 +81,9 @@ class InertialMotion:
         self._variance_m2ps2 += weight * (float(mean_mps @ mean_mps) / 3 - self._variance_m2ps2)
         self._reckoning.add(self._start_ns, self._stamp_ns, T_last_camera)
         self._imu.observe(self._start_ns, self._stamp_ns, T_last_camera)
+        up = self._imu.up
+        if self._imu.levels and up is not None and up.stamp_ns == self._stamp_ns:
+            self._imu.judge_accelerometer(agrees=self._reckoning.agrees())
 
     def reset(self) -> None:
         """Do nothing: the velocity decays by itself, and the gyro measures on."""
@@ -167,11 +170,11 @@ class InertialMotion:
     def _reckon(self) -> Reckoned | None:
         """Return the position by the accelerometer; None: predict it by the last velocity.
 
-        None is returned for the first 0.1 s, if the accelerometer is missing or not confirmed, and
-        unless its position has a smaller variance.
+        None is returned for the first 0.1 s, if the accelerometer is missing, not confirmed or
+        switched off (`imu.integrate`), and unless its position has a smaller variance.
         """
         stamps_ns = self._start_ns, self._stamp_ns
-        if self._elapsed_s < _LEAST_RECKONED_S:
+        if self._elapsed_s < _LEAST_RECKONED_S or not self._imu.integrates:
             return None
         if stamps_ns != self._reckoned_ns:
             self._reckoned_ns = stamps_ns
