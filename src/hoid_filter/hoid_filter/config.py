@@ -103,9 +103,9 @@ class PlusConfig(Config):
     doubt_in_turns: bool = param(
         default=True,  # decision 050
         description='Whether hoid+ ignores every person with a score below 0.5 in this way while '
-        'the camera turns by more than 90 degrees per second, and then predicts no missed boxes: '
-        'detectors find people in blurred furniture, and boxes cross the image in few frames. It '
-        'has no effect without motion.enabled.',
+        'the camera turns by more than 0.5 rad/s, and then predicts no missed boxes: detectors '
+        'find people in blurred furniture, and boxes cross the image in few frames. It has no '
+        'effect without motion.enabled.',
         read_only=False,
     )
     remember: bool = param(
@@ -126,11 +126,12 @@ class PlusConfig(Config):
 
     # Chosen: a person is suspected to be a false detection at a score below `doubt_score` when its
     # box covers a larger share of the image than `doubt_area`, or when the camera turns faster
-    # than `doubt_turn_radps`: 90 degrees per second blur a VGA image by 8 px in 10 ms. The
-    # suspicion ends after `doubt_detections` detections in a row, or one that is not suspected.
+    # than `doubt_turn_radps`: 0.5 rad/s blur a VGA image by 8 px in 30 ms, the exposure time in a
+    # dim room (decision 050). The suspicion ends after `doubt_detections` detections in a row, or
+    # one that is not suspected.
     doubt_area: ClassVar[float] = 0.4
     doubt_score: ClassVar[float] = 0.5
-    doubt_turn_radps: ClassVar[float] = 1.57
+    doubt_turn_radps: ClassVar[float] = 0.5
     doubt_detections: ClassVar[int] = 4
     # Chosen: with `remember`, a handled object stays handled while a person at its depth covers
     # more of its box than `min_interaction_area` times this share.

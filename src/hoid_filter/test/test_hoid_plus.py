@@ -173,10 +173,10 @@ def test_a_large_person_is_confirmed_when_strong_or_tracked_or_the_switch_is_off
 @pytest.mark.parametrize(
     ('turn_radps', 'score', 'is_doubted', 'expected'),
     [
-        (2.0, 0.4, True, Reason.STATIC),
-        (1.0, 0.4, True, Reason.PERSON),
-        (2.0, 0.6, True, Reason.PERSON),
-        (2.0, 0.4, False, Reason.PERSON),
+        (1.0, 0.4, True, Reason.STATIC),
+        (0.3, 0.4, True, Reason.PERSON),
+        (1.0, 0.6, True, Reason.PERSON),
+        (1.0, 0.4, False, Reason.PERSON),
     ],
 )
 def test_a_weak_person_is_doubted_while_the_camera_turns_fast(
@@ -189,7 +189,7 @@ def test_a_weak_person_is_doubted_while_the_camera_turns_fast(
     assert verdict.objects.reasons == (expected,)
 
 
-@pytest.mark.parametrize(('turn_radps', 'expected'), [(1.0, (Reason.PREDICTED,)), (2.0, ())])
+@pytest.mark.parametrize(('turn_radps', 'expected'), [(0.3, (Reason.PREDICTED,)), (1.0, ())])
 def test_a_missed_person_is_not_predicted_while_the_camera_turns_fast(
     turn_radps: float, expected: tuple[Reason, ...]
 ) -> None:
