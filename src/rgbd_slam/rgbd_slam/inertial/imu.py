@@ -129,7 +129,7 @@ class Imu:
 
         Every 0.5 s, or every 2 s once the time offset is known, the motion is compared with the
         samples, which updates `fit`, `fault` and `up`. With an accelerometer, it stays 0.5 s for
-        the first 2 s. A sensor that is switched off or has sent no sample is left out.
+        the first 3 s. A sensor that is switched off or has sent no sample is left out.
         """
         has_gyro = bool(self._config.gyro and len(self._gyro))
         needs_up = self.levels or (has_gyro and self._config.integrate)
