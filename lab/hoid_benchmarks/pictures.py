@@ -81,7 +81,7 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def pictures_command(args: argparse.Namespace) -> None:
-    """Write pictures of the verdicts on images, or with `--objects` one of the object map.
+    """Write images with the filter's boxes and features, or, with `--objects`, the object map.
 
     Raises:
         HoidError: The recording, the detector, a frame number or the folder is invalid.

@@ -144,8 +144,8 @@ class Voxels(NamedTuple):
     keys: NDArray[np.int64]  # (N,) ascending, see `voxel_keys`
     means_m: NDArray[np.float64]  # (N, 3) means of the points measured in each voxel
     readings: NDArray[np.float32]  # (N,) numbers of these points
-    hits: NDArray[np.float32]  # (N,) numbers of looks that measured the object in the voxel
-    misses: NDArray[np.float32]  # (N,) of looks that showed that the voxel is not of the object
+    hits: NDArray[np.float32]  # (N,) numbers of images that measured the object in the voxel
+    misses: NDArray[np.float32]  # (N,) numbers of images that showed that it is not there
 
 
 class SeenVoxels(NamedTuple):

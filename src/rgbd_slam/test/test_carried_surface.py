@@ -1,4 +1,4 @@
-"""An object in the dense map while a person carries it, and after it was put down."""
+"""Voxels of the dense map where an object is carried away, and where it is put down."""
 
 from __future__ import annotations
 

@@ -57,7 +57,10 @@ def bridged(
     config: ImuConfig | None = None,
     distort: Callable[[FloatArray], FloatArray] | None = None,
 ) -> BridgedMotion:
-    """Return the motion over images that are lost, after tracked ones with noise."""
+    """Return the predicted motion over `num_lost` images that are not tracked.
+
+    Before them, `num_tracked` images are tracked with noise.
+    """
     shaken = shaken_imu(seed, config, distort)
     source = InertialMotion(shaken.imu)
     track(source, shaken, num_tracked, seed)
@@ -171,7 +174,10 @@ def test_an_accelerometer_that_agrees_with_the_tracked_motion_confirms_up(
 
 @pytest.mark.slow
 def test_an_accelerometer_that_contradicts_the_tracked_motion_confirms_no_up() -> None:
-    """A bias of 4 m/s^2 tilts gravity by 20 degrees, and the fit alone does not notice it."""
+    """A bias of 4 m/s^2 turns the measured direction of gravity by about 20 degrees.
+
+    The standard deviation of the fit stays below 1 degree, as if there were no fault.
+    """
     bias_mps2 = np.array([4.0, 0.0, 0.0])
     shaken = shaken_imu(distort=lambda forces: forces + bias_mps2)
     track(InertialMotion(shaken.imu), shaken, 480)

@@ -23,7 +23,7 @@ HOID_RESULT(Voxels);
 using Matrix = Array<double, 4, 4>;
 using Corner = Array<double, 3>;
 using BoxTuple = std::tuple<int, int, int, int>;
-// Keys, means, readings, hits and misses (see `hoid_native.results.Voxels`).
+// The five arrays of `hoid_native.results.Voxels`, in the same order.
 using VoxelTuple =
   std::tuple<Vector<int64_t>, Points, Vector<float>, Vector<float>, Vector<float>>;
 

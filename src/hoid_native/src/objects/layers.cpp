@@ -12,21 +12,23 @@ namespace {
 
 // None of these numbers was tuned where no other source is named.
 
-// A layer is a range of depth that is at least 4 bins thick. The object begins at the nearest layer
-// that has at least 0.6 times the readings of the fullest one (as in `object_sighting`).
+// The depths in a box are counted in a histogram with bins of 5 cm. A layer is a range of at least
+// 4 bins. The object begins at the nearest layer with at least 0.6 times as many pixels as the
+// layer with the most (as in `object_sighting`).
 constexpr double kBinM = 0.05;
 constexpr int kLayerBins = 4;
 constexpr double kNearerShare = 0.6;
 constexpr double kLayerShare = 0.3;  // thickness of the layer of a large object: share of its size
-// An object ends at an empty range of depth of this length: share of the size of its box, at most
-// so many meters.
+// An object ends at a gap in depth of this length: a share of the size of its box, or this many
+// meters if that is less.
 constexpr double kGapShare = 0.3, kGapM = 0.25;
-constexpr double kEmptyShare = 0.02;  // of the box's readings; an empty bin has no more than this
-// Largest extent of an object along the view: share of the size of its box, at least so many
-// meters.
+constexpr double kEmptyShare = 0.02;  // a bin with a smaller share of the box's pixels is empty
+// Largest extent of an object along the viewing direction: a share of the size of its box, or this
+// many meters if that is more.
 constexpr double kMaxDepthShare = 0.9, kMinDepthM = 0.2;
 
-// Return the first bin with readings in the nearest layer that is filled well.
+// Return the index of the bin of depth where the object begins: the first one with pixels in the
+// nearest layer with at least `kNearerShare` times as many pixels as the layer with the most.
 int first_bin(const std::vector<int>& count, int thick)
 {
   const auto num = static_cast<int>(count.size());
@@ -74,7 +76,7 @@ Pixels nearest_part(const DepthPoints& image, const Pixels& pixels, int side_px)
   }
   const int first = first_bin(count, thick);
   const double least = std::max(1.0, kEmptyShare * static_cast<double>(pixels.size()));
-  // The object ends before the first `gap` bins that are empty, beyond the first layer.
+  // Behind the first layer, the object ends where `gap` successive bins are empty.
   int end = first, num_empty = 0;
   for (int bin = first; bin < num_bins && num_empty < gap; ++bin) {
     const bool is_filled = bin < first + thick || count[bin] > least;
@@ -84,7 +86,7 @@ Pixels nearest_part(const DepthPoints& image, const Pixels& pixels, int side_px)
   end = std::min(end, first + most);
   Pixels out;
   for (std::size_t n = 0; n < pixels.size(); ++n) {
-    // One bin before the layer: its first readings are noise of the same surface.
+    // One bin before the layer belongs to the object: depth noise spreads its surface into it.
     if (bins[n] >= first - 1 && bins[n] < end) {
       out.push_back(pixels[n]);
     }

@@ -1,4 +1,4 @@
-// The nearest part of what a box of a depth image shows.
+// Separates the object in a bounding box from the background behind it, by depth.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,9 @@ namespace hoid::objects {
 
 using Pixels = std::vector<int64_t>;
 
-// Return the pixels of the nearest well-filled layer of depth, and behind it up to a gap in depth.
-// `side_px` is the longer side of the box.
+// Return those of the given pixels that show the object: its surface begins at the nearest range
+// of depth with many pixels, and ends behind it at the first gap in depth.
+// `pixels` are the pixels of the box that have a depth, `side_px` is the longer side of the box.
 Pixels nearest_part(const DepthPoints& image, const Pixels& pixels, int side_px);
 
 }  // namespace hoid::objects

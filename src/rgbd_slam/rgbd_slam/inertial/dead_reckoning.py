@@ -127,7 +127,7 @@ class DeadReckoning:
         )
 
     def agrees(self) -> bool | None:
-        """Return whether the accelerometer predicts the tracked positions of the last 3 s.
+        """Return whether dead reckoning by the accelerometer agrees with the last 3 s of tracking.
 
         None is returned if it cannot be tried: after less than 2.3 s of tracking without
         interruption, or if the IMU gives no forces or no direction of gravity.
@@ -137,7 +137,7 @@ class DeadReckoning:
         return None if error is None else error <= _MAX_ERROR
 
     def _error(self, up: _Up) -> float | None:
-        """Return the error of the trials from the last image, which are made once."""
+        """Return the result of `_trials` at the last image, which is computed once per image."""
         last_ns = self._stamps_ns[-1]
         if self._tried[0] != last_ns:
             self._tried = last_ns, self._trials(up)

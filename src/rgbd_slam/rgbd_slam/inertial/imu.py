@@ -46,8 +46,9 @@ _CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of trackin
 _NOISE_RAD = 0.002
 _SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
 _MAX_UP_SIGMA_RAD = np.deg2rad(3.0)  # chosen: the limit of `Leveling`
-# Chosen: standard deviation above which gravity is not used before the accelerometer was tried. On
-# calm cameras it is 1.1 to 1.2 degrees after 1.5 s, and 2.0 to 4.4 with permuted axes.
+# Chosen: before the accelerometer has been compared with the tracked motion, the map is made level
+# only if the standard deviation of the direction of gravity is below this. On calm cameras it is
+# 1.1 to 1.2 degrees after 1.5 s, and 2.0 to 4.4 if the axes of the accelerometer are permuted.
 _UNTRIED_SIGMA_RAD = np.deg2rad(1.5)
 _FAULTS_OF_SAMPLES = GyroFault.STUCK, GyroFault.LATE  # the samples show their end as well
 _LEFT_OUT = 'imu: the gyro is left out: {}'
@@ -200,7 +201,7 @@ class Imu:
         )
 
     def judge_accelerometer(self, *, agrees: bool | None) -> None:
-        """Note whether the accelerometer agrees with the tracked motion at the last comparison.
+        """Store whether the accelerometer agrees with the tracked motion.
 
         A map that does not become level for 10 s because of a contradiction is reported once.
 
@@ -231,7 +232,7 @@ class Imu:
 
     @property
     def integrates(self) -> bool:
-        """Return whether the specific force may continue the position without images."""
+        """Return whether the accelerometer may predict the position while images fail."""
         return self._config.integrate
 
     @property
