@@ -4,7 +4,7 @@ NAME = 'hoid_bags'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='TUM folders and rendered scenes to MCAP bags; info, play and record',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',

@@ -4,7 +4,7 @@ NAME = 'hoid_system_tests'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='Topic-level, replay and fault tests of the HOID suite',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',

@@ -15,7 +15,7 @@ from hoid_common.camera_topics import CAMERA_TOPICS
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     [
-        ROOT / 'README.md',
+        *ROOT.glob('*.md'),
         *ROOT.glob('docs/**/*.md'),
         *ROOT.glob('src/*/README.md'),
         *ROOT.glob('lab/**/README.md'),
@@ -28,12 +28,22 @@ def test_readme_has_at_most_6000_characters() -> None:
     assert len((ROOT / 'README.md').read_text()) <= MOST_README_CHARACTERS
 
 
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub and MkDocs make them."""
+    headings = re.findall(r'^#+ (.+)$', page.read_text(), re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_link_targets_exist(page: Path) -> None:
     text = re.sub(r'```.*?```', '', page.read_text(), flags=re.DOTALL)
     for target in re.findall(r'\]\(([^)\s]+)\)', text):
-        if not target.startswith(('http://', 'https://', '#')):
-            assert (page.parent / target.partition('#')[0]).exists(), target
+        if target.startswith(('http://', 'https://')):
+            continue
+        name, _, anchor = target.partition('#')
+        path = page.parent / name if name else page
+        assert path.exists(), target
+        assert not anchor or path.suffix != '.md' or anchor in anchors(path), target
 
 
 def test_every_field_of_the_summary_is_documented() -> None:

@@ -47,7 +47,9 @@ def test_citation_and_changelog_name_the_version_and_the_paper() -> None:
     citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
     assert citation['version'] == VERSION
     assert citation['references'][0]['doi'] == '10.1177/17298806241279782'
-    assert f'## {VERSION}' in (ROOT / 'CHANGELOG.md').read_text()
+    released = f'## {VERSION} - {citation["date-released"]}\n'
+    assert released in (ROOT / 'CHANGELOG.md').read_text()
+    assert citation['title'].startswith('HOID RGB-D SLAM')
 
 
 def test_the_devcontainer_and_the_image_use_the_same_ros() -> None:

@@ -6,7 +6,7 @@ NAME = 'hoid_bringup'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='Command line, offline pipeline, live replay, evaluation and launch files',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',

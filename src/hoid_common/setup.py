@@ -6,7 +6,7 @@ NAME = 'hoid_common'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='What the HOID packages share: values, geometry, configuration, ROS seam',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',

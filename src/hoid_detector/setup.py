@@ -6,7 +6,7 @@ NAME = 'hoid_detector'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='People and objects in color images: YOLO family, RT-DETR or DETR as ONNX',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',

@@ -6,7 +6,7 @@ NAME = 'hoid_filter'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='Removes image features on people, handled objects and other moving objects',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',

@@ -6,7 +6,7 @@ NAME = 'rgbd_slam'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='RGB-D SLAM: pose, odometry, sparse and dense map, navigation grid',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',
