@@ -22,14 +22,14 @@ FOLDERS = {path.parent.name: path.parent for path in INIT_FILES}
 # Layers from the lowest up; a member may import members of lower layers only. First the packages:
 # the last two layers are the laboratory, which no robot installs.
 PACKAGES = """
-    hoid_common hoid_native < hoid_detector hoid_filter rgbd_slam hoid_bags
+    hoid_common hoid_native < hoid_detector hoid_filter hoid_scene hoid_bags < rgbd_slam
     < hoid_bringup < hoid_synth < hoid_training hoid_benchmarks
 """
 # Then the folders of each package, with the modules at its root.
 LAYERS = {
     'hoid_common': """
-        errors log_throttle topics slam_status < camera_topics config values < se3 process sync
-        < inputs pose_buffer io static_frames < ros
+        errors log_throttle topics slam_status < camera_topics config values
+        < se3 process sync < inputs io poses < ros
     """,
     'hoid_detector': """
         drawing expected_objects newest_wins quarter_turn < model < config < onnx_detector < node
@@ -39,9 +39,13 @@ LAYERS = {
         < node_config < strategies masked_images < feature_filter < live_interfaces < live_filter
         < ros < node
     """,
+    'hoid_scene': """
+        config scene_scheduler < dense < grid < tracks < objects < export navigation_masks
+        scene_ledger < scene_mapper
+    """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping
-        < loops < dense < scene < map_io < mapper map_joining saved_objects < processes
+        < loops < map_io < mapper map_joining saved_objects < processes
         < slam_map statistics < robot_frames slam late_verdicts < leveling robot_map < session
         < ros < node
     """,

@@ -14,8 +14,9 @@ from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
 from hoid_common import se3
-from hoid_common.pose_buffer import PoseBuffer
+from hoid_common.poses.pose_buffer import PoseBuffer
 from hoid_common.ros import conversions, qos
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import NS_PER_S, Features, FloatArray
 from hoid_system_tests.frame_tree import OPTICAL, edges
 from hoid_system_tests.point_world import CAMERA, PointWorld
@@ -28,7 +29,7 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam.robot_frames import T_BODY_OPTICAL, flattened
+from rgbd_slam.robot_frames import flattened
 
 IMAGES = 12
 T_BASE_CAMERA = se3.exp(np.array([0, 0, 0, 0.2, 0.0, 1.0])) @ T_BODY_OPTICAL

@@ -11,12 +11,12 @@ from rcl_interfaces.msg import Log
 
 from hoid_common import se3
 from hoid_common.ros import conversions
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 AWAY = se3.exp(np.array([0.0, 0.0, 0.1, 0.3, 0.0, 0.0]))  # along x, forward, turned left
 

@@ -12,6 +12,7 @@ from hoid_msgs.msg import SlamStatus
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.ros import conversions
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
 from hoid_system_tests.bent_ring import BentRing
 from hoid_system_tests.frame_tree import OPTICAL
@@ -24,7 +25,6 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 

@@ -22,6 +22,7 @@ from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import se3
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.ros import conversions
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
@@ -35,7 +36,6 @@ from hoid_system_tests.slam_peer import (
     features_msg,
 )
 from rgbd_slam.map_io import map_file
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 pytestmark = pytest.mark.thorough
 

@@ -10,6 +10,7 @@ from hoid_msgs.msg import SlamStatus
 
 from hoid_common import se3
 from hoid_common.ros import conversions
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_synth.acting.stage import set_stage
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
@@ -18,7 +19,6 @@ from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
 from rgbd_slam.map_io import map_file
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 

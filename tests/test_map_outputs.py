@@ -13,12 +13,13 @@ from visualization_msgs.msg import MarkerArray
 
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import Features, FloatArray
 from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.slam_peer import PERIOD_NS, START_NS
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.robot_frames import T_BODY_OPTICAL, RobotFrames
+from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros import map_outputs
 from rgbd_slam.ros.map_outputs import MapOutputs
 from rgbd_slam.session import SlamSession

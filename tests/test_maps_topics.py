@@ -33,6 +33,7 @@ from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
 from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import people_centers
@@ -42,7 +43,6 @@ from hoid_system_tests.rendered_room import Messages, recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
 from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
 from rgbd_slam.map_io import map_file
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 from rgbd_slam.saved_objects import saved_objects
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]

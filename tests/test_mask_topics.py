@@ -12,13 +12,13 @@ from people_msgs.msg import People
 from tf2_msgs.msg import TFMessage
 
 from hoid_common.ros import conversions, qos
+from hoid_common.se3 import T_BODY_OPTICAL
+from hoid_scene.config.navigation_config import NavigationConfig
 from hoid_synth.config import SceneConfig
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
-from rgbd_slam.config.navigation_config import NavigationConfig
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 

@@ -34,10 +34,10 @@ from vision_msgs.msg import (
 
 from hoid_common import se3, topics
 from hoid_common.ros import conversions, qos
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import NS_PER_S, Detections, FloatArray
 from hoid_system_tests.filter_peer import DEPTH_M, HEIGHT, PERSON, WIDTH, FilterRunner, num_inside
 from hoid_system_tests.probe import Probe
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 EXAMPLES = Path(__file__).parents[1] / 'examples'
 LIMIT_S = 30

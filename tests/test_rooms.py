@@ -18,17 +18,17 @@ from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory, Tracks
 from hoid_benchmarks.rooms.room_scores import score
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame, Trajectory
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.grid.grid import Grid
+from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
-from rgbd_slam.dense.voxel_map import ColoredCloud
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.grid import Grid
-from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
-from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
-from rgbd_slam.scene.scene_scheduler import SceneRequest
 from rgbd_slam.statistics import SlamStats
 
 pytestmark = pytest.mark.thorough

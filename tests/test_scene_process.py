@@ -14,13 +14,14 @@ from hoid_msgs.msg import SlamStatus
 from tf2_msgs.msg import TFMessage
 
 from hoid_common.ros import conversions, qos
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
-from rgbd_slam.robot_frames import T_BODY_OPTICAL, camera_mount
+from rgbd_slam.robot_frames import camera_mount
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 

@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 from hoid_common import se3
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.ros import conversions, qos
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL, edges
 from hoid_system_tests.point_world import PointWorld, pose_after
@@ -31,7 +32,6 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 
 def camera_at(i: int) -> FloatArray:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray, RgbdFrame
-from rgbd_slam.scene.objects.mapped_object import MapObject
+from hoid_scene.objects.mapped_object import MapObject
 
 _SIZE_IN, _DPI, _QUALITY = (13.0, 5.4), 100, 88
 _CLOUD = '#8fa3b8'

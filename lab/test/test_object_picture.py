@@ -10,10 +10,10 @@ import pytest
 
 from hoid_benchmarks.object_picture import draw_objects, object_rows, object_table
 from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, FloatArray, RgbdFrame, Trajectory
-from rgbd_slam.dense.voxel_map import ColoredCloud
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.objects.mapped_object import MapObject, PlaceState
 from rgbd_slam.statistics import SlamStats
 
 CAMERA = CameraModel(320, 240, 250.0, 250.0, 160.0, 120.0)

@@ -10,12 +10,12 @@ from hoid_msgs.msg import SlamStatus
 
 from hoid_common import se3
 from hoid_common.ros import conversions
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
 from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 _WRITTEN_S = 20.0
 

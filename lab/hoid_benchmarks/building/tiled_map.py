@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_benchmarks.building.world.landmarks import DESCRIPTOR_BYTES
+from hoid_common.io.records import Array
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.map_state import NONE, MapState
-from rgbd_slam.records.record import Array
 
 _APART_M = 400.0
 BASE_KEYFRAMES = 100  # number of keyframes of the map that the benchmarks repeat

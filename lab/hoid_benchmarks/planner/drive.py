@@ -15,10 +15,10 @@ from hoid_benchmarks.planner.costmap import (
     step_down,
 )
 from hoid_common.values import NS_PER_S, PERSON, BoolArray, FloatArray
+from hoid_scene.config.navigation_config import NavigationConfig
+from hoid_scene.navigation_masks import CLOSED, Mask, NavigationMasks
+from hoid_scene.tracks.object_track import ObjectState, TrackedObject
 from hoid_synth.acting.stage import Stage
-from rgbd_slam.config.navigation_config import NavigationConfig
-from rgbd_slam.scene.navigation_masks import CLOSED, Mask, NavigationMasks
-from rgbd_slam.scene.object_track import ObjectState, TrackedObject
 
 PERSON_RADIUS_M = 0.25  # chosen: half the width of a person
 INTRUSION_M = 0.45  # a smaller gap is in the intimate zone (Hall, The Hidden Dimension, 1966)

@@ -11,10 +11,10 @@ from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.rooms.room_run import ObjectHistory
 from hoid_common import se3
 from hoid_common.values import Detections, FloatArray
+from hoid_scene.objects.mapped_object import MapObject, PlaceState
 from hoid_synth.acting.acting import ObjectTrack
 from hoid_synth.room.world import PlacedProp
 from hoid_synth.room_truth import RoomTruth
-from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
 
 # Chosen: a carry is evaluated if the object was shown for this long before and after it, with a
 # box of at least so many pixels at VGA, and nearer than this. The time after it is that after

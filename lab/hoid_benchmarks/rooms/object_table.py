@@ -15,7 +15,7 @@ from hoid_benchmarks.rooms.object_scores import (
 from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_common.values import FloatArray
-from rgbd_slam.scene.object_track import SETTLED
+from hoid_scene.tracks.object_track import SETTLED
 
 HEADER = (
     'room', 'objects of', 'recall', 'precision', 'class right', 'doubles per object',

@@ -10,9 +10,9 @@ import numpy as np
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.values import DynamicObject, Float32Array, FloatArray, RgbdFrame
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest
 from hoid_synth.room_truth import RoomTruth
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 _STAY_FRAMES, _AFTER_FRAMES = 90, 60  # 3 s and 2 s
 _RADIUS_M, _HEIGHT_M = 0.2, 1.75

@@ -16,14 +16,14 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import DynamicObject, RgbdFrame, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
-from rgbd_slam.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.grid.grid import Grid
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
+from hoid_scene.tracks.object_tracker import TrackedObject
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.grid import Grid
-from rgbd_slam.scene.object_tracker import TrackedObject
-from rgbd_slam.scene.objects.mapped_object import MapObject
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
 from rgbd_slam.session import SlamSession
 from rgbd_slam.statistics import SlamStats
 

@@ -10,9 +10,9 @@ from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.rooms.room_run import MappedRoom, Tracks
 from hoid_common import se3
 from hoid_common.values import FloatArray
+from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
-from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 
 _NEAR_M = 0.03
 _SETTLED_FRAMES = 60  # an object is evaluated if put down this long before the end

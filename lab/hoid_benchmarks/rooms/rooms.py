@@ -33,9 +33,9 @@ from hoid_benchmarks.rooms.visits.second_visit import first_name, map_visits, tr
 from hoid_bringup.run.provenance import machine
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
 
 ROOMS = ('synth-1', 'synth-2')
 _STRATEGIES = ('hoid+', 'hoid2d', 'none')

@@ -32,6 +32,7 @@ _SECTIONS = {  # titles by package
     'hoid_bags': 'Commands that read or write recordings, such as `info`, `play` and `run`',
     'hoid_detector': '`hoid_detector`, and commands that run a detector',
     'hoid_filter': '`hoid_filter`, and commands that filter',
+    'hoid_scene': 'dense map, grid, people and objects',
     'rgbd_slam': '`rgbd_slam`, and the commands `run`, `replay` and `map`',
     'hoid_bringup': 'The commands',
 }

@@ -23,6 +23,12 @@ _SMALL_ANGLE_RAD = 1e-4
 _MIN_HALF_ANGLE_SINE = 1e-12
 _XYZ = np.arange(3)
 
+T_BODY_OPTICAL: FloatArray = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
+"""Transform (4, 4) from optical axes (x right, y down, z forward) to body axes (x forward, y left,
+z up) with the same origin, REP 103."""
+
 
 def hat(w: FloatArray) -> FloatArray:
     """Return the skew-symmetric matrices W (..., 3, 3) of vectors w: W @ x = cross(w, x)."""

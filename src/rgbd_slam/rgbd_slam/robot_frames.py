@@ -14,14 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import NS_PER_S, FloatArray, Trajectory
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-
-T_BODY_OPTICAL: FloatArray = np.array(
-    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-)
-"""Transform (4, 4) from optical axes (x right, y down, z forward) to body axes (x forward, y left,
-z up) with the same origin, REP 103."""
 
 # Covariance of an unknown velocity. Chosen: standard deviations of half a turn per second and
 # 10 m/s, more than any hand-held camera or indoor robot moves.

@@ -9,6 +9,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.values import (
     BoolArray,
     CameraModel,
@@ -20,7 +21,6 @@ from hoid_common.values import (
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_file import MapFile, check_extendable
-from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.model.trajectory import current_pass, keyframe_poses, main_map
 from rgbd_slam.processes.map_loading import MapLoading

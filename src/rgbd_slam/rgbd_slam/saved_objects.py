@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.dense.submap_state import SubmapState
-from rgbd_slam.dense.voxel_map import VoxelMap
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.dense.voxel_map import VoxelMap
+from hoid_scene.grid.floor import Floor, find_floor
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.objects.object_map import ObjectMap
 from rgbd_slam.map_io.map_file import MapFile
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.scene.floor import Floor, find_floor
-from rgbd_slam.scene.objects.mapped_object import MapObject
-from rgbd_slam.scene.objects.object_map import ObjectMap
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FLOOR_POINTS = 50_000  # chosen: as many as the scene mapper uses

@@ -13,6 +13,7 @@ import numpy as np
 from hoid_common.errors import ConfigError
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import CameraModel, Features, FeatureVerdicts, FloatArray
+from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.late_verdicts import LateVerdicts
@@ -20,7 +21,6 @@ from rgbd_slam.leveling import Leveling
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
 from rgbd_slam.robot_map import RobotMap
-from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import status_message
 from rgbd_slam.tracking.image_stream import DroppedFrameCounter

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common import se3
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.dense.depth_view import Surface
-from rgbd_slam.dense.submap import Evidence, Submap
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.depth_view import Surface
+from hoid_scene.dense.submap import Evidence, Submap
 from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.model.map_state import snapshot

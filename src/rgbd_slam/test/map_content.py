@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common import se3
-from rgbd_slam.dense.dense_state import DenseState
-from rgbd_slam.dense.depth_view import DepthView
-from rgbd_slam.dense.stored_view import StoredView
+from hoid_scene.dense.dense_state import DenseState
+from hoid_scene.dense.depth_view import DepthView
+from hoid_scene.dense.stored_view import StoredView
+from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import MapState, snapshot
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 from .object_world import Box, ObjectWorld
 from .ring_world import MODEL, RingWorld, mapped, ring_poses

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatArray, Reason
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.object_tracker import TrackedObject
-from rgbd_slam.scene.objects.mapped_object import MapObject
-from rgbd_slam.scene.objects.object_map import ObjectMap
-from rgbd_slam.scene.scene_scheduler import SceneRequest
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.objects.object_map import ObjectMap
+from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.tracks.object_tracker import TrackedObject
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 LOOK_NS = 500_000_000

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import Float32Array, Reason
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.config.object_config import ObjectTrackerConfig
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneRequest
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest
 
 from .object_world import CAMERA, Box, keyframes, rendered
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import MapFileError
-from rgbd_slam.dense.submap_export import SubmapExports
-from rgbd_slam.dense.submap_state import SubmapState
+from hoid_scene.dense.submap_export import SubmapExports
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io import checkpoint, map_parts
 from rgbd_slam.map_io.map_parts import KeyframeCopy
 from rgbd_slam.model.map_state import snapshot
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 from .checkpoint_robot import (
     CHANGES,

@@ -9,15 +9,14 @@ import yaml
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError, InputError
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, FloatArray
-from rgbd_slam.config.dense_config import DenseConfig, GridConfig
-from rgbd_slam.config.object_config import ObjectTrackerConfig
-from rgbd_slam.dense.voxel_map import ColoredCloud
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.ros.scene.steady_grid import SteadyGrid
-from rgbd_slam.scene.floor import find_floor
-from rgbd_slam.scene.grid import (
+from hoid_scene.config.dense_config import DenseConfig, GridConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.grid.floor import find_floor
+from hoid_scene.grid.grid import (
     FREE,
     OCCUPIED,
     UNKNOWN,
@@ -27,8 +26,9 @@ from rgbd_slam.scene.grid import (
     compose_grid,
     write_map_server,
 )
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneRequest
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest
+from rgbd_slam.ros.scene.steady_grid import SteadyGrid
 
 ALL_FREE = 0xFFFF
 NO_CELLS = SubmapCells(np.empty((0, 2), np.int64), np.empty(0, np.uint8), np.empty(0, np.uint16))

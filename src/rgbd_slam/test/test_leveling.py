@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.slam_status import SlamState
 from hoid_common.values import FloatArray
 from rgbd_slam.leveling import Leveling
-from rgbd_slam.robot_frames import T_BODY_OPTICAL, RobotFrames, camera_mount
+from rgbd_slam.robot_frames import RobotFrames, camera_mount
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
 from .shaken_imu import START_NS, UP_WORLD, ShakenImu, pose

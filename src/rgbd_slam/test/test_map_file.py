@@ -11,7 +11,7 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import MapFileError
-from rgbd_slam.dense.dense_state import DenseState
+from hoid_scene.dense.dense_state import DenseState
 from rgbd_slam.map_io import archive, map_file
 from rgbd_slam.map_io.map_directory import remove_abandoned
 from rgbd_slam.model.map_state import restore, snapshot

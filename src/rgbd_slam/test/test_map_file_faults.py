@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import MapFileError
-from rgbd_slam.dense.dense_state import DenseState
+from hoid_scene.dense.dense_state import DenseState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.model.map_state import MapState, snapshot
 

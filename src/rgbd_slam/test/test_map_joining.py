@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.values import Float32Array, FloatArray
-from rgbd_slam.config.dense_config import DenseConfig
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.dense.voxel_map import PosedView, VoxelMap
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.dense.submap_state import SubmapState
-from rgbd_slam.dense.voxel_map import PosedView, VoxelMap
 from rgbd_slam.loops.loop_closer import LoopEvent
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_joining import join_maps
-from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.slam import RgbdSlam
 

@@ -8,15 +8,15 @@ from std_msgs.msg import Header
 
 from hoid_common.errors import ConfigError
 from hoid_common.values import NS_PER_S, FloatArray
-from rgbd_slam.config.navigation_config import NavigationConfig
+from hoid_scene.config.navigation_config import NavigationConfig
+from hoid_scene.navigation_masks import Mask, NavigationMasks
+from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.scene.navigation.mask_messages import (
     FilterType,
     filter_info_to_msg,
     mask_to_msg,
 )
-from rgbd_slam.scene.navigation_masks import Mask, NavigationMasks
-from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
 
 CONFIG = NavigationConfig(enabled=True, horizon_s=2.0, margin_m=0.4)
 FAR = np.eye(4)

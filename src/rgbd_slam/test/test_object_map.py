@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hoid_common.values import DynamicObject, FloatArray, Reason
-from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
-from rgbd_slam.scene.objects.association import are_inside_each_other
-from rgbd_slam.scene.objects.mapped_object import MapObject, MappedObject, PlaceState
-from rgbd_slam.scene.objects.place import Anchor, Place
-from rgbd_slam.scene.objects.segmentation import Segment
+from hoid_scene.objects.association import are_inside_each_other
+from hoid_scene.objects.mapped_object import MapObject, MappedObject, PlaceState
+from hoid_scene.objects.place import Anchor, Place
+from hoid_scene.objects.segmentation import Segment
+from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
 
 from .object_world import LOOK_NS, Box, ObjectWorld, keyframes
 

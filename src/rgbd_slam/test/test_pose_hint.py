@@ -7,6 +7,7 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import FloatArray
 from rgbd_slam.config.place_config import PlaceConfig
@@ -14,7 +15,7 @@ from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.places.place_finder import FoundPlace, PlaceFinder
 from rgbd_slam.places.pose_hint import PoseHint
-from rgbd_slam.robot_frames import T_BODY_OPTICAL, RobotFrames
+from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
 
 from .ring_world import CAMERA as RING_CAMERA

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from hoid_common.slam_status import SlamState
+from hoid_scene.scene_scheduler import SceneScheduler
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.scene_scheduler import SceneScheduler
 from rgbd_slam.session import SlamSession
 
 from .world import CAMERA, PERIOD_NS, World, sway

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common import se3
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
-from rgbd_slam.robot_frames import T_BODY_OPTICAL, RobotFrames, camera_mount
+from rgbd_slam.robot_frames import RobotFrames, camera_mount
 
 S = 10**9
 TILT = se3.exp(np.array([0.0, np.deg2rad(20), 0, 0, 0, 0]))  # nose down

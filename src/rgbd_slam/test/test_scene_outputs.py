@@ -11,14 +11,18 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header, UInt32
 
 from hoid_common.inputs.input_config import InputConfig
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import cloud_from_msg, header_to_msg
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, DynamicObject, Reason
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.config.object_config import ObjectTrackerConfig
-from rgbd_slam.config.object_map_config import ObjectMapConfig
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
 from rgbd_slam.ros.scene import outputs
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
 from rgbd_slam.ros.scene.object_map_messages import (
@@ -32,10 +36,6 @@ from rgbd_slam.ros.scene.outputs import (
     OutputTopic,
     SceneOutputs,
 )
-from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
-from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 EVERY = frozenset(output.name for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS))

@@ -9,11 +9,11 @@ from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import BoolArray, FeatureVerdicts
+from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.session import Processed, SlamSession
 
 from .world import CAMERA, PERIOD_NS, World, sway

@@ -10,15 +10,15 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import MapFileError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.values import CameraModel, FloatArray
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.config.object_config import ObjectTrackerConfig
-from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
-from rgbd_slam.dense.submap_state import SubmapState
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.dense.submap_export import ExportMark, SubmapExport
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest
 from rgbd_slam.map_io import map_file
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 from .map_content import content, write
 

@@ -17,9 +17,9 @@ from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.room_scores import score
 from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_common.se3 import T_BODY_OPTICAL
+from hoid_scene.export import write_ply
 from hoid_synth.room_truth import RoomTruth
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.export import write_ply
 
 SMALL = 2  # rooms
 # Chosen: 6 images per second of 480 x 360 pixels take a third of the time to render.

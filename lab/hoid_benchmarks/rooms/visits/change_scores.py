@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from hoid_benchmarks.rooms.object_scores import FoundObject, rating, score_objects
 from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.visits.true_changes import ChangeKind, TrueChange, TrueVisits
-from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.objects.mapped_object import MapObject, PlaceState
 
 
 class Claim(NamedTuple):

@@ -15,11 +15,11 @@ from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.visits.true_changes import TrueVisits, true_visits
 from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.run_config import RunConfig
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import NS_PER_S, Detections, RgbdFrame, Trajectory
+from hoid_scene.objects.mapped_object import MapObject
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
-from rgbd_slam.robot_frames import T_BODY_OPTICAL
-from rgbd_slam.scene.objects.mapped_object import MapObject
 
 _OF_SECOND = ('away=', 'start=', 'people-seed=')  # options of a recording
 _AWAY_NS = 3600 * NS_PER_S  # chosen: how much later the second visit is

@@ -11,8 +11,8 @@ import numpy as np
 
 from hoid_common.errors import ConfigError, MapFileError
 from hoid_common.io.files import check_writable
+from hoid_scene.dense.submap_state import SubmapState
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 from rgbd_slam.map_joining import MapJoin, join_maps

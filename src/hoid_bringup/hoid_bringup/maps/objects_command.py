@@ -10,12 +10,12 @@ import numpy as np
 
 from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
+from hoid_scene.objects.object_query import STATES, ObjectQuery, find
+from hoid_scene.objects.object_text import object_table, objects_yaml
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_file import SUFFIX
 from rgbd_slam.saved_objects import saved_objects
-from rgbd_slam.scene.objects.object_query import STATES, ObjectQuery, find
-from rgbd_slam.scene.objects.object_text import object_table, objects_yaml
 
 
 def add_objects_arguments(parser: argparse.ArgumentParser) -> None:

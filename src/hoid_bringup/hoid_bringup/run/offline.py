@@ -23,12 +23,12 @@ from hoid_common.io.files import check_writable
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import Detections, DynamicObject, FilterResult, FloatArray, RgbdFrame
 from hoid_filter.feature_filter import FeatureFilter
+from hoid_scene.grid.floor import NO_FLOOR
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.inertial.report import ImuReport, report_of
 from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.scene.floor import NO_FLOOR
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
 

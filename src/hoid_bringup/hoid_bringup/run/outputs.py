@@ -16,8 +16,8 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, write_error
 from hoid_common.io.trajectory_io import write_tum
 from hoid_common.values import FloatArray, Trajectory
-from rgbd_slam.scene import export
-from rgbd_slam.scene.grid import write_map_server
+from hoid_scene import export
+from hoid_scene.grid.grid import write_map_server
 
 # Names of the files in the output folder of a run.
 SUMMARY = 'summary.json'

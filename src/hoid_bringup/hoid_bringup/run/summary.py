@@ -18,9 +18,9 @@ from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_bringup.run.provenance import Provenance
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory
-from rgbd_slam.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.grid.grid import Grid
 from rgbd_slam.inertial.report import ImuReport
-from rgbd_slam.scene.grid import Grid
 
 _LOG = logging.getLogger(__name__)
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')

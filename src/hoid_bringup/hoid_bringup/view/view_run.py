@@ -16,7 +16,7 @@ from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.values import Trajectory
-from rgbd_slam.scene.export import read_ply
+from hoid_scene.export import read_ply
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,10 @@ from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
 from hoid_common.inputs.input_config import NodeConfig
 from hoid_common.slam_status import SlamMode
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.config.navigation_config import NavigationConfig
-from rgbd_slam.config.object_config import ObjectTrackerConfig
-from rgbd_slam.config.object_map_config import ObjectMapConfig
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.navigation_config import NavigationConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.config.object_map_config import ObjectMapConfig
 from rgbd_slam.config.slam_config import SlamConfig
 
 

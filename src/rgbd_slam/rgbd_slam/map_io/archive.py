@@ -23,7 +23,7 @@ from typing import IO, Any, TypeVar
 import numpy as np
 
 from hoid_common.errors import HoidError, MapFileError
-from rgbd_slam.records.record import Array, Column, Record
+from hoid_common.io.records import Array, Column, Record
 
 T = TypeVar('T')
 R = TypeVar('R', bound=Record)

@@ -22,7 +22,8 @@ import numpy as np
 from hoid_common.errors import MapFileError
 from hoid_common.io.untrusted import expand_home
 from hoid_common.values import NS_PER_S, FloatArray, IntArray
-from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
+from hoid_scene.dense.submap_export import ExportMark, SubmapExport
+from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io import archive
 from rgbd_slam.map_io.checkpoint_index import (
     SEGMENTS,
@@ -38,7 +39,6 @@ from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 from rgbd_slam.map_io.map_parts import KeyframeCopy, MapPart, MapParts
 from rgbd_slam.map_io.segments import Segment
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 # Chosen: ten minutes after the last image that was tracked in the map of a checkpoint, the camera
 # is no longer expected in this map, because the robot may be anywhere.

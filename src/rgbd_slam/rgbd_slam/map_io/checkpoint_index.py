@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import MapFileError
+from hoid_common.io.records import Array, Record, column
 from hoid_common.values import ByteArray, CameraModel, Float32Array, FloatArray, IntArray
-from rgbd_slam.dense.submap import SPAN
-from rgbd_slam.dense.submap_state import SubmapState
+from hoid_scene.dense.submap import SPAN
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io import archive
 from rgbd_slam.map_io.map_file import MapFile, check
 from rgbd_slam.map_io.map_parts import FeatureRows, PointRows, StateRows
 from rgbd_slam.map_io.segments import Rows, Segment
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import NONE, MapState, rows_of_uids
-from rgbd_slam.records.record import Array, Record, column
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 _FORMAT, _VERSION = 'hoid checkpoint', 1
 

@@ -6,13 +6,13 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 from hoid_common.errors import MapFileError
+from hoid_common.io.records import Record
 from hoid_common.values import CameraModel
-from rgbd_slam.dense.dense_state import DenseState
-from rgbd_slam.dense.submap_state import SubmapState
+from hoid_scene.dense.dense_state import DenseState
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io.archive import Reader
 from rgbd_slam.model.map_state import MapState
-from rgbd_slam.records.record import Record
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 VERSION = 1
 FORMAT = 'hoid map'

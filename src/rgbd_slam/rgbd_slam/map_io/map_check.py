@@ -6,16 +6,16 @@ import numpy as np
 
 from hoid_common.errors import MapFileError
 from hoid_common.io.depth import is_reading
+from hoid_common.io.records import Array
 from hoid_common.values import NS_PER_S, CameraModel, FloatArray
-from rgbd_slam.dense.dense_state import DenseState
-from rgbd_slam.dense.submap import SPAN
-from rgbd_slam.dense.submap_state import SubmapState
+from hoid_scene.dense.dense_state import DenseState
+from hoid_scene.dense.submap import SPAN
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.mapped_object import PlaceState
+from hoid_scene.objects.object_map_state import ObjectMapState, decoded
+from hoid_scene.objects.voxel_set import NUM_KEYS
 from rgbd_slam.model.map_state import NONE, MapState
 from rgbd_slam.model.points import MAX_POSITION_M
-from rgbd_slam.records.record import Array
-from rgbd_slam.scene.objects.mapped_object import PlaceState
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState, decoded
-from rgbd_slam.scene.objects.voxel_set import NUM_KEYS
 
 _MAX_INTRINSICS = 18  # four, and OpenCV's 14 distortion coefficients
 _MAX_IMAGES = 2.0  # chosen: largest distance of a pixel from the center, in image sizes

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common.io.records import Record
 from rgbd_slam.map_io.checkpoint_index import IndexedKeyframes, map_state
 from rgbd_slam.map_io.map_parts import MapPart, MapParts
 from rgbd_slam.map_io.segments import Rows, num_rows
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import MapState
-from rgbd_slam.records.record import Record
 
 
 class MapCollector:

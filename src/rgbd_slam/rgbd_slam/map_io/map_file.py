@@ -9,8 +9,10 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from hoid_common.errors import MapFileError
+from hoid_common.io.records import Record
 from hoid_common.values import CameraModel, FloatArray
-from rgbd_slam.dense.submap_state import DenseMap, SubmapState
+from hoid_scene.dense.submap_state import DenseMap, SubmapState
+from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io import archive
 from rgbd_slam.map_io.manifest import (
     FORMAT,
@@ -21,8 +23,6 @@ from rgbd_slam.map_io.manifest import (
 )
 from rgbd_slam.map_io.map_check import check_dense, check_map, check_objects, check_submaps
 from rgbd_slam.model.map_state import MapState
-from rgbd_slam.records.record import Record
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
 
 SUFFIX = '.hoidmap'
 _SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal

@@ -14,10 +14,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common.io.records import Array, Record, column
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import joined_rows
-from rgbd_slam.records.record import Array, Record, column
 
 # Chosen: a part of so many keyframes (5 MB of features) and points is copied in a few ms.
 _MAX_KEYFRAMES = 96

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hoid_common.errors import MapFileError
+from hoid_common.io.records import Array, Column, Record
 from hoid_common.values import IntArray
 from rgbd_slam.records.disk_array import write_at
-from rgbd_slam.records.record import Array, Column, Record
 
 
 def num_rows(record: Record) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
+from hoid_common.io.records import Array, Record, column
 from hoid_common.values import (
     BoolArray,
     ByteArray,
@@ -26,7 +27,6 @@ from hoid_native.results import Observations
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import SavedKeyframes
-from rgbd_slam.records.record import Array, Record, column
 from rgbd_slam.records.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]

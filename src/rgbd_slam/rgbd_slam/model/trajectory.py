@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.model.keyframes import KeyframeTable
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame

@@ -11,7 +11,7 @@ from typing import IO, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from rgbd_slam.records.record import Record
+from hoid_common.io.records import Record
 from rgbd_slam.records.record_store import temporary_folder
 
 R = TypeVar('R', bound=Record)

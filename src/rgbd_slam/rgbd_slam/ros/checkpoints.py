@@ -14,16 +14,16 @@ from typing import NamedTuple
 from rclpy.node import Node
 
 from hoid_common.errors import HoidError, InputError, MapFileError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import NS_PER_S
+from hoid_scene.dense.submap_export import ExportMark
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.dense.submap_export import ExportMark
 from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFolder, CheckpointWriter
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_file import SUFFIX
 from rgbd_slam.map_io.map_parts import MapPart
-from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.messages import SceneExport

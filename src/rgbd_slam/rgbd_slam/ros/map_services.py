@@ -21,8 +21,8 @@ from hoid_common.io.trajectory_io import write_tum_parts
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
+from hoid_scene.dense.submap_state import SubmapState
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.dense.submap_state import SubmapState
 from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.map_io.map_directory import (

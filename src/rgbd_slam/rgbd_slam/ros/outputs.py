@@ -8,12 +8,12 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from hoid_common import se3, topics
+from hoid_common.poses.static_frames import StaticFrames
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.conversions.slam import slam_status_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import TransformPublisher
 from hoid_common.slam_status import SlamStatus
-from hoid_common.static_frames import StaticFrames
 from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.robot_frames import RobotPose

@@ -11,10 +11,10 @@ from std_msgs.msg import Header
 from hoid_common import topics
 from hoid_common.errors import ConfigError, HoidError, InputError, MapFileError
 from hoid_common.inputs.camera_info_check import CameraInfoCheck
+from hoid_common.poses.static_frames import StaticFrames
 from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamStatus
-from hoid_common.static_frames import StaticFrames
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.inertial.imu import Imu

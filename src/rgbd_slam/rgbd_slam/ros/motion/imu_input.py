@@ -8,9 +8,9 @@ from sensor_msgs.msg import Imu as ImuMsg
 
 from hoid_common import topics
 from hoid_common.inputs.input_config import BEST_EFFORT
+from hoid_common.poses.static_frames import StaticFrames
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs
-from hoid_common.static_frames import StaticFrames
 from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import Mounting, kalibr_mounting

@@ -13,14 +13,15 @@ from rclpy.node import Node
 
 from hoid_common import topics
 from hoid_common.errors import InputError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.large_messages.publisher import OnDemandPublisher
 from hoid_common.values import CameraModel, IntArray
+from hoid_scene.dense.submap_export import ExportMark
+from hoid_scene.dense.submap_state import DenseMap, SubmapState, misfit
+from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.dense.submap_export import ExportMark
-from rgbd_slam.dense.submap_state import DenseMap, SubmapState, misfit
 from rgbd_slam.map_io.map_file import MapFile
-from rgbd_slam.model.keyframe_poses import KeyframePoses
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros.scene.messages import (
     ClearScene,
@@ -40,7 +41,6 @@ from rgbd_slam.ros.scene.outputs import (
     OBJECT_OUTPUTS,
 )
 from rgbd_slam.ros.scene.process import SceneProcess
-from rgbd_slam.scene.scene_scheduler import SceneRequest, SceneScheduler
 
 _PROBLEM = 'scene'
 _DEATHS = 'scene processes that died'

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from hoid_common.errors import HoidError, InputError
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.objects.object_query import find
+from hoid_scene.scene_mapper import SceneMapper
 from rgbd_slam.ros.scene.files import save_cloud, save_grid, save_objects
 from rgbd_slam.ros.scene.messages import CommandResult, SceneCommand
 from rgbd_slam.ros.scene.outputs import SceneOutputs
-from rgbd_slam.scene.objects.mapped_object import MapObject
-from rgbd_slam.scene.objects.object_query import find
-from rgbd_slam.scene.scene_mapper import SceneMapper
 
 
 def execute(

@@ -21,12 +21,12 @@ from visualization_msgs.msg import MarkerArray
 from hoid_common.ros import conversions
 from hoid_common.ros.large_messages.serialized import cloud_to_cdr
 from hoid_common.values import ByteArray, FloatArray
-from rgbd_slam.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.grid.grid import Grid
+from hoid_scene.objects.cloud_labels import CloudLabels
+from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
 from rgbd_slam.ros.scene.markers import LabeledBox, markers_of, vector_to_msg
 from rgbd_slam.ros.scene.steady_grid import GridPatch
-from rgbd_slam.scene.grid import Grid
-from rgbd_slam.scene.object_tracker import ObjectState, TrackedObject
-from rgbd_slam.scene.objects.cloud_labels import CloudLabels
 
 _COLORS = {
     ObjectState.PERSON: ColorRGBA(r=0.9, g=0.2, b=0.2, a=0.5),

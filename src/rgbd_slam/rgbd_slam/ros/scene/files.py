@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hoid_common.errors import InputError
-from rgbd_slam.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.export import write_ply
+from hoid_scene.grid.floor import NO_FLOOR
+from hoid_scene.grid.grid import Grid, write_map_server
+from hoid_scene.objects.object_text import objects_yaml
+from hoid_scene.scene_mapper import SceneMapper
 from rgbd_slam.map_io.map_directory import write_whole
-from rgbd_slam.scene.export import write_ply
-from rgbd_slam.scene.floor import NO_FLOOR
-from rgbd_slam.scene.grid import Grid, write_map_server
-from rgbd_slam.scene.objects.object_text import objects_yaml
-from rgbd_slam.scene.scene_mapper import SceneMapper
 
 
 def save_cloud(scene: SceneMapper | None, path: Path) -> str:

@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_common.inputs.input_config import InputConfig
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.values import CameraModel, IntArray
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.config.navigation_config import NavigationConfig
-from rgbd_slam.config.object_config import ObjectTrackerConfig
-from rgbd_slam.config.object_map_config import ObjectMapConfig
-from rgbd_slam.dense.stored_view import StoredView, ViewChange
-from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
-from rgbd_slam.model.keyframe_poses import KeyframePoses
-from rgbd_slam.scene.objects.mapped_object import MapObject
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
-from rgbd_slam.scene.objects.object_query import ObjectQuery
-from rgbd_slam.scene.scene_scheduler import SceneRequest
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.navigation_config import NavigationConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.dense.stored_view import StoredView, ViewChange
+from hoid_scene.dense.submap_export import ExportMark, SubmapExport
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.objects.object_map_state import ObjectMapState
+from hoid_scene.objects.object_query import ObjectQuery
+from hoid_scene.scene_scheduler import SceneRequest
 
 
 class SceneSetup(NamedTuple):

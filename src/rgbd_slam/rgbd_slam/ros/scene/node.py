@@ -19,6 +19,7 @@ from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.errors import HoidError, MessageError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.ros import conversions
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs
@@ -26,10 +27,14 @@ from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.run import run_node
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import CameraModel
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.dense.stored_view import StoredView
-from rgbd_slam.dense.submap_state import SubmapState
-from rgbd_slam.model.keyframe_poses import KeyframePoses
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.stored_view import StoredView
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.grid.floor import NO_FLOOR
+from hoid_scene.navigation_masks import NavigationMasks
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.tracks.object_tracker import TrackedObject
 from rgbd_slam.ros.scene.commands import execute
 from rgbd_slam.ros.scene.messages import (
     ClearScene,
@@ -43,11 +48,6 @@ from rgbd_slam.ros.scene.messages import (
 )
 from rgbd_slam.ros.scene.outputs import SceneOutputs
 from rgbd_slam.ros.timers import set_period
-from rgbd_slam.scene.floor import NO_FLOOR
-from rgbd_slam.scene.navigation_masks import NavigationMasks
-from rgbd_slam.scene.object_tracker import TrackedObject
-from rgbd_slam.scene.scene_mapper import SceneMapper
-from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 # Largest difference of the stamps of messages that belong to one image. Chosen: those of depth and
 # color of one image differ less, and those of two images at 30 Hz more.

@@ -16,8 +16,8 @@ from vision_msgs.msg import (
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common.ros import conversions
+from hoid_scene.objects.mapped_object import MapObject, PlaceState
 from rgbd_slam.ros.scene.markers import LabeledBox, markers_of, vector_to_msg
-from rgbd_slam.scene.objects.mapped_object import MapObject, PlaceState
 
 _COLORS = {
     PlaceState.AT_REST: ColorRGBA(r=0.3, g=0.7, b=0.3, a=0.4),

@@ -27,7 +27,12 @@ from hoid_common import topics
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import detections_to_msg, header_to_msg
 from hoid_common.values import Detections, FloatArray
-from rgbd_slam.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.grid.grid import Grid
+from hoid_scene.navigation_masks import Mask, NavigationMasks
+from hoid_scene.objects.cloud_labels import CloudLabels
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.tracks.object_tracker import TrackedObject
 from rgbd_slam.ros.scene import conversions, object_map_messages
 from rgbd_slam.ros.scene.conversions import SceneMaps
 from rgbd_slam.ros.scene.messages import Output, SceneSetup
@@ -37,11 +42,6 @@ from rgbd_slam.ros.scene.navigation.mask_messages import (
     mask_to_msg,
 )
 from rgbd_slam.ros.scene.steady_grid import SteadyGrid
-from rgbd_slam.scene.grid import Grid
-from rgbd_slam.scene.navigation_masks import Mask, NavigationMasks
-from rgbd_slam.scene.object_tracker import TrackedObject
-from rgbd_slam.scene.objects.cloud_labels import CloudLabels
-from rgbd_slam.scene.scene_mapper import SceneMapper
 
 
 class OutputTopic(NamedTuple):

@@ -20,14 +20,16 @@ from threading import RLock, Thread
 from typing import TypeVar
 
 from hoid_common.errors import InputError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import CameraModel, IntArray
-from rgbd_slam.config.dense_config import DenseConfig
-from rgbd_slam.dense.stored_view import StoredView, ViewChange, ViewList
-from rgbd_slam.dense.submap_export import ExportMark, SubmapExport
-from rgbd_slam.dense.submap_state import SubmapState
-from rgbd_slam.dense.view_folder import ViewFolder
-from rgbd_slam.model.keyframe_poses import KeyframePoses
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.stored_view import StoredView, ViewChange, ViewList
+from hoid_scene.dense.submap_export import ExportMark, SubmapExport
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.dense.view_folder import ViewFolder
+from hoid_scene.objects.object_map_state import ObjectMapState
+from hoid_scene.scene_scheduler import SceneRequest
 from rgbd_slam.ros.scene.messages import (
     ClearScene,
     CommandResult,
@@ -42,8 +44,6 @@ from rgbd_slam.ros.scene.messages import (
     Subscribed,
 )
 from rgbd_slam.ros.scene.node import run_scene_node
-from rgbd_slam.scene.objects.object_map_state import ObjectMapState
-from rgbd_slam.scene.scene_scheduler import SceneRequest
 
 T = TypeVar('T')
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rgbd_slam.scene.grid import UNKNOWN, Grid
+from hoid_scene.grid.grid import UNKNOWN, Grid
 
 # Step in which the grid grows. Chosen large, because Nav2's static layer resizes the costmap
 # whenever size or origin change.

@@ -8,8 +8,8 @@ from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Header
 
+from hoid_scene.navigation_masks import Mask
 from rgbd_slam.ros.scene.conversions import occupancy_to_msg
-from rgbd_slam.scene.navigation_masks import Mask
 
 
 class FilterType(IntEnum):

@@ -1,0 +1,326 @@
+"""A submap of the dense map: the voxels of one cube of space, in a frame that a keyframe carries.
+
+Submaps follow Voxgraph (Reijgwart et al., RA-L 2020): a correction of the map moves each one
+rigidly with its anchor keyframe, so that no evidence is lost. Where cubes overlap, the oldest
+submap gets the surface of an image, so that no surface is stored twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from tempfile import TemporaryFile
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common import se3
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.depth_view import Surface
+
+SIDE = 64  # voxels; chosen: an image shows about 20 cubes of 1.6 m
+# Voxels by which a cube extends into its neighbors: after a correction the cubes no longer meet
+# exactly, and thin gaps between them would fill with small new submaps. Not tuned.
+_OVERLAP = 4
+SPAN = SIDE + 2 * _OVERLAP
+_MAX_HITS = 30.0  # chosen: bounds the evidence, so that a change is seen within seconds
+_CARVE_WEIGHT = 3.0  # an image that sees through a voxel cancels 3 that measured it; not tuned
+_W, _HITS, _VIEWS, _NUM_COLUMNS = 6, 7, 8, 9  # columns of `Submap.values` after w*xyz and w*bgr
+
+
+class Evidence(NamedTuple):
+    """What one image shows of the N voxels of a submap."""
+
+    is_carved: BoolArray  # (N,) the image sees through it
+    is_observed: BoolArray  # (N,) the image measures static surface near it
+    # (N,) The image measures static surface within half a voxel of it plus the noise of depth.
+    is_confirmed: BoolArray
+
+
+class Cloud(NamedTuple):
+    """The confirmed voxels of a submap."""
+
+    points_m: Float32Array  # (N, 3), map frame
+    colors_bgr: ByteArray  # (N, 3)
+
+
+class Submap:
+    """Voxels as a structure of arrays, sorted by key.
+
+    The frame has its origin at the corner of the cube with the smallest coordinates, and the axes
+    of the map frame at the time when the submap was created.
+
+    Args:
+        T_map_submap: The pose (4, 4) of the frame.
+        anchor_uid: The keyframe that the submap moves with.
+        anchor_map: The map of this keyframe.
+        T_map_anchor: The pose (4, 4) of this keyframe.
+        config: Gives the size of a voxel.
+    """
+
+    def __init__(
+        self,
+        T_map_submap: FloatArray,
+        anchor_uid: int,
+        anchor_map: int,
+        T_map_anchor: FloatArray,
+        config: DenseConfig,
+    ) -> None:
+        self._config = config
+        self.anchor_uid, self.map_id = anchor_uid, anchor_map
+        self._place(T_map_submap)
+        self.T_anchor_submap = se3.inverse(T_map_anchor) @ T_map_submap
+        self.keys = np.empty(0, np.int32)
+        # Columns: the sums of w*x, w*y, w*z, w*b, w*g, w*r and w; the number of images that
+        # confirmed the voxel, less _CARVE_WEIGHT for each image that saw through it; and the
+        # number of images that measured static surface near it. Both numbers are limited to
+        # _MAX_HITS.
+        self.values = np.empty((0, _NUM_COLUMNS), np.float32)
+        # For each column of 2 x 2 voxels, bit k: it is free in the k-th step of height above the
+        # floor (`free_space.py`).
+        self.free_above = np.zeros((SPAN // 2, SPAN // 2), np.uint16)
+        # T_submap_camera of each stored image that had the cube in view, by its slot.
+        self.poses: dict[int, FloatArray] = {}
+        self.fused: set[int] = set()  # slots of those that changed voxels
+        self.marked: set[int] = set()  # slots of those that `free_space.py` has considered
+        self.num_fused = 0  # all images that changed voxels, also those no longer stored
+        # Whether the submap must be rebuilt: its images have moved relative to it by more than a
+        # limit, and enough of them are still stored (`scene_ledger.py`).
+        self.is_bent = False
+        self.revision = 0  # increases with each change of voxels, free space or pose
+        self._num_moves = 0
+        # Keys, values and `free_above` before any stored image was fused: those of a loaded map,
+        # or empty. A rebuild starts with them.
+        self._base = self.keys, self.values, self.free_above.copy()
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    @property
+    def content_revision(self) -> int:
+        """Return a number that differs after each change of voxels or free space."""
+        return self.revision - self._num_moves
+
+    @property
+    def radius_m(self) -> float:
+        """Return the radius of the sphere around the cube."""
+        return float(0.5 * np.sqrt(3) * SPAN * self._config.voxel_m)
+
+    @property
+    def center_m(self) -> FloatArray:
+        """Return the center (3,) of the cube, in the submap's frame."""
+        return np.full(3, 0.5 * SIDE * self._config.voxel_m)
+
+    @property
+    def is_in_memory(self) -> bool:
+        """Return whether the voxels are in memory and not in a file."""
+        return self.values.flags.writeable
+
+    def move(self, keyframes: KeyframePoses) -> None:
+        """Move with the anchor keyframe to its pose in a snapshot, which must contain it.
+
+        The submap then belongs to the map of the keyframe.
+        """
+        row = int(keyframes.rows_of(np.array([self.anchor_uid]))[0])
+        T_map_submap = keyframes.T_map_camera[row] @ self.T_anchor_submap
+        self.map_id = int(keyframes.map_ids[row])
+        if not np.allclose(T_map_submap, self.T_map_submap, rtol=0, atol=1e-5):
+            self._place(T_map_submap)
+            self.revision += 1
+            self._num_moves += 1
+
+    def _place(self, T_map_submap: FloatArray) -> None:
+        self.T_map_submap = T_map_submap
+        self.center_map_m = T_map_submap[:3, :3] @ self.center_m + T_map_submap[:3, 3]
+
+    def points_m(self) -> Float32Array:
+        """Return the (N, 3) mean points of the voxels, in the submap's frame."""
+        return np.asarray(self.values[:, :3] / self.values[:, _W : _W + 1])
+
+    def is_shown(self) -> BoolArray:
+        """Return the (N,) mask of the voxels that enough images agree on."""
+        hits = self.values[:, _HITS]
+        agreed = hits >= self._config.min_hit_share * self.values[:, _VIEWS]
+        return np.asarray(agreed & (hits >= self._config.min_views))
+
+    def cloud(self) -> Cloud:
+        """Return the mean point and color of each shown voxel."""
+        sums = self.values[self.is_shown()]
+        mean = sums[:, :6] / sums[:, _W : _W + 1]
+        points = transform(self.T_map_submap, mean[:, :3])
+        return Cloud(points, mean[:, 3:].round().astype(np.uint8))
+
+    def contains(self, points_m: FloatArray) -> BoolArray:
+        """Return the (N,) mask of points (N, 3) inside the cube and its overlap with others.
+
+        The points are in the submap's frame.
+        """
+        x, y, z = np.floor(points_m / self._config.voxel_m).T
+        low, end = -_OVERLAP, SIDE + _OVERLAP
+        inside = (x >= low) & (x < end) & (y >= low) & (y < end) & (z >= low) & (z < end)
+        return np.asarray(inside)
+
+    def update(self, evidence: Evidence, surface: Surface | None) -> None:
+        """Update the voxels with an image: carve those that it sees through, add its surface.
+
+        Args:
+            evidence: What the image shows of the present voxels, in their order.
+            surface: Surface in the submap's frame, all of it inside the cube (see `contains`);
+                None: there is none.
+        """
+        self._load()
+        self.revision += 1
+        hits = self.values[:, _HITS]  # a view into the array
+        hits[evidence.is_carved] -= _CARVE_WEIGHT
+        self.values[evidence.is_observed, _VIEWS] += 1
+        confirmed = evidence.is_confirmed
+        fresh, fresh_values = np.empty(0, np.int32), np.empty((0, _NUM_COLUMNS), np.float32)
+        if surface is not None:
+            keys, added = self._sums_of(surface)
+            at, known = _find(self.keys, keys)
+            self.values[at[known], : _W + 1] += added[known, : _W + 1]
+            confirmed = confirmed.copy()
+            confirmed[at[known]] = True
+            fresh, fresh_values = keys[~known], added[~known]
+        hits[confirmed] = np.minimum(np.maximum(hits[confirmed], 0) + 1, _MAX_HITS)
+        np.minimum(self.values[:, _VIEWS], _MAX_HITS, out=self.values[:, _VIEWS])
+        keep = hits > 0
+        if len(fresh) == 0 and keep.all():
+            return
+        keys = np.concatenate([self.keys[keep], fresh])
+        order = np.argsort(keys, kind='stable')
+        self.keys = keys[order]
+        self.values = np.concatenate([self.values[keep], fresh_values])[order]
+
+    def columns(self) -> IntArray:
+        """Return the (N,) column of each voxel, an index of the flat `free_above`."""
+        x, y = self.keys // (SPAN * SPAN), self.keys // SPAN % SPAN
+        return np.asarray(x // 2 * (SPAN // 2) + y // 2)
+
+    def column_centers_m(self, columns: IntArray) -> FloatArray:
+        """Return x and y (N, 2) of the centers of columns (N,), in the submap's frame."""
+        xy = np.stack(np.divmod(columns, SPAN // 2), axis=1) * 2 + 1 - _OVERLAP
+        return np.asarray(xy * self._config.voxel_m)
+
+    def clear(self) -> None:
+        """Discard all but the saved voxels, to fuse the images again."""
+        self.keys, self.values, free_above = self._base
+        self.free_above = free_above.copy()
+        self.poses.clear()
+        self.fused.clear()
+        self.marked.clear()
+        self.num_fused = 0
+        self.is_bent = False
+        self.revision += 1
+
+    def keep_as_saved(self) -> None:
+        """Make the present voxels, which must be on disk, the saved ones.
+
+        Their images are not stored, so that they are kept when other images are fused again.
+        """
+        self._base = self.keys, self.values, self.free_above.copy()
+
+    def forget(self, slot: int) -> None:
+        """Forget the pose of an image that is no longer stored; the voxels are unchanged."""
+        self.poses.pop(slot, None)
+        self.fused.discard(slot)
+        self.marked.discard(slot)
+
+    def bend_m(self, poses: dict[int, FloatArray]) -> float:
+        """Return how far the fused images have moved relative to the submap since fusion.
+
+        Args:
+            poses: T_map_camera (4, 4) of all stored images, by slot.
+
+        Returns:
+            The largest displacement [m] of a corner of the cube, as each image would see it now;
+            0 if no fused image is stored.
+        """
+        slots = list(self.fused)
+        if not slots:
+            return 0.0
+        before = np.array([self.poses[slot] for slot in slots])
+        now = se3.inverse(self.T_map_submap) @ np.array([poses[slot] for slot in slots])
+        change = now @ np.linalg.inv(before)
+        corners = _CORNERS * SIDE * self._config.voxel_m
+        moved = corners @ change[:, :3, :3].transpose(0, 2, 1) + change[:, None, :3, 3] - corners
+        return float(np.linalg.norm(moved, axis=2).max())
+
+    def _sums_of(self, surface: Surface) -> tuple[NDArray[np.int32], Float32Array]:
+        """Return the sorted keys and the `values` of the voxels of a surface."""
+        cell = np.floor(surface.points_m / self._config.voxel_m).astype(np.int32) + _OVERLAP
+        keys = (cell[:, 0] * SPAN + cell[:, 1]) * SPAN + cell[:, 2]
+        weights = surface.weights[:, None]
+        ones = np.ones((len(keys), 2))
+        means = np.concatenate([surface.points_m, surface.colors_bgr], axis=1)
+        columns = np.concatenate([weights * means, weights, ones], axis=1)
+        keys, inverse = np.unique(keys, return_inverse=True)
+        out = np.zeros((len(keys), _NUM_COLUMNS), np.float32)
+        if len(keys) == len(inverse):  # no two voxels of the map frame have met in one
+            out[inverse] = columns
+        else:
+            np.add.at(out, inverse, columns.astype(np.float32))
+            out[:, _HITS:] = 1
+        return keys, out
+
+    def _load(self) -> None:
+        if not self.is_in_memory:
+            self.keys, self.values = np.array(self.keys), np.array(self.values)
+
+
+_CORNERS = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]], np.float64)  # a tetrahedron
+
+
+def transform(T: FloatArray, points: Float32Array) -> Float32Array:
+    """Return points (N, 3), transformed in single precision."""
+    return np.asarray(points @ T[:3, :3].T.astype(np.float32) + T[:3, 3].astype(np.float32))
+
+
+def move_to_disk(submaps: Sequence[Submap]) -> None:
+    """Move the voxels of submaps, at least one in all, to an unnamed temporary file.
+
+    The arrays become read-only memory maps, so that all reading works as before and the operating
+    system decides which part of the file stays in memory. The file is deleted when no submap uses
+    it any more.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    for name in ('keys', 'values'):
+        arrays = [getattr(submap, name) for submap in submaps]
+        with TemporaryFile() as file:
+            for array in arrays:
+                array.tofile(file)
+            file.flush()
+            rows = sum(map(len, arrays))
+            whole = np.memmap(file, arrays[0].dtype, 'r', shape=(rows, *arrays[0].shape[1:]))
+        start = 0
+        for submap, array in zip(submaps, arrays, strict=True):
+            setattr(submap, name, whole[start : start + len(array)])
+            start += len(array)
+
+
+def cells_of_keys(keys: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the cells (N, 3), in the order x, y, z, of the keys of voxels.
+
+    Cell (0, 0, 0) lies at the origin of the submap's frame, the corner of its cube without the
+    overlap. Cells in the overlap are negative or at least `SIDE`.
+    """
+    x, rest = np.divmod(keys, SPAN * SPAN)
+    return np.asarray(np.stack([x, *np.divmod(rest, SPAN)], axis=1) - _OVERLAP)
+
+
+def _find(keys: NDArray[np.int32], wanted: NDArray[np.int32]) -> tuple[IntArray, BoolArray]:
+    """Return the (M,) positions of wanted keys in sorted keys, and the mask of the found keys."""
+    at = np.searchsorted(keys, wanted)
+    known = np.zeros(len(at), np.bool_)
+    inside = at < len(keys)
+    known[inside] = keys[at[inside]] == wanted[inside]
+    return at, known
+
+
+def num_in_memory(submaps: Iterable[Submap]) -> int:
+    """Return the number of voxels that are in memory."""
+    return sum(len(submap) for submap in submaps if submap.is_in_memory)

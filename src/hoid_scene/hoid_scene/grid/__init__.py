@@ -1,0 +1,1 @@
+"""The floor, the free space above it, and the occupancy grid of both."""

@@ -1,0 +1,363 @@
+"""The scene mapper: dense map, floor, grid, people and objects from images with known poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hoid_common.errors import MapFileError
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.values import (
+    ByteArray,
+    CameraModel,
+    Detections,
+    DynamicObject,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.dense.depth_view import in_boxes
+from hoid_scene.dense.submap import Submap, transform
+from hoid_scene.dense.submap_export import ExportMark, SubmapExport
+from hoid_scene.dense.submap_state import DenseMap, SubmapState, misfit
+from hoid_scene.dense.voxel_map import ColoredCloud, VoxelMap
+from hoid_scene.grid.floor import Floor, find_floor
+from hoid_scene.grid.free_space import mark_free_space
+from hoid_scene.grid.grid import Grid, SubmapCells, cells_of, compose_grid
+from hoid_scene.grid.local_floors import LocalFloors
+from hoid_scene.objects.cloud_labels import NO_CLASS, CloudLabels
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.objects.object_map import ObjectMap
+from hoid_scene.objects.object_map_state import ObjectMapState
+from hoid_scene.scene_ledger import SceneLedger
+from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.tracks.object_sighting import DepthImage
+from hoid_scene.tracks.object_tracker import ObjectTracker, TrackedObject
+
+_UP = np.array([0.0, 0.0, 1.0])
+_FLOOR_POINTS = 50_000  # chosen: about so many points of the cloud are used to find the floor
+# Chosen, less than half a voxel: the old floor is kept if the new one differs by less, because
+# `LocalFloors` corrects small differences.
+_SAME_FLOOR_M = 0.01
+# Chosen: more than the noise of the floor, of which the boxes of furniture show a part between the
+# legs. Points lower than this have no label.
+_ON_FLOOR_M = 0.04
+
+
+class SceneMapper:
+    """Maps the scene in the map frame, whose z axis points up.
+
+    Each image comes with a `SceneRequest`, which gives its time, pose and keyframe for all maps.
+    The voxels of the static scene are made of the images in the `ledger`. The grid is composed of
+    the cells below the submaps whenever it is requested; only submaps that have changed are
+    projected again. Tracks of people and objects describe the present: images update them, and no
+    later correction of the map changes them.
+
+    Args:
+        camera: The camera of depth and color.
+        dense: Parameters of the dense map.
+        objects: Parameters of the object tracks.
+        object_map: Parameters of the object map; None, or not enabled: there is none.
+        is_map_level: Whether the map frame is level to within a degree or two, which it is if the
+            base frame is known. If so, the grid has the x and y of the map frame; otherwise it has
+            a frame of its own, which is level with the floor.
+        folder: Folder for the files of the stored images; None: a temporary one.
+    """
+
+    def __init__(
+        self,
+        camera: CameraModel,
+        dense: DenseConfig,
+        objects: ObjectTrackerConfig,
+        object_map: ObjectMapConfig | None = None,
+        *,
+        is_map_level: bool = False,
+        folder: Path | None = None,
+    ) -> None:
+        self._camera = camera
+        self._config = dense
+        self._voxels = VoxelMap(camera, dense)
+        self.ledger = SceneLedger(self._voxels, dense, folder)
+        self._tracker = ObjectTracker(objects)
+        self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
+        mapped = object_map or ObjectMapConfig()
+        self._object_map = ObjectMap(camera, mapped.prior_score) if mapped.enabled else None
+        self._is_prior, self._is_labeled = mapped.prior_score > 0, mapped.label_cloud
+        self._is_map_level = is_map_level
+        self._floors: LocalFloors | None = None
+        # The cells below each submap, and the key for which they are valid.
+        self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}
+
+    def reconfigure(self, dense: DenseConfig) -> bool:
+        """Apply the parameters of the dense map that may change at run time.
+
+        Return whether parameters of the grid differ from those before.
+        """
+        is_other_grid = dense.grid != self._config.grid
+        self._config = dense
+        return is_other_grid
+
+    @property
+    def num_voxels(self) -> int:
+        """Return the number of voxels of the dense map."""
+        return len(self._voxels)
+
+    @property
+    def has_floor(self) -> bool:
+        """Return whether `grid` or `label` has found a floor; without a floor there is no grid."""
+        return self._floors is not None
+
+    def fuse(
+        self,
+        request: SceneRequest,
+        depth_m: Float32Array,
+        image_bgr: ByteArray,
+        objects: tuple[DynamicObject, ...],
+    ) -> None:
+        """Integrate an image (H, W) into the dense map.
+
+        Pixels in or near the boxes of dynamic objects add no surface, but voxels in front of the
+        surface that they show are removed (carved). Objects whose tracks are at rest do not count
+        as dynamic: the filter may call them handled for seconds after they were put down, or as
+        long as a person is near. The image is ignored if its keyframe does not exist any more.
+
+        If the image is for the tracks as well, `track_objects` must be called first.
+
+        Args:
+            request: Time, pose and keyframe of the image.
+            depth_m: (H, W) depth; 0: no reading.
+            image_bgr: (H, W, 3) color.
+            objects: The detections in the image, with the filter's verdicts.
+
+        Raises:
+            OSError: The file of the image cannot be written.
+        """
+        image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
+        boxes = [
+            seen.box_xyxy_px
+            for seen in objects
+            if seen.is_dynamic and not self._tracker.is_at_rest(seen, image, request.stamp_ns)
+        ]
+        boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
+        is_dynamic = in_boxes(depth_m.shape, boxes_xyxy_px, self._config.mask_margin_px)
+        self.ledger.add(request, self._voxels.camera.view_of(depth_m, is_dynamic, image_bgr))
+
+    def track_objects(
+        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+    ) -> tuple[TrackedObject, ...]:
+        """Update the tracks with an image, and return the confirmed tracks by id.
+
+        Args:
+            request: Time and pose of the image.
+            depth_m: (H, W) depth; 0: no reading.
+            objects: The detections in the image, with the filter's verdicts.
+        """
+        image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
+        self._tracks = self._tracker.update(objects, image, request.stamp_ns, self._floor)
+        return self._tracks
+
+    def map_objects(
+        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+    ) -> None:
+        """Update the object map, if it is on, with an image and the latest tracks.
+
+        If the image is for the tracks as well, `track_objects` must be called first.
+
+        Args:
+            request: Time, pose and keyframe of the image.
+            depth_m: (H, W) depth; 0: no reading.
+            objects: The detections in the image, with the filter's verdicts.
+        """
+        if self._object_map is not None:
+            self._object_map.update(request, depth_m, objects, self._tracks)
+
+    def mapped_objects(self) -> tuple[MapObject, ...]:
+        """Return the confirmed objects of the main map by id; none if the object map is off."""
+        return () if self._object_map is None else self._object_map.objects(self._floor)
+
+    def expected_objects(self) -> Detections | None:
+        """Return where the latest image for the object map should show known objects.
+
+        None is returned before the first image, and if `object_map.prior_score` is 0.
+        """
+        if self._object_map is None or not self._is_prior:
+            return None
+        return self._object_map.expected
+
+    def export_objects(self, keyframe_uids: IntArray) -> ObjectMapState | None:
+        """Return the object map for a file; None if it is off, or empty.
+
+        Args:
+            keyframe_uids: (K,) ascending uids of the saved keyframes.
+        """
+        if self._object_map is None or len(self._object_map) == 0:
+            return None
+        return self._object_map.export(keyframe_uids)
+
+    def load_objects(
+        self, state: ObjectMapState, keyframes: KeyframePoses, keyframe_uids: IntArray
+    ) -> None:
+        """Add a saved object map to the object map, if it is on.
+
+        The keyframe poses are applied to both maps first (`correct`).
+
+        Args:
+            state: The saved object map.
+            keyframes: The present poses of all keyframes, including those of the saved map.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
+        """
+        if self._object_map is not None:
+            self.correct(keyframes)
+            self._object_map.load(state, keyframe_uids)
+
+    def forget_object(self, object_id: int) -> bool:
+        """Remove the object with this number from the object map; return whether there was one."""
+        return self._object_map is not None and self._object_map.forget(object_id)
+
+    @property
+    def num_mapped_objects(self) -> int:
+        """Return the number of objects of the object map, including unconfirmed ones."""
+        return 0 if self._object_map is None else len(self._object_map)
+
+    def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> None:
+        """Apply corrected keyframe poses to the dense map and the object map.
+
+        Args:
+            keyframes: The poses of all keyframes.
+            force: Whether to fuse bent submaps again now (see `SceneLedger.correct`).
+
+        Raises:
+            OSError: With `force`, the file of an image cannot be read.
+        """
+        self.ledger.correct(keyframes, force=force)
+        if self._object_map is not None:
+            self._object_map.correct(keyframes)
+
+    @property
+    def _floor(self) -> Floor | None:
+        return None if self._floors is None else self._floors.floor
+
+    def export(self) -> SubmapState | None:
+        """Return the dense map for a file with the present keyframes; None if it has no voxels."""
+        uids = self.ledger.keyframes.uids
+        return self._voxels.export(uids) if len(self._voxels) else None
+
+    def export_since(self, mark: ExportMark | None) -> SubmapExport | None:
+        """Return the changes of the dense map since an export; None if it has no voxels.
+
+        Args:
+            mark: Mark of that export; None: return the whole dense map.
+        """
+        uids = self.ledger.keyframes.uids
+        return self._voxels.export_since(mark, uids) if len(self._voxels) else None
+
+    def load(self, dense: DenseMap, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
+        """Add a saved dense map to the dense map.
+
+        The keyframe poses are applied to dense map and object map first (`correct`).
+
+        Args:
+            dense: The saved dense map.
+            keyframes: The present poses of all keyframes, including those of the saved map.
+            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
+
+        Raises:
+            MapFileError: It was made with another `voxel_m` or `pixel_stride`.
+        """
+        if parameter := misfit(dense, self._camera, self._config):
+            raise MapFileError(f'the dense map was made with another dense.{parameter}')
+        self.correct(keyframes)
+        if isinstance(dense, SubmapState):
+            self._voxels.load(dense, keyframes, keyframe_uids)
+        else:
+            for view in dense.views(keyframe_uids):
+                self.ledger.restore(view)
+
+    def cloud(self) -> ColoredCloud:
+        """Return the confirmed points of the dense map (main map only), in the map frame."""
+        return self._voxels.cloud()
+
+    def label(self, cloud: ColoredCloud) -> CloudLabels | None:
+        """Return the classes of the points of a cloud of the dense map; the floor has none.
+
+        None is returned if `object_map.label_cloud` is false, or if there is no object map. If no
+        floor is known, it is searched for in the cloud first.
+        """
+        if self._object_map is None or not self._is_labeled:
+            return None
+        if self._floors is None:
+            self._update_floor(_sample(cloud))
+        found = self._object_map.label(cloud.points_m)
+        if self._floors is not None:
+            heights_m = _heights_m(cloud.points_m.astype(np.float64), self._floors.floor)
+            found.labels[heights_m < _ON_FLOOR_M] = NO_CLASS
+        return found
+
+    def grid(self, cloud: ColoredCloud) -> Grid | None:
+        """Return the grid of the dense map, or None while no floor has been found.
+
+        This also updates the floor, which is used to measure people and furniture as well, and the
+        free space that the images have seen.
+
+        Args:
+            cloud: The present result of `cloud`, in which the floor is searched for.
+
+        Raises:
+            OSError: The file of a stored image cannot be read.
+        """
+        self._update_floor(_sample(cloud))
+        if self._floors is None:
+            return None
+        floor, config = self._floors.floor, self._config.grid
+        T_map_level = floor.T_map_ground if self._is_map_level else floor.T_map_floor
+        submaps = self._voxels.shown()
+        floor_m = self._floors.heights_m(submaps)
+        mark_free_space(submaps, floor, floor_m, self._voxels.camera, self.ledger.read)
+        before, self._cells = self._cells, {}
+        for submap in submaps:
+            key = submap.revision, floor_m[submap], config
+            known = before.get(submap)
+            if known is None or known[0] != key:
+                known = key, self._cells_of(submap, T_map_level, floor_m[submap])
+            self._cells[submap] = known
+        return compose_grid([cells for _, cells in self._cells.values()], T_map_level, config)
+
+    def _cells_of(self, submap: Submap, T_map_level: FloatArray, floor_m: float) -> SubmapCells:
+        T_level_submap = np.linalg.inv(T_map_level) @ submap.T_map_submap
+        points_m = transform(T_level_submap, submap.points_m())
+        points_m[:, 2] -= floor_m
+        free = submap.free_above.reshape(-1)[submap.columns()]
+        return cells_of(points_m, submap.is_shown(), free, self._config.grid)
+
+    def _update_floor(self, points_m: Float32Array) -> None:
+        """Find the floor in points (N, 3) of the map frame.
+
+        The old floor stays if none is found, or if the new one is less than 1 cm from it at all
+        points. A new floor moves the level frame of the grid and the steps of height above it, so
+        that all submaps are projected into the grid again.
+        """
+        points = points_m.astype(np.float64)
+        floor = find_floor(points, _UP)
+        if floor is None:
+            return
+        if self._floors is not None:
+            old, new = (_heights_m(points, f) for f in (self._floors.floor, floor))
+            if np.abs(new - old).max() < _SAME_FLOOR_M:
+                return
+        self._floors = LocalFloors(floor)
+        self._cells.clear()
+        for submap in self._voxels.submaps:
+            submap.marked.clear()
+
+
+def _sample(cloud: ColoredCloud) -> Float32Array:
+    """Return enough points (N, 3) of a cloud to find the floor."""
+    return cloud.points_m[:: max(1, len(cloud.points_m) // _FLOOR_POINTS)]
+
+
+def _heights_m(points_m: FloatArray, floor: Floor) -> FloatArray:
+    return np.asarray((points_m - floor.T_map_floor[:3, 3]) @ floor.T_map_floor[:3, 2])

@@ -1,0 +1,110 @@
+"""Selects the images for the scene mapper, and describes them: time, pose and keyframe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.sync import RESTART_NS
+from hoid_common.values import NS_PER_S, FloatArray
+
+_EARLY_NS = 5_000_000  # chosen: stamps vary by a few milliseconds around the frame rate
+
+
+class SceneRequest(NamedTuple):
+    """The request to the scene mapper to use one image: its time, pose and keyframe.
+
+    The pose belongs to one version of the map. With the pose of the keyframe in that version, the
+    scene mapper stores it relative to the keyframe, so that it is corrected with the map later.
+    """
+
+    stamp_ns: int
+    T_map_camera: FloatArray  # (4, 4), in the map frame of that version
+    reference_uid: int  # uid of the keyframe relative to which the pose is stored
+    # Keyframe poses of that version; None: the image is neither for the dense map nor for the
+    # object map.
+    keyframes: KeyframePoses | None
+    track_objects: bool = True  # whether to update the tracks of people and objects
+    map_objects: bool = False  # whether to update the object map; needs keyframes
+    fuse: bool = True  # whether to fuse the image into the dense map; needs keyframes
+
+    @property
+    def is_for_dense_map(self) -> bool:
+        """Return whether the image is for the dense map and has the keyframes that it needs."""
+        return self.fuse and self.keyframes is not None
+
+    @property
+    def is_for_object_map(self) -> bool:
+        """Return whether the image is for the object map and has the keyframes that it needs."""
+        return self.map_objects and self.keyframes is not None
+
+
+class Rate:
+    """Selects stamps at a given average rate, which need not divide the frame rate."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(NS_PER_S / rate_hz)
+        self._last_ns: int | None = None
+
+    def take_due(self, stamp_ns: int) -> bool:
+        """Return whether the image with this stamp is selected.
+
+        If it is, the next one is due about a period later, so that the average rate is kept. Calls
+        must be in order of time. If a stamp is much earlier than the last selected one, as when a
+        recording starts again, its image is selected.
+        """
+        last_ns = self._last_ns
+        if last_ns is None or stamp_ns < last_ns - RESTART_NS:
+            self._last_ns = stamp_ns
+            return True
+        grid_ns = last_ns + self._period_ns
+        if stamp_ns < grid_ns - _EARLY_NS:
+            return False
+        on_time = 0 <= stamp_ns - grid_ns < self._period_ns
+        self._last_ns = grid_ns if on_time else stamp_ns
+        return True
+
+
+class SceneScheduler:
+    """Selects the images for the dense map, the object tracks and the object map.
+
+    Args:
+        dense_rate_hz: Rate [Hz] of images for the dense map; None: the dense map is off.
+        tracks_rate_hz: Rate of images for the object tracks; None: they are off.
+        object_map_rate_hz: Rate of images for the object map; None: it is off.
+    """
+
+    def __init__(
+        self,
+        dense_rate_hz: float | None,
+        tracks_rate_hz: float | None,
+        object_map_rate_hz: float | None = None,
+    ) -> None:
+        rates = (dense_rate_hz, tracks_rate_hz, object_map_rate_hz)
+        self._rates = tuple(None if rate_hz is None else Rate(rate_hz) for rate_hz in rates)
+
+    def pick(
+        self,
+        stamp_ns: int,
+        T_map_camera: FloatArray,
+        reference_uid: int,
+        keyframes: Callable[[], KeyframePoses],
+    ) -> SceneRequest | None:
+        """Return the request for an image, or None if no map needs it.
+
+        Args:
+            stamp_ns: Time of the image.
+            T_map_camera: (4, 4) pose of the image in the map frame, after tracking and mapping.
+            reference_uid: Uid of the keyframe relative to which the pose is stored.
+            keyframes: Returns the present poses of all keyframes; called only if they are needed.
+        """
+        fuse, track_objects, map_objects = (
+            rate is not None and rate.take_due(stamp_ns) for rate in self._rates
+        )
+        if not (fuse or track_objects or map_objects):
+            return None
+        known = keyframes() if fuse or map_objects else None
+        return SceneRequest(
+            stamp_ns, T_map_camera, reference_uid, known, track_objects, map_objects, fuse
+        )

@@ -1,0 +1,48 @@
+"""Images are selected for each map at its rate, whatever the frame rate."""
+
+import numpy as np
+
+from hoid_common.poses.keyframe_poses import NO_KEYFRAMES
+from hoid_scene.scene_scheduler import Rate, SceneScheduler
+
+POSE = np.eye(4)
+PERIOD_NS = 33_333_333
+
+
+def taken(rate: Rate, stamps_ns: list[int]) -> list[int]:
+    return [stamp_ns for stamp_ns in stamps_ns if rate.take_due(stamp_ns)]
+
+
+def test_the_mean_rate_does_not_depend_on_the_frame_rate() -> None:
+    stamps = [i * PERIOD_NS for i in range(300)]
+    assert len(taken(Rate(10.0), stamps)) == 100
+    assert len(taken(Rate(7.0), stamps)) == 71  # both ends of 10 s count
+    assert len(taken(Rate(60.0), stamps)) == 300
+
+
+def test_a_rate_continues_after_a_gap_and_after_time_has_started_anew() -> None:
+    rate = Rate(10.0)
+    assert taken(rate, [0, 10**10, 10**10 + 10**8]) == [0, 10**10, 10**10 + 10**8]
+    assert taken(rate, [5, 10, 10**8 + 5]) == [5, 10**8 + 5]
+
+
+def test_the_dense_map_and_the_object_tracks_have_their_own_rates() -> None:
+    scheduler = SceneScheduler(3.0, 10.0)
+    offered = [scheduler.pick(i * PERIOD_NS, POSE, 5, lambda: NO_KEYFRAMES) for i in range(90)]
+    requests = [request for request in offered if request is not None]
+    assert {request.reference_uid for request in requests} == {5}
+    assert sum(request.keyframes is not None for request in requests) == 9
+    assert sum(request.track_objects for request in requests) == 30
+
+
+def test_the_object_map_has_a_rate_of_its_own_and_needs_keyframes() -> None:
+    scheduler = SceneScheduler(None, None, 2.0)
+    offered = [scheduler.pick(i * PERIOD_NS, POSE, 5, lambda: NO_KEYFRAMES) for i in range(90)]
+    requests = [request for request in offered if request is not None]
+    assert len(requests) == 6
+    assert all(request.is_for_object_map for request in requests)
+    assert not any(request.is_for_dense_map or request.track_objects for request in requests)
+
+
+def test_nothing_is_selected_while_all_maps_are_off() -> None:
+    assert SceneScheduler(None, None).pick(0, POSE, 5, lambda: NO_KEYFRAMES) is None

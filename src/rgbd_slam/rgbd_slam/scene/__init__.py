@@ -1,4 +1,0 @@
-"""The scene: dense map, navigation grid, and people and objects as tracks.
-
-Nothing in this folder uses features or imports ROS.
-"""
