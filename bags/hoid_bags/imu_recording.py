@@ -19,7 +19,7 @@ from hoid_common.io.stamps import in_order
 from hoid_common.io.tum_text import NumberTable, read_numbers, read_rows
 from hoid_common.io.untrusted import read_text
 
-# Chosen: unless names show which sensor it is, a sensor whose mean vector has a length between
+# Chosen: unless names show which sensor it is, a sensor whose median vector has a length between
 # these is an accelerometer [m/s^2], and any other is a gyro. No camera turns at 7 rad/s for a
 # whole recording.
 _GRAVITY_MPS2 = 7.0, 12.0
@@ -88,9 +88,9 @@ def read_imu_file(path: Path) -> ImuRecording:
 
     Six numbers are wx wy wz [rad/s] and ax ay az [m/s^2]. Three are those of one sensor, as in
     TUM's `accelerometer.txt`. Comments at the start or the name of the file state which sensor; if
-    they do not, the numbers are accelerations if their mean has about the length of gravity. The
+    they do not, the numbers are accelerations if their median has about the length of gravity. The
     first line decides between three and six; further numbers of a line are ignored. The samples
-    are in order of time, each stamp once; rows that are not usable are left out.
+    are in order of time, each stamp once; rows without stamp or numbers are left out.
 
     Raises:
         InputError: The file cannot be read, the first stamp is no time, or no line is usable.
@@ -102,12 +102,12 @@ def read_imu_file(path: Path) -> ImuRecording:
             'ax ay az (m/s^2), or both'
         )
     if columns == 6:
-        table = read_numbers(path, 6)
+        table = read_numbers(path, 6, is_finite=False)
         return ImuRecording(
             NumberTable(table.stamps_ns, table.values[:, :3]),
             NumberTable(table.stamps_ns, table.values[:, 3:]),
         )
-    table = read_numbers(path, 3)
+    table = read_numbers(path, 3, is_finite=False)
     if _is_accelerometer(path, table):
         return ImuRecording(accelerations=table)
     return ImuRecording(rates=table)
@@ -115,8 +115,6 @@ def read_imu_file(path: Path) -> ImuRecording:
 
 def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
     """Return the samples of a topic of sensor_msgs/Imu in order of time, each stamp once.
-
-    Samples that are not finite are left out.
 
     Raises:
         InputError: The bag has no such topic, the topic has another type, a message is damaged, or
@@ -139,7 +137,7 @@ def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
             for values, rows, times in zip(
                 imu_values(msg), (rates, accelerations), stamps, strict=True
             ):
-                if values is not None and np.isfinite(values).all():
+                if values is not None:
                     rows.append(values)
                     times.append(stamp_ns(msg))
     if not rates and not accelerations:
@@ -164,4 +162,4 @@ def _is_accelerometer(path: Path, table: NumberTable) -> bool:
     if is_named[0] != is_named[1]:
         return is_named[0]
     low, high = _GRAVITY_MPS2
-    return bool(low < np.linalg.norm(table.values.mean(axis=0)) < high)
+    return bool(low < np.linalg.norm(np.nanmedian(table.values, axis=0)) < high)

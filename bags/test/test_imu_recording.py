@@ -57,6 +57,17 @@ def test_six_columns_are_rates_and_accelerations(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.accelerations.values, [[4.0, 5.0, 6.0]])
 
 
+def test_numbers_that_are_not_finite_are_left_to_who_counts_them(tmp_path: Path) -> None:
+    text = '1.0 0.1 0.2 0.3 0 0 nan\n2.0 0 0 0 0 0 9.8\n'
+    found = read_imu_file(written(tmp_path, 'imu.txt', text))
+    assert found.rates is not None
+    assert found.accelerations is not None
+    assert len(found.rates.stamps_ns) == len(found.accelerations.stamps_ns) == 2
+    np.testing.assert_array_equal(found.accelerations.values[:, 2], [np.nan, 9.8])
+    huge = written(tmp_path, 'other.txt', '1.0 1e300 0 0\n2.0 0.1 9.7 0.3\n3.0 0.1 9.8 0.3\n')
+    assert read_imu_file(huge).rates is None
+
+
 @pytest.mark.parametrize('text', ['', '# nothing\n', '1.0 0.1 0.2\n', '1.0 a b c\n'])
 def test_a_file_without_samples_is_refused_by_its_name(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError, match=r'imu\.txt: '):

@@ -82,6 +82,26 @@ def test_late_and_infinite_samples_are_dropped_and_counted() -> None:
     assert gyro.newest_ns == 30
 
 
+@pytest.mark.parametrize('value', [1e300, 101.0, -np.inf, np.nan])
+def test_samples_that_no_sensor_measures_are_left_out_counted_and_reported(value: float) -> None:
+    shaken, bad = ShakenImu(accelerometer=True), np.array([[0.0, value, 0.0]])
+    shaken.run(4.0)
+    shaken.imu.take_news()
+    stamps_ns = START_NS + 4 * NS_PER_S + np.array([NS_PER_S // 5])
+    shaken.imu.add_rates(Samples(stamps_ns, bad))
+    shaken.imu.add_accelerations(Samples(stamps_ns, 10 * bad))
+    shaken.run(6.0)
+    (news,) = shaken.imu.take_news()
+    assert news.text.startswith('imu: samples beyond 100 rad/s or 1000 m/s^2')
+    assert news.is_problem
+    rotation = shaken.imu.rotation(START_NS + 4 * NS_PER_S, START_NS + 5 * NS_PER_S)
+    assert rotation is not None
+    true = se3.inverse(pose(4.0)) @ pose(5.0)
+    assert angle_deg(rotation.R_first_second.T @ true[:3, :3]) < 0.5
+    assert report_of(shaken.imu).samples_left_out == 2
+    assert shaken.imu.fault is None
+
+
 def test_the_buffer_keeps_the_last_seconds_only_and_starts_again_with_the_stamps() -> None:
     gyro = SampleBuffer()
     for k in range(120):

@@ -216,6 +216,7 @@ def test_a_calibration_of_kalibr_in_the_home_folder_is_read(
         ('T_cam_imu', 'T_imu_cam', 'T_cam_imu is missing'),
         ('[1.0, 0.0, 0.0, 0.03]', '[1.0, 0.5, 0.0, 0.03]', 'is no rotation'),
         ('-0.0071', 'soon', 'is not a time in seconds'),
+        ('-0.0071', '1.0e+300', 'is not a time in seconds'),
     ],
 )
 def test_a_damaged_calibration_is_refused_by_its_name(

@@ -65,7 +65,11 @@ def sorted_rows(path: Path) -> list[Row]:
 
 
 def read_numbers(
-    path: Path, columns: int, problem: Callable[[FloatArray], str | None] = lambda _: None
+    path: Path,
+    columns: int,
+    problem: Callable[[FloatArray], str | None] = lambda _: None,
+    *,
+    is_finite: bool = True,
 ) -> NumberTable:
     """Return the stamp and the first `columns` numbers of each usable row.
 
@@ -79,6 +83,7 @@ def read_numbers(
         path: The file.
         columns: Number of numbers after the stamp.
         problem: Returns what is wrong with the (columns,) numbers of a row, or None.
+        is_finite: False: rows with numbers that are not finite are kept.
 
     Raises:
         InputError: The file cannot be read, or has rows and none of them is usable.
@@ -89,6 +94,8 @@ def read_numbers(
     for number, stamp, rest in _lines(path):
         try:
             stamp_ns, row = parse_stamp_ns(stamp), _numbers(rest, columns)
+            if is_finite and not np.isfinite(row).all():
+                raise ValueError(f'"{rest}" contains a number that is not finite')
             if text := problem(row):
                 raise ValueError(text)
         except ValueError as error:
@@ -109,7 +116,7 @@ def _numbers(text: str, columns: int) -> FloatArray:
     """Return the first (columns,) numbers of a text.
 
     Raises:
-        ValueError: There are fewer, or one of them is not finite.
+        ValueError: There are fewer.
     """
     words = text.split()[:columns]
     try:
@@ -118,8 +125,6 @@ def _numbers(text: str, columns: int) -> FloatArray:
         row = np.empty(0)
     if len(row) < columns:
         raise ValueError(f'not {columns} numbers after the stamp: "{text}"')
-    if not np.isfinite(row).all():
-        raise ValueError(f'"{text}" contains a number that is not finite')
     return row
 
 

@@ -104,6 +104,8 @@ class GravityEstimator:
         if newest_ns is None or not self._stamps_ns:
             return
         end_ns = min(self._stamps_ns[-1], newest_ns - offset_ns)
+        # After a step of the clock, the time between two images may be years.
+        self._center_ns = max(self._center_ns, end_ns - _KEPT_NS)
         while self._center_ns + _EPOCH_NS + _HALF_NS <= end_ns:
             self._center_ns += _EPOCH_NS
             triple = self._triple(accelerometer, offset_ns, self._center_ns)

@@ -55,6 +55,16 @@ class GyroFit(NamedTuple):
     correlation: float  # of the rates with the tracked ones, 1 for a perfect gyro of any scale
     is_mirrored: bool  # a rotation and a reflection of the axes would fit much better
 
+    @property
+    def text(self) -> str:
+        """Return the time offset, the rotation and the bias in words."""
+        turn = ', '.join(f'{v:.1f}' for v in np.rad2deg(rotation_vector(self.R_camera_imu)))
+        bias = ', '.join(f'{value:.4f}' for value in self.bias_radps)
+        return (
+            f'imu: its stamps are {1e3 * self.offset_s:.0f} ms later than those of the images, '
+            f'its rotation to the camera is ({turn}) degrees, its bias ({bias}) rad/s'
+        )
+
 
 class RecentRates(NamedTuple):
     """Comparison of a calibrated gyro's rates with the tracked rates of the last 2 s."""

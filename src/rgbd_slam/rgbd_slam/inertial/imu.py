@@ -22,7 +22,7 @@ from rgbd_slam.inertial.gravity import GravityEstimator, GravityFit
 from rgbd_slam.inertial.gyro_calibration import UNKNOWN_BIAS_RADPS, GyroCalibration, GyroFit
 from rgbd_slam.inertial.gyro_integral import rotation_between, rotation_vector
 from rgbd_slam.inertial.mounting import PARALLEL_SIGMA_RAD, Mounting, snapped
-from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
+from rgbd_slam.inertial.sample_buffer import MAX_FORCE_MPS2, MAX_RATE_RADPS, SampleBuffer, Samples
 
 # Chosen: time between two comparisons with the tracked motion, at first and once the time offset
 # is known; a comparison takes 5 to 15 ms.
@@ -52,6 +52,7 @@ _MAX_UP_SIGMA_RAD = np.deg2rad(3.0)  # chosen: the limit of `Leveling`
 _UNTRIED_SIGMA_RAD = np.deg2rad(1.5)
 _FAULTS_OF_SAMPLES = GyroFault.STUCK, GyroFault.LATE  # the samples show their end as well
 _LEFT_OUT = 'imu: the gyro is left out: {}'
+_IMPOSSIBLE = 'imu: samples beyond 100 rad/s or 1000 m/s^2, or not finite, are left out'
 _SATURATED = 'imu: it turns faster than the range of the gyro; such turns are left out'
 # Chosen: time without agreement after which it is reported that the map does not become level.
 _UNLEVEL_NS = 10 * NS_PER_S
@@ -99,7 +100,10 @@ class Imu:
 
     def __init__(self, config: ImuConfig, mounting: Mounting | None = None) -> None:
         self._config, self._mounting = config, mounting
-        self._gyro, self._accelerometer = SampleBuffer(), SampleBuffer()
+        self._gyro, self._accelerometer = (
+            SampleBuffer(MAX_RATE_RADPS),
+            SampleBuffer(MAX_FORCE_MPS2),
+        )
         self._calibration, self._gravity = GyroCalibration(), GravityEstimator()
         self._offset_s = 0.0 if mounting is None else mounting.offset_s
         self._compared_ns: int | None = None  # stamp of the image of the last comparison
@@ -132,6 +136,8 @@ class Imu:
         samples, which updates `fit`, `fault` and `up`. With an accelerometer, it stays 0.5 s for
         the first 3 s. A sensor that is switched off or has sent no sample is left out.
         """
+        if self.num_impossible:
+            self._say(_IMPOSSIBLE)
         has_gyro = bool(self._config.gyro and len(self._gyro))
         needs_up = self.levels or (has_gyro and self._config.integrate)
         has_accelerometer = bool(needs_up and len(self._accelerometer))
@@ -215,6 +221,11 @@ class Imu:
         self._contradicted_ns = self._contradicted_ns or self._compared_ns
         if self._compared_ns - self._contradicted_ns >= _UNLEVEL_NS:
             self._say(_CONTRADICTS)
+
+    @property
+    def num_impossible(self) -> int:
+        """Return the number of samples that were left out because no sensor measures that."""
+        return self._gyro.num_impossible + self._accelerometer.num_impossible
 
     @property
     def confirmed_up(self) -> Up | None:
@@ -338,7 +349,7 @@ class Imu:
         )
         self._offset_s = fit.offset_s
         if self._is_mounting_known and fit.offset_sigma_s < _KNOWN_OFFSET_S:
-            self._say(_found(self.fit), 'found', is_problem=False)
+            self._say(self.fit.text, 'found', is_problem=False)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
         """Return the given R_camera_imu (3, 3), unless the images contradict it.
@@ -385,12 +396,3 @@ class Imu:
         if (kind or text) not in self._said:
             self._said.add(kind or text)
             self._news.append(News(text, is_problem))
-
-
-def _found(fit: GyroFit) -> str:
-    turn = ', '.join(f'{v:.1f}' for v in np.rad2deg(rotation_vector(fit.R_camera_imu)))
-    bias = ', '.join(f'{value:.4f}' for value in fit.bias_radps)
-    return (
-        f'imu: its stamps are {1e3 * fit.offset_s:.0f} ms later than those of the images, its '
-        f'rotation to the camera is ({turn}) degrees, its bias ({bias}) rad/s'
-    )

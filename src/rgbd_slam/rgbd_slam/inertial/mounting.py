@@ -22,6 +22,7 @@ from rgbd_slam.inertial.gyro_integral import rotation_vector
 _AXES_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0
 _MAX_ROTATION_ERROR = 1e-3  # not tuned: largest deviation from a rotation in a file of 8 digits
 _CAMERA = 'cam0'
+_MAX_TIMESHIFT_S = 3600.0  # chosen: no two clocks of one computer are an hour apart
 # Chosen: standard deviations about each axis of a mounting that a frame states or that lies
 # between parallel axes, and of one that was calibrated for this IMU. Parts are mounted to about a
 # degree; the axes of an accelerometer are orthogonal to 1 %.
@@ -70,7 +71,7 @@ def read_kalibr(path: Path) -> Mounting:
 
     Raises:
         InputError: The file cannot be read, `T_cam_imu` is missing or has no rotation, or
-            `timeshift_cam_imu` is no finite number.
+            `timeshift_cam_imu` is no number below an hour.
     """
     content = read_yaml(path)
     entry = content.get(_CAMERA) if isinstance(content, dict) else None
@@ -83,7 +84,7 @@ def read_kalibr(path: Path) -> Mounting:
     if not np.allclose(R, T[:3, :3], atol=_MAX_ROTATION_ERROR):
         raise InputError(f'{path}: {_CAMERA}.T_cam_imu is no rotation')
     offset_s = entry.get('timeshift_cam_imu', 0.0)
-    if not isinstance(offset_s, int | float) or not np.isfinite(offset_s):
+    if not isinstance(offset_s, int | float) or not abs(offset_s) < _MAX_TIMESHIFT_S:
         raise InputError(f'{path}: {_CAMERA}.timeshift_cam_imu is not a time in seconds')
     return Mounting(R, float(offset_s), _CALIBRATED_SIGMA_RAD)
 

@@ -26,6 +26,7 @@ class ImuReport:
     gyro_bias_sigma_radps: float | None = None
     up_sigma_deg: float | None = None  # standard deviation of the direction of gravity
     fault: str = ''  # why the gyro is left out
+    samples_left_out: int = 0  # because no sensor measures that
 
 
 def report_of(imu: Imu) -> ImuReport:
@@ -33,7 +34,9 @@ def report_of(imu: Imu) -> ImuReport:
     fit, up = imu.fit, imu.up
     up_sigma_deg = None if up is None else round(float(np.rad2deg(up.sigma_rad)), 3)
     if fit is None:
-        return ImuReport(up_sigma_deg=up_sigma_deg, fault=imu.problem)
+        return ImuReport(
+            up_sigma_deg=up_sigma_deg, fault=imu.problem, samples_left_out=imu.num_impossible
+        )
     turn_deg = np.rad2deg(rotation_vector(fit.R_camera_imu))
     return ImuReport(
         round(1e3 * fit.offset_s, 2),
@@ -44,4 +47,5 @@ def report_of(imu: Imu) -> ImuReport:
         round(fit.bias_sigma_radps, 5),
         up_sigma_deg,
         imu.problem,
+        imu.num_impossible,
     )

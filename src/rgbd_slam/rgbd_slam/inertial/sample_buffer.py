@@ -13,6 +13,9 @@ _KEPT_NS = 40 * NS_PER_S  # chosen: longer than the tracked motions that samples
 _INITIAL_CAPACITY = 1024
 GAP_NS = NS_PER_S // 20
 """Samples that are more than this time [ns] apart leave a gap. Chosen: ten samples at 200 Hz."""
+MAX_RATE_RADPS, MAX_FORCE_MPS2 = 100.0, 1000.0
+"""No sensor measures more. Chosen: about three and four times the largest range of Bosch's BMI088
+(BST-BMI088-DS001: 2000 degrees per second, 24 g)."""
 
 
 class Samples(NamedTuple):
@@ -26,14 +29,20 @@ class Samples(NamedTuple):
 
 
 class SampleBuffer:
-    """The samples of at least the last 40 s of one sensor, in order of time."""
+    """The samples of at least the last 40 s of one sensor, in order of time.
 
-    def __init__(self) -> None:
+    Args:
+        limit: Samples of which a value is larger are dropped.
+    """
+
+    def __init__(self, limit: float = np.inf) -> None:
+        self._limit = limit
         self._stamps_ns = np.empty(_INITIAL_CAPACITY, np.int64)
         self._values = np.empty((_INITIAL_CAPACITY, 3))
         self._first = self._end = 0
         # Samples that were dropped because one as new or newer had arrived before.
         self.num_late = 0
+        self.num_impossible = 0  # samples that were dropped because no sensor measures that
         self.num_gaps = 0  # pauses between successive samples that are longer than `GAP_NS`
 
     def __len__(self) -> int:
@@ -45,11 +54,12 @@ class SampleBuffer:
         return int(self._stamps_ns[self._end - 1]) if len(self) else None
 
     def add(self, samples: Samples) -> None:
-        """Append samples. Late and non-finite ones are dropped.
+        """Append samples. Late ones are dropped, and those that no sensor measures.
 
-        A sample is late if its stamp is not later than all stamps before it; `num_late` counts
-        these samples. If the stamps have gone back by more than a second, as when a bag is played
-        in a loop, the old samples are dropped instead.
+        The latter are not finite, or beyond the limit; `num_impossible` counts them. A sample is
+        late if its stamp is not later than all stamps before it; `num_late` counts these samples.
+        If the stamps have gone back by more than a second, as when a bag is played in a loop, the
+        old samples are dropped instead.
         """
         stamps_ns, values = samples
         newest_ns = self.newest_ns
@@ -58,7 +68,9 @@ class SampleBuffer:
             newest_ns = None
         floor_ns = np.iinfo(np.int64).min if newest_ns is None else newest_ns
         before_ns = np.maximum.accumulate(np.append(floor_ns, stamps_ns))[:-1]
-        is_new = (stamps_ns > before_ns) & np.isfinite(values).all(axis=1)
+        is_possible = (np.isfinite(values) & (np.abs(values) <= self._limit)).all(axis=1)
+        is_new = (stamps_ns > before_ns) & is_possible
+        self.num_impossible += int(np.count_nonzero(~is_possible))
         self.num_late += int(np.count_nonzero(stamps_ns <= before_ns))
         stamps_ns, values = stamps_ns[is_new], values[is_new]
         known_ns = stamps_ns if newest_ns is None else np.append(newest_ns, stamps_ns)

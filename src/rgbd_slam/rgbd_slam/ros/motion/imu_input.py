@@ -98,6 +98,7 @@ class ImuInput:
         if imu is None or not self._num_samples:
             return
         self._diagnostics.set_count('IMU samples', self._num_samples)
+        self._diagnostics.set_count('IMU samples left out', imu.num_impossible)
         self._diagnostics.report_problem(_IMU, imu.problem)
         if imu.fit is not None:
             self._diagnostics.set_value('IMU time offset', f'{1e3 * imu.fit.offset_s:.0f} ms')

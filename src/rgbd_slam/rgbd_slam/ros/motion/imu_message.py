@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from sensor_msgs.msg import Imu
@@ -27,20 +26,17 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     them zero, and no sensor measures that.
 
     Raises:
-        MessageError: A value is not finite, or the message has neither sensor.
+        MessageError: The message has neither sensor.
     """
     rate, force = msg.angular_velocity, msg.linear_acceleration
     has_rate = msg.angular_velocity_covariance[0] >= 0 and any((rate.x, rate.y, rate.z))
     has_force = msg.linear_acceleration_covariance[0] >= 0 and any((force.x, force.y, force.z))
-    sample = ImuSample(
-        stamp_from_msg(msg.header.stamp),
-        (rate.x, rate.y, rate.z) if has_rate else None,
-        (force.x, force.y, force.z) if has_force else None,
-    )
     if not has_rate and not has_force:
         raise MessageError(
             'an IMU message has neither angular velocity nor acceleration; check its driver'
         )
-    if not all(map(math.isfinite, (*(sample[1] or ()), *(sample[2] or ())))):
-        raise MessageError(f'an IMU message has values that are not finite: {sample[1:]}')
-    return sample
+    return ImuSample(
+        stamp_from_msg(msg.header.stamp),
+        (rate.x, rate.y, rate.z) if has_rate else None,
+        (force.x, force.y, force.z) if has_force else None,
+    )
