@@ -57,7 +57,7 @@ def building_report(
     usual_merge = (_QUICK_SIZES[-1] if quick else MERGED,)
     run: dict[str, Callable[[], Outcome]] = {
         'lag': lambda: (
-            lag(seed, (), (_QUICK_STALL_S,), (CORNER,))
+            lag(seed, (), (), (_QUICK_STALL_S,), (CORNER,))
             if quick
             else lag(seed, delays_s or CONSTANT_S)
         ),

@@ -127,6 +127,26 @@ class Drive:
         return evaluate(estimate, self.truth).ate_rmse_m
 
     @property
+    def num_lost(self) -> int:
+        """Return the number of images without a tracked pose."""
+        return sum(not image.is_tracked for image in self.images)
+
+    @property
+    def num_false_joins(self) -> int:
+        """Return the number of joins that contradict the truth."""
+        return sum(join.is_false for join in self.joins)
+
+    def rigid_error(self) -> float:
+        """Return the largest entry of R R^T - I of all poses: online, final and keyframes."""
+        R = np.concatenate(
+            [
+                self.session.robot_map.trajectory(kind).T_world_camera[:, :3, :3]
+                for kind in ('online', 'final', 'keyframes')
+            ]
+        )
+        return float(np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max())
+
+    @property
     def _logger(self) -> logging.Logger:
         return logging.getLogger('rgbd_slam')
 

@@ -1,7 +1,8 @@
 """Scenario `lag`: what a late mapper does to tracking.
 
-The mapper answers every keyframe late by a constant delay, or is stalled once at the worst
-moment: at a corner or in a full turn, where the view changes completely within seconds.
+The mapper answers every keyframe late by a constant delay, or is too slow for the keyframes that
+it gets, or is stalled once at the worst moment: at a corner or in a full turn, where the view
+changes completely within seconds.
 """
 
 from __future__ import annotations
@@ -20,13 +21,17 @@ from hoid_benchmarks.building.world.route import (
     CORNER,
     FULL_TURN,
     RATE_HZ,
+    SPEED_MPS,
     Route,
     first_mark,
     stamps_ns,
 )
 from hoid_common.values import NS_PER_S
 
-CONSTANT_S = (1.2, 2.5)
+CONSTANT_S = (1.2, 2.5, 5.0)
+SLOWDOWNS = (10.0, 20.0, 30.0)
+"""Multiples of its own CPU time that a slow mapper needs for a keyframe."""
+SPEEDS_MPS = (0.5, 0.8)
 STALLS_S = (2.0, 4.0, 8.0)
 ATTACHED_POINTS = 100
 """Map points that an image must track to be attached to the map."""
@@ -34,13 +39,16 @@ _HELD_S = 1.0  # an image is re-attached if all images of the next second are at
 _LOOP_IMAGES = 900
 _COLUMNS = {
     'route': '',
+    'm/s': '.1f',
     'delay': '',
     're-attached after s': '.1f',
     'longest detached s': '.1f',
     'false joins': 'd',
     'joins without a loop': 'd',
     'joins': 'd',
+    'lost': 'd',
     'keyframes': 'd',
+    'rigid to': '.0e',
     'ATE mm': '.1f',
     'ratio': '.2f',
 }
@@ -50,6 +58,7 @@ class _Course(NamedTuple):
     """A route, and the image at which a stall begins."""
 
     name: str
+    speed_mps: float
     route: Route
     stall_at: int
     num_images: int
@@ -58,6 +67,7 @@ class _Course(NamedTuple):
 def lag(
     seed: int,
     constant_s: Sequence[float] = CONSTANT_S,
+    slowdowns: Sequence[float] = SLOWDOWNS,
     stalls_s: Sequence[float] = STALLS_S,
     only: Sequence[str] = ('loop', CORNER, FULL_TURN),
 ) -> Outcome:
@@ -65,7 +75,8 @@ def lag(
 
     Args:
         seed: Seed of building, route and camera.
-        constant_s: Constant delays, driven on the route `loop`.
+        constant_s: Constant delays, driven on the route `loop` at both speeds.
+        slowdowns: Factors on the mapper's own CPU time, driven on the same routes.
         stalls_s: Single stalls, driven on the routes `corner` and `full turn`.
         only: Routes to drive.
     """
@@ -78,6 +89,7 @@ def lag(
         delays = [Delay()]
         if course.name == 'loop':
             delays += [Delay(constant_s=s) for s in constant_s]
+            delays += [Delay(cpu_factor=factor) for factor in slowdowns]
         else:
             delays += [Delay(stall_s=s, stall_at_s=start_s) for s in stalls_s]
         undelayed_m = None
@@ -89,16 +101,17 @@ def lag(
 
 
 def _courses(building: Building) -> Iterator[_Course]:
-    loop = Route(building)
-    loop.around(1, 1, rooms=1, every=2)
-    yield _Course('loop', loop, 0, _LOOP_IMAGES)
+    for speed_mps in SPEEDS_MPS:
+        loop = Route(building, speed_mps=speed_mps)
+        loop.around(1, 1, rooms=1, every=2)
+        yield _Course('loop', speed_mps, loop, 0, min(_LOOP_IMAGES, len(loop)))
     corner = Route(building, yaw_rad=np.pi / 2)
     corner.to_junction(0, 1)
     corner.to_junction(1, 1)
-    yield _Course(CORNER, corner, first_mark(corner.marks, CORNER), len(corner))
+    yield _Course(CORNER, SPEED_MPS, corner, first_mark(corner.marks, CORNER), len(corner))
     turn = Route(building)
     turn.to_junction(1, 0, rooms=1)
-    yield _Course(FULL_TURN, turn, first_mark(turn.marks, FULL_TURN), len(turn))
+    yield _Course(FULL_TURN, SPEED_MPS, turn, first_mark(turn.marks, FULL_TURN), len(turn))
 
 
 def _drive(building: Building, course: _Course, delay: Delay, seed: int) -> dict[str, Any]:
@@ -109,19 +122,21 @@ def _drive(building: Building, course: _Course, delay: Delay, seed: int) -> dict
         stalled = next((a.answer_s for a in drive.worker.answers if a.is_stalled), None)
         return {
             'route': course.name,
+            'm/s': course.speed_mps,
             'delay': _delay_text(delay),
             're-attached after s': None
             if stalled is None
             else reattached_s(drive.images, stalled),
             'longest detached s': longest_detached_s(drive.images),
-            'false joins': sum(join.is_false for join in drive.joins),
+            'false joins': drive.num_false_joins,
             'joins without a loop': sum(not join.has_left for join in drive.joins),
             'joins': len(drive.joins),
             'keyframes': drive.num_keyframes,
             'ATE mm': 1e3 * drive.ate_m(),
             'ATE online mm': 1e3 * drive.ate_m('online'),
             'tracked': [image.num_tracked for image in drive.images],
-            'lost': sum(not image.is_tracked for image in drive.images),
+            'lost': drive.num_lost,
+            'rigid to': drive.rigid_error(),
             'join list': [join._asdict() for join in drive.joins],
         }
 
@@ -151,4 +166,6 @@ def longest_detached_s(images: Sequence[Image]) -> float:
 def _delay_text(delay: Delay) -> str:
     if delay.constant_s:
         return f'constant {delay.constant_s:g} s'
+    if delay.cpu_factor:
+        return f'{delay.cpu_factor:g} times too slow'
     return f'stall {delay.stall_s:g} s' if delay.stall_s else 'none'

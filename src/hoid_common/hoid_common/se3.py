@@ -6,15 +6,15 @@ then translation in m, as in GTSAM's `Pose3`. Quaternions are (4,) in the order 
 ROS. Functions with a shape such as (..., 4, 4) accept any number of leading axes.
 
 The formulas are those of Barfoot, "State Estimation for Robotics" (2017), chapter 7. No function
-checks its input: except in `orthonormalized`, a matrix that is no rigid transform gives a
-meaningless result.
+checks its input: except in `is_rigid` and `orthonormalized`, a matrix that is no rigid transform
+gives a meaningless result.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import FloatArray
+from hoid_common.values import BoolArray, FloatArray
 
 # Below this angle the second-order Taylor series replaces the closed form. The first omitted term
 # is angle**4 / 120 < 1e-18, which is less than the resolution of float64 (2e-16).
@@ -22,6 +22,9 @@ _SMALL_ANGLE_RAD = 1e-4
 # Least sine of half the rotation angle in `log`: keeps the quotients finite at the identity.
 _MIN_HALF_ANGLE_SINE = 1e-12
 _XYZ = np.arange(3)
+# Chosen: largest entry of R R^T - I, far above the rounding errors of a session of days, which add
+# up to 1e-9, and far below an error that displaces a point by a millimeter.
+_MAX_RIGID_ERROR = 1e-6
 
 T_BODY_OPTICAL: FloatArray = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -80,7 +83,12 @@ def log(T: FloatArray) -> FloatArray:
 
 
 def inverse(T: FloatArray) -> FloatArray:
-    """Return the inverse transforms T_b_a (..., 4, 4) of T_a_b (..., 4, 4)."""
+    """Return the inverse transforms T_b_a (..., 4, 4) of T_a_b (..., 4, 4).
+
+    The rotation is transposed, so that the rounding error of T changes its sign: if inverse(A) @ B
+    is stored and A @ (inverse(A) @ B) replaces A, the error triples each time. Poses that are
+    chained like this are stored `orthonormalized`.
+    """
     out = np.zeros(T.shape)
     R_t = T[..., :3, :3].swapaxes(-1, -2)
     out[..., :3, :3] = R_t
@@ -105,6 +113,19 @@ def adjoint(T_a_b: FloatArray) -> FloatArray:
 def transform(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
     """Return the coordinates (N, 3) in frame a of points (N, 3) given in frame b, in m."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def is_rigid(T: FloatArray) -> BoolArray:
+    """Return whether each of the matrices (..., 4, 4) is a finite rigid transform.
+
+    Its rotation must be orthonormal to 1e-6, with a determinant of 1.
+    """
+    R = T[..., :3, :3]
+    with np.errstate(invalid='ignore', over='ignore'):  # comparisons with NaN are false
+        error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max((-2, -1))
+        is_rotation = (error < _MAX_RIGID_ERROR) & (np.linalg.det(R) > 0)
+    is_finite = np.isfinite(T[..., :3, 3]).all(-1)
+    return np.asarray(is_rotation & is_finite & (T[..., 3, :] == (0, 0, 0, 1)).all(-1))
 
 
 def orthonormalized(T: FloatArray) -> FloatArray:

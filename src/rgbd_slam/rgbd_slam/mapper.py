@@ -82,7 +82,7 @@ class Mapper:
         """Insert a keyframe, refine the map around it, close loops, and return the keyframe's row.
 
         None is returned, and nothing is inserted, if neither the reference keyframe nor an
-        ancestor of it is in the map.
+        ancestor of it is in the map, or if the pose is invalid (`PoseGuard`).
         """
         i = self._add(request)
         if i is None:
@@ -156,7 +156,7 @@ class Mapper:
         self._closer.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
-        """Add the keyframe to the map and return its row, or None if its reference is unknown.
+        """Add the keyframe to the map and return its row, or None as described at `insert`.
 
         The keyframe observes those of the points of the request that are still in the map. Points
         on moving objects are removed, and the counts of the other points are updated. With few
@@ -167,11 +167,13 @@ class Mapper:
         if anchor is None or anchor.row is None:
             return None
         reference = anchor.row
+        T_reference_camera = anchor.T_anchor_keyframe @ request.T_reference_camera
+        T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
+        if not self.map.guard.is_valid(T_map_camera, 'keyframes'):
+            return None
         self.map.count_sightings(request.counts)
         is_there = points.uid[request.moved] == request.moved_uids
         self.map.remove_points(np.unique(request.moved[is_there]))
-        T_reference_camera = anchor.T_anchor_keyframe @ request.T_reference_camera
-        T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         i = self.map.add_keyframe(
             request.frame,
             se3.orthonormalized(T_map_camera),

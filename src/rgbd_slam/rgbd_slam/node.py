@@ -141,6 +141,7 @@ class RgbdSlamNode(ManagedNode):
         self.diagnostics.set_count(
             'mapping processes that died', session.slam.map.mapper.num_restarts
         )
+        self.diagnostics.set_count('invalid poses', session.slam.map.atlas.guard.num_refused)
         self.diagnostics.set_count(
             'old poses that no file takes', session.slam.trajectory.num_unwritten
         )

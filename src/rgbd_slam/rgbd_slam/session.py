@@ -198,13 +198,15 @@ class SlamSession:
         if result.T_map_camera is None or result.T_odom_camera is None:
             return None
         covariance = np.zeros((6, 6)) if result.covariance is None else result.covariance
-        return self._frames.robot_pose(
+        pose = self._frames.robot_pose(
             result.stamp_ns,
             result.T_map_camera,
             result.T_odom_camera,
             covariance,
             result.image_covariance,
         )
+        poses = np.stack([pose.T_map_odom, pose.T_odom_base])
+        return pose if self.slam.map.atlas.guard.are_valid(poses, 'the robot').all() else None
 
     def _scene_request(self, result: TrackingResult) -> SceneRequest | None:
         """Return the request to the scene mapper for this image, or None if it is not needed.

@@ -77,7 +77,7 @@ class RgbdSlam:
         self._model = camera
         self._camera = StereoCamera.from_model(camera, config.camera)
         atlas = self._atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
-        self.trajectory = TrajectoryRecorder(atlas.keyframes)
+        self.trajectory = TrajectoryRecorder(atlas)
         self._warm_up = WarmUp(atlas, self.trajectory, config.tracking)
         self.odometry = Odometry(atlas, wheels, None if imu is None else InertialMotion(imu))
         self.map = SlamMap(

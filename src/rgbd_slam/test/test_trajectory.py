@@ -13,7 +13,6 @@ from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.keyframes import KeyframeTable
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import TrajectoryRecorder, current_pass
@@ -31,9 +30,9 @@ def tracked(stamp_ns: int, T_map_camera: FloatArray, reference_uid: int = 0) -> 
     return TrackedFrame(frame, T_map_camera, none, none, reference_uid, T_map_camera)
 
 
-def recorded(count: int, keyframes: KeyframeTable) -> TrajectoryRecorder:
+def recorded(count: int, atlas: Atlas) -> TrajectoryRecorder:
     """Return a recorder of frames 1 mm apart, whose reference keyframes do not exist."""
-    recorder, T = TrajectoryRecorder(keyframes), np.eye(4)
+    recorder, T = TrajectoryRecorder(atlas), np.eye(4)
     for n in range(count):
         T = T.copy()
         T[0, 3] = 0.001 * n
@@ -43,7 +42,7 @@ def recorded(count: int, keyframes: KeyframeTable) -> TrajectoryRecorder:
 
 def test_poses_come_back_to_the_bit() -> None:
     poses = se3.exp(np.random.default_rng(0).normal(size=(MANY, 6)))
-    recorder = TrajectoryRecorder(KeyframeTable())
+    recorder = TrajectoryRecorder(Atlas(1.2, 8))
     for n, pose in enumerate(poses):
         recorder.add(tracked(n, pose))
     online = recorder.online()
@@ -53,13 +52,13 @@ def test_poses_come_back_to_the_bit() -> None:
 
 
 def test_nothing_recorded_is_an_empty_trajectory() -> None:
-    nothing = TrajectoryRecorder(KeyframeTable())
+    nothing = TrajectoryRecorder(Atlas(1.2, 8))
     for trajectory in (nothing.online(), nothing.final(), nothing.keyframes()):
         assert len(trajectory) == 0
 
 
 def test_the_parts_are_the_whole() -> None:
-    recorder = recorded(MANY, KeyframeTable())
+    recorder = recorded(MANY, Atlas(1.2, 8))
     parts, whole = list(recorder.parts('online')), recorder.online()
     assert len(parts) > 2
     np.testing.assert_array_equal(
@@ -71,7 +70,7 @@ def test_frames_hang_on_what_took_the_place_of_many_removed_keyframes() -> None:
     atlas = Atlas(1.2, 8)
     there, step = se3.exp(np.array([[0.1, 0, 0, 0.5, 0, 0], [0, 0, 0, 1e-3, 0, 0]]))
     i = atlas.add_keyframe(tracked(0, there).frame, there, map_id=0)
-    recorder, uid = TrajectoryRecorder(atlas.keyframes), int(atlas.keyframes.uid[i])
+    recorder, uid = TrajectoryRecorder(atlas), int(atlas.keyframes.uid[i])
     for n in range(MANY):  # each of another keyframe that is removed, the one hung on the next
         recorder.add(replace(tracked(n, there, uid + MANY - n), T_reference_camera=step))
     recorder.redirect(Redirect(uid + n, uid + n - 1, step) for n in range(MANY, 0, -1))
@@ -90,7 +89,7 @@ def test_a_revised_frame_is_elsewhere_now_and_was_where_it_was_said() -> None:
     atlas = Atlas(1.2, 8)
     first, moved = se3.exp(np.array([[0.1, 0, 0, 0.5, 0, 0], [0, 0.2, 0, 0, 1.0, 0]]))
     i = atlas.add_keyframe(tracked(0, first).frame, first, map_id=0)
-    recorder, T = TrajectoryRecorder(atlas.keyframes), se3.exp(np.full(6, 0.1))
+    recorder, T = TrajectoryRecorder(atlas), se3.exp(np.full(6, 0.1))
     uid = int(atlas.keyframes.uid[i])
     for n in range(1030):  # more than are stored together
         recorder.add(replace(tracked(n, first @ T, uid), T_reference_camera=T))
@@ -111,7 +110,7 @@ def test_a_frame_whose_reference_is_unknown_is_not_revised() -> None:
         np.array([[0.1, 0, 0, 0.5, 0, 0], [0, 0.2, 0, 0, 1.0, 0], [0.1] * 6])
     )
     i = atlas.add_keyframe(tracked(0, first).frame, first, map_id=0)
-    recorder, uid = TrajectoryRecorder(atlas.keyframes), int(atlas.keyframes.uid[i])
+    recorder, uid = TrajectoryRecorder(atlas), int(atlas.keyframes.uid[i])
     recorder.add(replace(tracked(0, first, uid + 100), T_reference_camera=T))
     assert recorder.pose(0) is None
     recorder.revise(0, moved)
@@ -123,7 +122,7 @@ def test_a_frame_that_becomes_a_keyframe_is_where_this_is_mapped() -> None:
     atlas = Atlas(1.2, 8)
     first, last = tracked(1, np.eye(4)), tracked(2, se3.exp(np.array([0, 0, 0, 0.1, 0, 0])))
     atlas.add_keyframe(first.frame, first.T_map_camera, 0)
-    recorder = TrajectoryRecorder(atlas.keyframes)
+    recorder = TrajectoryRecorder(atlas)
     recorder.add(last)
     recorder.become_keyframe(1)
     assert len(recorder.final()) == 0  # the mapper is late
@@ -135,7 +134,7 @@ def test_a_frame_that_becomes_a_keyframe_is_where_this_is_mapped() -> None:
 
 def test_final_poses_cover_maps_that_a_measured_motion_connects() -> None:
     atlas = Atlas(1.2, 8)
-    recorder = TrajectoryRecorder(atlas.keyframes)
+    recorder = TrajectoryRecorder(atlas)
     T_step, T_moved = se3.exp(np.array([[0, 0.1, 0, 0.2, 0, 0], [0.3, 0, 0.1, 1.0, 2.0, 0]]))
     frames = []
     for n, map_id in enumerate([0, 1, 1, 2]):  # the main map is 1; a lost camera starts the next
@@ -169,7 +168,7 @@ def bridged(map_id: int) -> tuple[TrajectoryRecorder, FloatArray, FloatArray]:
         for n, n_map in enumerate((0, map_id))
     ]
     reference, found = (int(uid) for uid in atlas.keyframes.uid[rows])
-    recorder, true = TrajectoryRecorder(atlas.keyframes), []
+    recorder, true = TrajectoryRecorder(atlas), []
     for n in range(4):
         T = np.eye(4)
         T[:3, 3] = [0.1 * n, 0.0, 0.01 * n]  # without the drift of 0.02 m along y at each step
@@ -200,13 +199,13 @@ def test_bridged_poses_stay_if_the_camera_is_found_in_another_map() -> None:
 
 
 def test_nothing_is_corrected_if_no_frame_was_bridged() -> None:
-    recorder = recorded(3, KeyframeTable())
+    recorder = recorded(3, Atlas(1.2, 8))
     recorder.end_bridge(np.eye(4), tracked(3, np.eye(4)))
     assert recorder.online().T_world_camera[:, 0, 3].tolist() == [0.0, 0.001, 0.002]
 
 
 def test_a_frame_whose_map_is_gone_is_nowhere() -> None:
-    assert recorded(3, KeyframeTable()).pose(1) is None
+    assert recorded(3, Atlas(1.2, 8)).pose(1) is None
 
 
 @given(st.lists(st.integers(0, 4 * RESTART_NS).map(lambda ns: ns // 10**8 * 10**8), max_size=12))

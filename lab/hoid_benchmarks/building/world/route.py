@@ -19,7 +19,7 @@ from hoid_common.values import NS_PER_S, FloatArray, IntArray, Trajectory
 RATE_HZ = 10.0
 START_NS = NS_PER_S  # stamp of the first image
 CORNER, FULL_TURN = 'corner', 'full turn'
-_SPEED_MPS = 0.5
+SPEED_MPS = 0.5
 _TURN_RAD_PER_S, _TURN_RAD_PER_S2 = np.deg2rad(42), np.deg2rad(120)
 _MIN_TURN_RAD_PER_S = 0.02  # so that a turn comes to its end
 _EYE_M, _PITCH_RAD = 1.1, np.deg2rad(3)
@@ -29,7 +29,7 @@ _EPSILON = 1e-6
 
 
 class Route:
-    """A route at 0.5 m/s with turns on the spot, appended leg by leg.
+    """A route at a constant speed with turns on the spot, appended leg by leg.
 
     `marks` holds the numbers of the images at which a turn at a corner or a full turn begins.
 
@@ -39,6 +39,7 @@ class Route:
         row: Row of the junction where the route starts.
         yaw_rad: Heading at the start, counterclockwise from x.
         floor: Floor of the start.
+        speed_mps: Speed between the turns.
     """
 
     def __init__(
@@ -48,8 +49,10 @@ class Route:
         row: int = 0,
         yaw_rad: float = 0.0,
         floor: int = 0,
+        speed_mps: float = SPEED_MPS,
     ) -> None:
         self._building = building
+        self._speed_mps = speed_mps
         self._floor = floor
         self._at_m = building.junction_m(floor, column, row)
         self._yaw_rad = yaw_rad
@@ -150,7 +153,7 @@ class Route:
         if abs(turn_rad) > _EPSILON:
             self.marks.append((len(self), CORNER))
             self._turn(turn_rad)
-        steps = max(int(np.ceil(length_m * RATE_HZ / _SPEED_MPS)), 1)
+        steps = max(int(np.ceil(length_m * RATE_HZ / self._speed_mps)), 1)
         for share in (np.arange(1, steps + 1) / steps).tolist():
             self._append(self._at_m + share * way_m, self._yaw_rad)
         self._at_m = target_m

@@ -73,7 +73,7 @@ class LoopDetector:
         seeing = keyframes.point_of_feature[i] != NO_POINT
         for c in self._finder.candidates(keyframes.descriptors[i, seeing], self._neighborhood(i)):
             match = self._finder.verifier.verify(keyframes.frame(i), c)
-            if match is None:
+            if match is None or not self._atlas.guard.is_valid(match.T_camera_map, 'places'):
                 continue
             support = self._support_in_time(i, c, match)
             self._remember(i, c, match)

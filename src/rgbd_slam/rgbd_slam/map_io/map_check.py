@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.errors import MapFileError
 from hoid_common.io.depth import is_reading
 from hoid_common.io.records import Array
@@ -21,7 +22,7 @@ _MAX_INTRINSICS = 18  # four, and OpenCV's 14 distortion coefficients
 _MAX_IMAGES = 2.0  # chosen: largest distance of a pixel from the center, in image sizes
 _MAX_STAMP_NS = 2**31 * NS_PER_S  # ROS stores seconds in 32 bits
 _MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
-_ORTHONORMAL = 1e-6  # chosen: largest entry of R R^T - I; poses are stored in 64 bits
+_ROUNDING = 1e-6  # chosen: by which a sum of probabilities may exceed 1
 _MIN_WEIGHT, _MAX_WEIGHT = 1e-30, 1e30  # chosen: no product with a color or a coordinate overflows
 _BLOCK = 64  # chosen: keyframes that are checked at once; their observations fit the cache
 _MIN_RAY_M = 1e-3  # chosen: a point nearer to the camera has no viewing direction
@@ -96,7 +97,7 @@ def check_objects(state: ObjectMapState, num_keyframes: int) -> None:
     for name in ('first_ns', 'last_ns', 'left_ns', 'moved_ns'):
         _require(_within(getattr(state, name), 0, _MAX_STAMP_NS), 'a time stamp is out of range')
     _require(_within(state.num_through, 0, _MAX_COUNT), "an object's num_through is invalid")
-    _require(_within(state.probability, 0, 1 + _ORTHONORMAL), 'a probability is invalid')
+    _require(_within(state.probability, 0, 1 + _ROUNDING), 'a probability is invalid')
     _require(_within(state.distance_m, 0, MAX_POSITION_M), "an object's distance is invalid")
     for vectors in (state.direction_m, state.moved_from_m):
         _require(_within(np.abs(vectors), 0, MAX_POSITION_M), 'an object has an invalid vector')
@@ -140,12 +141,7 @@ def _within(values: Array, low: float, end: float) -> bool:
 
 
 def _are_poses(T: FloatArray) -> bool:
-    if not (np.abs(T) < MAX_POSITION_M).all():  # also false for NaN
-        return False
-    R = T[:, :3, :3]
-    errors = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3))
-    is_rigid = (errors < _ORTHONORMAL).all() and (np.linalg.det(R) > 0).all()
-    return bool(is_rigid and (T[:, 3] == (0, 0, 0, 1)).all())
+    return bool((se3.is_rigid(T) & (np.abs(T) < MAX_POSITION_M).all((1, 2))).all())
 
 
 def _check_keyframes(state: MapState) -> None:

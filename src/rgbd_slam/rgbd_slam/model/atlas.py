@@ -80,7 +80,12 @@ class Atlas(MapTables):
         return i
 
     def set_poses(self, i: IntArray, T_map_camera: FloatArray) -> None:
-        """Set the poses T_map_camera (N, 4, 4) of the keyframes in rows `i` (N,)."""
+        """Set the poses T_map_camera (N, 4, 4) of the keyframes in rows `i` (N,).
+
+        Keyframes whose new pose is invalid keep their old one (`PoseGuard`).
+        """
+        is_valid = self.guard.are_valid(T_map_camera, 'keyframes')
+        i, T_map_camera = i[is_valid], T_map_camera[is_valid]
         self.keyframes.T_map_camera[i] = T_map_camera
         self.keyframes.version[i] = self.version
 
@@ -94,13 +99,15 @@ class Atlas(MapTables):
 
         Returns the motions as they were applied: made exactly rigid, because rounding errors of
         poses would grow threefold with each loop. Only the motions are sent to the copies of the
-        map, not the moved points.
+        map, not the moved points. Keyframes whose motion is invalid stay (`PoseGuard`).
 
         Args:
             i: (N,) rows of the keyframes.
             T_new_old: (N, 4, 4) motions in the map frame.
             map_id: The map that keyframes and points belong to from now on; None: as before.
         """
+        is_valid = self.guard.are_valid(T_new_old, 'keyframes')
+        i, T_new_old = i[is_valid], T_new_old[is_valid]
         move = Move(self.keyframes.uid[i], se3.orthonormalized(T_new_old), map_id)
         if self._has_copies:
             self._moves.append(move)

@@ -34,7 +34,9 @@ class PendingKeyframe(NamedTuple):
     # Uid of the keyframe that its pose is relative to, which may be pending as well; None: the
     # keyframe is the first one of a map.
     parent_uid: int | None
-    T_parent_camera: FloatArray  # (4, 4); T_map_camera for the first keyframe of a map
+    # (4, 4), orthonormalized, because pending keyframes are chained; T_map_camera for the first
+    # keyframe of a map.
+    T_parent_camera: FloatArray
 
 
 class Connections(NamedTuple):
@@ -81,6 +83,7 @@ class MapChange(NamedTuple):
     observations: FeatureStates  # the states that changed
     connections: Connections  # of the keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]
+    num_refused: int  # poses that the `PoseGuard` has refused since the last change
 
 
 class Redirects:

@@ -25,6 +25,7 @@ from rgbd_slam.model.map_change import (
     Redirects,
 )
 from rgbd_slam.model.points import PointTable
+from rgbd_slam.model.pose_guard import PoseGuard
 from rgbd_slam.records.soa_table import DEAD
 
 
@@ -55,6 +56,7 @@ class MapTables:
         self.points = PointTable()
         self.version = 1
         self.octave_scale = np.power(scale_factor, np.arange(num_octaves, dtype=np.float64))
+        self.guard = PoseGuard()
         self.redirects = Redirects()
         # Keyframes that were requested from a mapper in another process and are not in this copy
         # yet, by uid, the oldest first.
@@ -186,6 +188,7 @@ class MapTables:
             self._features_since(version),
             self._connections_since(version),
             self.redirects.take(),
+            self.guard.take(),
         )
         self._moves, self._has_copies = [], True
         self.version += 1
@@ -213,7 +216,7 @@ class MapTables:
         features = self._features_since(0)
         positions = self._positions_since(self.version)
         return MapChange(
-            self.version, (), *everything, positions, features, self._connections_since(0), ()
+            self.version, (), *everything, positions, features, self._connections_since(0), (), 0
         )
 
     def apply(self, change: MapChange, frame: Frame | None = None) -> None:
@@ -242,6 +245,7 @@ class MapTables:
             self._graph.set_neighbors(i, _NOTHING, _NOTHING)
         self.version = change.version
         self.redirects.add(change.redirects)
+        self.guard.num_refused += change.num_refused
         for uid in list(self.pending):
             if kf.index_of(uid) is not None or self.redirects.find(uid) is not None:
                 del self.pending[uid]

@@ -33,8 +33,7 @@ _REMOVED = np.dtype(
     [('uid', np.int64), ('parent_uid', np.int64), ('T_parent_camera', np.float64, (4, 4))]
 )
 _NO_MAP = -1  # map id of the sentinel
-# Row of the sentinel, for poses whose reference keyframe was removed and has no known ancestor.
-_UNKNOWN = 0
+_UNKNOWN = 0  # row of the sentinel: the reference was removed and has no known ancestor
 
 
 class _MapLink(NamedTuple):
@@ -51,11 +50,11 @@ class TrajectoryRecorder:
     The second one follows the corrections of the map.
 
     Args:
-        keyframes: The keyframes of the map.
+        atlas: The map, whose guard keeps invalid poses out of the trajectories.
     """
 
-    def __init__(self, keyframes: KeyframeTable) -> None:
-        self._keyframes = keyframes
+    def __init__(self, atlas: Atlas) -> None:
+        self._keyframes, self._guard = atlas.keyframes, atlas.guard
         self._frames = RecordStore(_FRAME, 'old poses of the trajectory')
         self._removed = RecordStore(_REMOVED, 'old keyframes of the trajectory')
         self._links: list[_MapLink] = []
@@ -215,7 +214,7 @@ class TrajectoryRecorder:
             return self._final()
         if kind == 'online':
             parts = self._frames.blocks(len(self))
-            return (Trajectory(part['stamp_ns'], _whole(part['T_map_camera'])) for part in parts)
+            return (self._valid(part['stamp_ns'], _whole(part['T_map_camera'])) for part in parts)
         if kind == 'keyframes':
             return iter([self.keyframes()])
         raise ConfigError(f'no trajectory "{kind}"; use one of final, online, keyframes')
@@ -240,9 +239,13 @@ class TrajectoryRecorder:
                 rows, T_map_reference = snapshot.of(uids, removed)
                 poses = T_map_reference[which] @ _whole(part['T_reference_camera'])
                 known = snapshot.is_main[rows[which]]
-                yield Trajectory(part['stamp_ns'][known], poses[known])
+                yield self._valid(part['stamp_ns'][known], poses[known])
 
         return final_parts()
+
+    def _valid(self, stamps_ns: IntArray, poses: FloatArray) -> Trajectory:
+        is_valid = self._guard.are_valid(poses, 'the trajectory')
+        return Trajectory(stamps_ns[is_valid], poses[is_valid])
 
     def _reference(self, frame: np.void) -> tuple[int, FloatArray]:
         """Return the row of a frame's reference in a snapshot, and T_map_reference (4, 4).

@@ -20,6 +20,7 @@ from dataclasses import replace
 from itertools import islice
 from typing import NoReturn, Protocol
 
+from hoid_common import se3
 from hoid_common.errors import HoidError
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import FeatureVerdicts, FloatArray
@@ -174,8 +175,9 @@ class MapperProcess:
         If more than 64 requests are then queued, every other keyframe that was not sent yet is
         dropped, possibly this one. A keyframe that the mapper cannot insert is dropped as well.
         """
+        T_reference_camera = se3.orthonormalized(request.T_reference_camera)
         self._atlas.pending[request.uid] = PendingKeyframe(
-            request.uid, request.reference_uid, request.T_reference_camera
+            request.uid, request.reference_uid, T_reference_camera
         )
         self._append(request)
 

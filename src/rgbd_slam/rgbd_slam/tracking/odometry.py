@@ -114,7 +114,7 @@ class Odometry:
         if self._is_bridged:
             sources = sorted(sources, key=lambda source: source.bridge() is None)
         predictions = (source.predict() for source in sources)
-        return [T_camera_last for T_camera_last in predictions if T_camera_last is not None]
+        return [T for T in predictions if T is not None and self._is_valid(T)]
 
     def prior(self) -> PosePrior | None:
         """Return a prior of the current image's rotation by the gyro; its position is left free.
@@ -283,8 +283,16 @@ class Odometry:
         only.
         """
         motions = (source.bridge() for source in self._sources)
-        known = [motion for motion in motions if motion is not None]
+        known = [
+            motion
+            for motion in motions
+            if motion is not None and self._is_valid(motion.T_last_camera)
+        ]
         return min(known, key=lambda motion: motion.is_short, default=None)
+
+    def _is_valid(self, T: FloatArray) -> bool:
+        """Return whether a motion (4, 4) of a source is valid; see `PoseGuard`."""
+        return self._atlas.guard.is_valid(T, 'motion sources')
 
     def _update_covariances(self, tracking: TrackerOutput, T_last_camera: FloatArray) -> None:
         """Update the covariances from the residuals and, once known, from the pose noise.

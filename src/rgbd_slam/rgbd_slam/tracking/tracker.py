@@ -284,9 +284,14 @@ class Tracker:
     def _refine(
         self, frame: Frame, initial: FramePose, reference_uid: int
     ) -> TrackerOutput | None:
-        """Return the frame with its pose refined on the local map; None if too few points fit."""
+        """Return the frame with its pose refined on the local map; None if too few points fit.
+
+        None is returned as well if the pose is invalid (`PoseGuard`).
+        """
         searched = self._match_local_map(frame, initial, reference_uid)
         refined = self._poses.estimate(frame, searched.correspondences, initial.T_camera_map)
+        if not self._atlas.guard.is_valid(refined.T_camera_map, 'images'):
+            return None
         if len(refined.inliers.k) < self.min_inliers(refined.T_camera_map):
             return None
         return self._output(frame, searched, refined)

@@ -1,0 +1,58 @@
+"""Keeps poses that are not rigid, or not finite, out of maps, trajectories and messages."""
+
+from __future__ import annotations
+
+import logging
+import time
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.log_throttle import LogThrottle
+from hoid_common.values import BoolArray, FloatArray
+from rgbd_slam.model.points import MAX_POSITION_M
+
+_LOG_PERIOD_S = 5.0  # chosen: shortest time between two warnings about the same kind of pose
+
+_logger = logging.getLogger(__name__)
+
+
+class PoseGuard:
+    """Refuses poses that are not rigid transforms of at most 100 km, and counts them.
+
+    No computation should give such a pose. If one does, an image or a keyframe is lost, and not
+    the map.
+    """
+
+    def __init__(self) -> None:
+        self.num_refused = 0
+        self._num_taken = 0
+        self._throttle = LogThrottle(_LOG_PERIOD_S)
+
+    def are_valid(self, T: FloatArray, name: str) -> BoolArray:
+        """Return which of the poses (N, 4, 4) are valid; log and count the others.
+
+        Args:
+            T: The poses.
+            name: What they are poses of, for the log, such as "keyframes".
+        """
+        is_valid = se3.is_rigid(T) & (np.abs(T[..., :3, 3]) < MAX_POSITION_M).all(-1)
+        num_refused = int(np.count_nonzero(~is_valid))
+        if num_refused:
+            self.num_refused += num_refused
+            if self._throttle.allow(name, time.monotonic()) is not None:
+                _logger.warning(
+                    'poses of %s are no rigid transforms and are left out; '
+                    'please report this with a recording',
+                    name,
+                )
+        return np.asarray(is_valid)
+
+    def is_valid(self, T: FloatArray, name: str) -> bool:
+        """Return whether a pose (4, 4) is valid; otherwise log and count it, as `are_valid`."""
+        return bool(self.are_valid(T, name))
+
+    def take(self) -> int:
+        """Return the number of poses that were refused since the last call."""
+        taken, self._num_taken = self._num_taken, self.num_refused
+        return self.num_refused - taken
