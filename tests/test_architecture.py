@@ -50,7 +50,7 @@ LAYERS = {
         < ros < node
     """,
     'hoid_bags': """
-        images progress < mcap < tum < bag < imu_recording sequence convert < options < live
+        images progress < storage < tum < bag < imu_recording sequence convert < options < live
         < commands
     """,
     'hoid_synth': """

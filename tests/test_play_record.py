@@ -17,11 +17,12 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
-from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.info import summarize
 from hoid_bags.bag.stamps import header_stamp_ns
+from hoid_bags.storage import bag_types
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import (
     camera_from_msg,

@@ -11,8 +11,8 @@ import pytest
 
 from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_bags.bag.bag_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, POSE_STAMPED
 from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.storage.bag_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, POSE_STAMPED
 from hoid_bringup import cli
 from hoid_common import topics
 from hoid_common.io import images

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from hoid_bags.bag.bag_reader import is_bag
 from hoid_bags.bag.encoding import JPEG, PNG, RAW
 from hoid_bags.bag.info import describe, summarize
-from hoid_bags.bag.repair import repair
+from hoid_bags.bag.repair import copy_bag, repair
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.live.playback import PlayConfig
 from hoid_bags.options import (
@@ -20,12 +21,13 @@ from hoid_bags.options import (
 )
 from hoid_common.errors import ConfigError, InputError
 
+_BAG_HELP = 'bag folder, or .mcap, .db3 or .bag file'
 _CONVERT, _PLAY = ConvertConfig(), PlayConfig()
 
 
 def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid convert`."""
-    parser.add_argument('sequence', type=Path, metavar='SEQUENCE', help='TUM folder')
+    parser.add_argument('sequence', type=Path, metavar='SEQUENCE', help='TUM folder, or ROS 1 bag')
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder of the new bag')
     add_folder_arguments(parser)
     parser.add_argument(
@@ -53,11 +55,21 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def convert_command(args: argparse.Namespace) -> None:
-    """Convert a TUM folder to a bag, and print the summary of the bag.
+    """Convert a TUM folder or a ROS 1 bag to a bag, and print the summary of the bag.
+
+    The messages of a bag are copied as they are, so that only `--compress` applies.
 
     Raises:
-        HoidError: An option is invalid, or the conversion fails; see `convert`.
+        HoidError: An option is invalid, or the conversion fails; see `convert` and `copy_bag`. Or
+            the bag is damaged, and its readable part has been converted.
     """
+    if is_bag(args.sequence):
+        _refuse_folder_options(args)
+        fault = copy_bag(args.sequence, args.bag, compress=args.compress)
+        print(describe(summarize(args.bag)))
+        if fault is not None:
+            raise InputError(fault)
+        return
     config = ConvertConfig(
         rgb=args.rgb,
         depth=args.depth,
@@ -69,9 +81,21 @@ def convert_command(args: argparse.Namespace) -> None:
     print(describe(summarize(args.bag)))
 
 
+def _refuse_folder_options(args: argparse.Namespace) -> None:
+    given = {
+        '--rgb': args.rgb != _CONVERT.rgb,
+        '--depth': args.depth != _CONVERT.depth,
+        '--round-depth': args.round_depth,
+        '--camera': args.camera is not None,
+        '--depth-factor': args.depth_factor is not None,
+    }
+    if options := [option for option, is_given in given.items() if is_given]:
+        raise ConfigError(f'{", ".join(options)}: only for folders; a bag is copied as it is')
+
+
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid info`."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument('bag', type=Path, metavar='BAG', help=_BAG_HELP)
     parser.add_argument(
         '--bandwidth',
         action='store_true',
@@ -102,7 +126,7 @@ def info_command(args: argparse.Namespace) -> None:
 
 def add_play_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid play`."""
-    parser.add_argument('bag', type=Path, metavar='BAG', help='bag folder, .mcap or .db3 file')
+    parser.add_argument('bag', type=Path, metavar='BAG', help=_BAG_HELP)
     parser.add_argument(
         '--topics', nargs='+', default=[], metavar='TOPIC', help='topics to publish (default: all)'
     )

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.bag.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.encoding import (
     JPEG,
@@ -21,6 +20,7 @@ from hoid_bags.bag.encoding import (
     choose_depth_encoder,
 )
 from hoid_bags.progress import progress
+from hoid_bags.storage.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
 from hoid_bags.tum.tum_folder import ListedImage, TumFolder, open_tum_folder
 from hoid_common import topics

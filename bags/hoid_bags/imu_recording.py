@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_bags.bag import bag_types as types
 from hoid_bags.bag.bag_messages import imu_values
 from hoid_bags.bag.bag_reader import BagReader, is_bag
 from hoid_bags.bag.stamps import stamp_ns
+from hoid_bags.storage import bag_types as types
 from hoid_bags.tum.tum_folder import ACCELEROMETER, GYRO
 from hoid_common import topics
 from hoid_common.errors import InputError, MessageError

@@ -92,5 +92,6 @@ def open_sequence(
         units_per_m = TUM_DEPTH_UNITS_PER_M if depth_units_per_m is None else depth_units_per_m
         return open_tum_folder(path, camera, units_per_m, max_gap_ns, depth_offset_ns)
     raise InputError(
-        f'{path}: neither a TUM folder (no {COLOR_LIST}) nor a bag (no {METADATA}, .mcap or .db3)'
+        f'{path}: neither a TUM folder (no {COLOR_LIST}) nor a bag '
+        f'(no {METADATA}, .mcap, .db3 or .bag)'
     )

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.sequence import open_sequence
+from hoid_bags.storage import bag_types
 from hoid_common.errors import InputError
 from hoid_common.io.depth import MAX_DEPTH_M, MIN_DEPTH_M
 from hoid_common.values import CameraModel

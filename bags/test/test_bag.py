@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from hoid_bags.bag import bag_messages, bag_types
-from hoid_bags.bag.bag_types import ensure_type, message_class, serialize, shared_typestore
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.info import describe, summarize
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.sequence import Sequence, open_sequence
+from hoid_bags.storage import bag_types
+from hoid_bags.storage.bag_types import ensure_type, message_class, serialize, shared_typestore
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections
 

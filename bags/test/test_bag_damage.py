@@ -19,8 +19,8 @@ from rosbags.rosbag2 import (
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.info import summarize
 from hoid_bags.live.playback import PlayConfig, open_plan
-from hoid_bags.mcap.chunks import MAX_CHUNK_BYTES, split_records, unpack
 from hoid_bags.sequence import open_sequence
+from hoid_bags.storage.chunks import MAX_CHUNK_BYTES, split_records, unpack
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
 

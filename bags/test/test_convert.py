@@ -13,9 +13,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import Reader
 
-from hoid_bags.bag.bag_types import deserialize
 from hoid_bags.bag.encoding import first_not_whole_mm
 from hoid_bags.convert import ConvertConfig, convert
+from hoid_bags.storage.bag_types import deserialize
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common.errors import InputError
 from hoid_common.io.images import decode_compressed_depth

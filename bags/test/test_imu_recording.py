@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.bag.bag_types import IMU
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.imu_recording import (
     ImuRecording,
@@ -15,6 +14,7 @@ from hoid_bags.imu_recording import (
     read_imu_topic,
     read_own_imu,
 )
+from hoid_bags.storage.bag_types import IMU
 from hoid_common.errors import InputError
 from hoid_common.values import NS_PER_S
 

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags.bag import bag_types
 from hoid_bags.bag.bag_reader import BagReader
-from hoid_bags.bag.bag_writer import BagWriter, reliable_qos
+from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.info import describe, summarize
+from hoid_bags.storage import bag_types
+from hoid_bags.storage.qos_profiles import reliable_qos
 
 
 def test_the_bandwidth_of_a_topic(bag: Path) -> None:

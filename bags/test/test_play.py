@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.stamps import header_stamp_ns, shift_header_stamp
@@ -28,6 +28,7 @@ from hoid_bags.live.playback import (
     open_plan,
 )
 from hoid_bags.live.read_ahead import ReadAhead
+from hoid_bags.storage import bag_types
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import NS_PER_S, CameraModel
 

@@ -12,10 +12,11 @@ from rosbags.interfaces import QosDurability
 
 from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_reader import BagReader
-from hoid_bags.bag.bag_types import IMU
-from hoid_bags.bag.bag_writer import BagWriter, reliable_qos
+from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.info import summarize
 from hoid_bags.bag.repair import repair
+from hoid_bags.storage.bag_types import IMU
+from hoid_bags.storage.qos_profiles import reliable_qos
 from hoid_common.errors import InputError
 from hoid_common.io.files import abandoned_scratch_folders
 
@@ -24,8 +25,9 @@ import os, signal, sys
 from pathlib import Path
 import numpy as np
 from hoid_bags.bag import bag_messages
-from hoid_bags.bag.bag_types import IMU
-from hoid_bags.bag.bag_writer import BagWriter, reliable_qos
+from hoid_bags.storage.bag_types import IMU
+from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.storage.qos_profiles import reliable_qos
 with BagWriter(Path(sys.argv[1])) as writer:
     writer.add_topic('imu', IMU, reliable_qos(latched=True))
     for i in range(100):

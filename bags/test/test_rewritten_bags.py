@@ -12,8 +12,8 @@ from backports import zstd
 from rosbags.interfaces import Connection
 
 from hoid_bags.bag.bag_reader import BagReader
-from hoid_bags.mcap import chunks
 from hoid_bags.sequence import open_sequence
+from hoid_bags.storage import chunks
 from hoid_common.errors import InputError
 
 from .bag_copies import copy_bag, read_messages

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_topics import TopicChoice, find_topics
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.sequence import open_sequence
+from hoid_bags.storage import bag_types
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import InputError
 from hoid_common.io import images
@@ -95,7 +96,8 @@ def write(path: Path, topics: dict[str, Recorded], infos: set[str]) -> Path:
 
 
 def beside(topics: Iterable[str]) -> set[str]:
-    return {f'{name.rpartition("/")[0]}/camera_info' for name in topics}
+    names = {name.replace('/image/data', '/info/x') for name in topics}  # RealSense Viewer
+    return {f'{name.rpartition("/")[0]}/camera_info' for name in names}
 
 
 def test_every_driver_is_documented() -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.bag.bag_types import CAMERA_INFO, DETECTION_ARRAY, IMAGE, IMU, POSE_STAMPED
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.progress import progress
+from hoid_bags.storage.bag_types import CAMERA_INFO, DETECTION_ARRAY, IMAGE, IMU, POSE_STAMPED
 from hoid_common import topics
 from hoid_common.io import images
 from hoid_common.values import CameraModel

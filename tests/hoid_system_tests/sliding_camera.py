@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_bags.bag import bag_messages, bag_types
-from hoid_bags.bag.bag_types import Message
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.storage import bag_types
+from hoid_bags.storage.bag_types import Message
 from hoid_common import topics
 from hoid_common.io import images
 from hoid_common.values import ByteArray, CameraModel

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_bags.bag import bag_types as types
-from hoid_bags.bag.bag_types import Message, new_message
 from hoid_bags.bag.stamps import header
 from hoid_bags.bag.stamps import stamp_ns as message_stamp_ns
+from hoid_bags.storage import bag_types as types
+from hoid_bags.storage.bag_types import Message, new_message
 from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.values import CameraModel, Detections, FloatArray

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, Self
 
 from rosbags.interfaces import ConnectionExtRosbag2, Qos
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from hoid_bags.bag.metadata import METADATA, read_metadata
-from hoid_bags.mcap.chunks import DAMAGE, ZSTD_MAGIC, describe_damage, one_line, unpack_message
-from hoid_bags.mcap.mcap_file import McapFile
-from hoid_bags.mcap.packed_file import SUFFIX, unpack_file
-from hoid_bags.mcap.write_ahead_log import has_log, with_log
+from hoid_bags.storage.chunks import DAMAGE, ZSTD_MAGIC, describe_damage, one_line, unpack_message
+from hoid_bags.storage.mcap_file import McapFile
+from hoid_bags.storage.packed_file import SUFFIX, unpack_file
+from hoid_bags.storage.ros1_file import ROS1_SUFFIX, Ros1File
+from hoid_bags.storage.sqlite_file import SqliteFile
+from hoid_bags.storage.write_ahead_log import has_log, with_log
 from hoid_common.errors import InputError
 from hoid_common.io.untrusted import open_regular
 from hoid_common.values import NS_PER_S
 
 _STORAGE_SUFFIXES = ('.mcap', '.db3', f'.mcap{SUFFIX}', f'.db3{SUFFIX}')
+_File = McapFile | SqliteFile | Ros1File
 _FIRST_WINDOW_NS = NS_PER_S  # chosen: contains the last message of most topics
 
 
@@ -31,6 +33,7 @@ class BagTopic(NamedTuple):
     type_name: str
     num_messages: int
     qos: Qos | None  # profile that its first publisher offered; None: unknown
+    is_readable: bool = True  # False: ROS 2 lacks the type of a topic of a ROS 1 bag
 
 
 class BagMessage(NamedTuple):
@@ -48,7 +51,7 @@ def is_bag(path: Path) -> bool:
     """
     if path.is_dir():
         return (path / METADATA).exists() or bool(_storage_files(path))
-    return path.exists() and path.name.endswith(_STORAGE_SUFFIXES)
+    return path.exists() and path.name.endswith((*_STORAGE_SUFFIXES, ROS1_SUFFIX))
 
 
 class BagReader:
@@ -62,7 +65,8 @@ class BagReader:
         """Prepare to read.
 
         Args:
-            path: The folder of the bag, or one .mcap or .db3 file, which may be compressed.
+            path: The folder of the bag, or one .mcap or .db3 file, which may be compressed, or
+                the .bag file of ROS 1.
 
         Raises:
             InputError: The path does not exist, or is no bag.
@@ -71,7 +75,7 @@ class BagReader:
             raise InputError(f'{path}: no such bag')
         if not is_bag(path):
             raise InputError(
-                f'{path}: not a bag: it has neither {METADATA} nor an .mcap or .db3 file'
+                f'{path}: not a bag: it has neither {METADATA} nor an .mcap, .db3 or .bag file'
             )
         self.path = path
         self._fault: str | None = None
@@ -122,6 +126,8 @@ class BagReader:
                 connection.msgtype,
                 connection.msgcount + (before.num_messages if before else 0),
                 before.qos if before else profiles[0] if profiles else None,
+                not isinstance(connection.owner, Ros1File)
+                or connection.owner.is_readable(connection),
             )
         return tuple(merged.values())
 
@@ -189,7 +195,7 @@ class BagReader:
     def _mcap_files(self) -> list[McapFile]:
         return [file for file in self._files if isinstance(file, McapFile)]
 
-    def _open_as_described(self, stack: ExitStack) -> list[McapFile | Sqlite3Reader]:
+    def _open_as_described(self, stack: ExitStack) -> list[_File]:
         """Open the files that metadata.yaml lists, or all files if there is no metadata.yaml.
 
         If the path of the bag is that of one file, only this file is opened.
@@ -203,23 +209,42 @@ class BagReader:
         if metadata is None:
             return self._open_all(stack)
         self._has_packed_messages = metadata.has_packed_messages
-        files = self._files = [_open_file(path, stack) for path in metadata.files]
-        if not any(file.is_cut_off or file.index_error for file in self._mcap_files):
+        files = self._files = self._open_each(metadata.files, stack)
+        is_whole = not any(file.is_cut_off or file.index_error for file in self._mcap_files)
+        if is_whole and self._fault is None:
             metadata.check([c for file in files for c in file.connections], *self.span_ns)
         return files
 
-    def _open_without_metadata(
-        self, stack: ExitStack, error: InputError
-    ) -> list[McapFile | Sqlite3Reader]:
+    def _open_without_metadata(self, stack: ExitStack, error: InputError) -> list[_File]:
         files = self._open_all(stack) if self.path.is_dir() else []
         if not files:
             raise error
-        self._fault = f'{error}; read without {METADATA}'
+        before = f'{self._fault}; ' if self._fault else ''
+        self._fault = f'{before}{error}; read without {METADATA}'
         return files
 
-    def _open_all(self, stack: ExitStack) -> list[McapFile | Sqlite3Reader]:
-        files = [_open_file(path, stack) for path in _storage_files(self.path)]
+    def _open_all(self, stack: ExitStack) -> list[_File]:
+        files = self._open_each(_storage_files(self.path), stack)
         return sorted(files, key=lambda file: file.metadata.start_time)
+
+    def _open_each(self, paths: Iterable[Path], stack: ExitStack) -> list[_File]:
+        """Open files of the bag; files that cannot be opened are left out and become the fault.
+
+        Raises:
+            InputError: No file can be opened.
+        """
+        files, errors = [], []
+        for path in paths:
+            try:
+                files.append(_open_file(path, stack))
+            except InputError as error:
+                errors.append(error)
+        if errors and not files:
+            raise errors[0]
+        if errors:
+            total = len(files) + len(errors)
+            self._fault = f'{errors[0]}; {len(errors)} of {total} files left out'
+        return files
 
     def _note_unusable_files(self) -> None:
         """Set the fault if a file is cut off or has a damaged index.
@@ -242,7 +267,7 @@ class BagReader:
             self._fault = f'{before}the index is damaged: {errors[0]}; read without it'
 
 
-def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
+def _open_file(path: Path, stack: ExitStack) -> _File:
     """Open one file of a bag, and have the stack close it.
 
     A compressed file is first unpacked into a temporary folder. A .db3 file with a log is copied
@@ -256,7 +281,8 @@ def _open_file(path: Path, stack: ExitStack) -> McapFile | Sqlite3Reader:
         path = unpack_file(path, Path(stack.enter_context(TemporaryDirectory())))
     if path.suffix == '.db3' and has_log(path):
         path = with_log(path, Path(stack.enter_context(TemporaryDirectory())))
-    file = Sqlite3Reader(path) if path.suffix == '.db3' else McapFile(path)
+    kinds: dict[str, type[_File]] = {'.db3': SqliteFile, ROS1_SUFFIX: Ros1File}
+    file = kinds.get(path.suffix, McapFile)(path)
     try:
         file.open()
     except DAMAGE as error:

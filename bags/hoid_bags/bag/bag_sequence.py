@@ -10,12 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_reader import BagReader, BagTopic
 from hoid_bags.bag.bag_topics import RecordedTopics, TopicChoice, find_topics
 from hoid_bags.bag.image_messages import decode_color, decode_depth, image_head
 from hoid_bags.bag.stamps import header_stamp_ns, stamp_ns
 from hoid_bags.images import check_registered, check_size
+from hoid_bags.storage import bag_types
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
 from hoid_common.errors import InputError, MessageError
 from hoid_common.inputs.camera_info_check import CameraInfoCheck

@@ -7,17 +7,19 @@ what the messages contain and what the drivers call them.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from itertools import takewhile
 from typing import Any, NamedTuple
 
-from hoid_bags.bag import bag_types as types
 from hoid_bags.bag.bag_reader import BagReader, BagTopic
 from hoid_bags.bag.image_messages import ImageHead, image_head
+from hoid_bags.storage import bag_types as types
 from hoid_common import topics
 from hoid_common.camera_topics import CAMERA_TOPICS, CameraTopics
 from hoid_common.errors import InputError, MessageError
 
+_LOG = logging.getLogger(__name__)
 _IMAGES = (types.IMAGE, types.COMPRESSED_IMAGE)
 _COLOR_WORDS = ('rgb', 'color', 'colour')
 _REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
@@ -82,7 +84,7 @@ def find_topics(
         InputError: There are no color or no depth images, a named topic is missing, or several
             topics are equally likely.
     """
-    filled = [topic for topic in reader.topics if topic.num_messages]
+    filled = [topic for topic in reader.topics if topic.num_messages and topic.is_readable]
     images, problems = _images(reader, [t for t in filled if t.type_name in _IMAGES])
     colors = [image for image in images if not image.head.is_depth]
     depths = [image for image in images if image.head.is_depth]
@@ -113,21 +115,37 @@ def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTop
 
     Args:
         reader: The bag.
-        names: Names of topics, with or without leading slash; empty: all topics except /clock.
+        names: Names of topics, with or without leading slash; empty: all topics except /clock
+            and, with a warning, those of a ROS 1 bag whose types ROS 2 lacks.
 
     Raises:
-        InputError: The bag lacks one of the topics, or none of them has messages.
+        InputError: The bag lacks one of the topics, ROS 2 lacks its type, or none of them has
+            messages.
     """
     by_name = {topic.name: topic for topic in reader.topics}
     absolute = [f'/{name.lstrip("/")}' for name in names]
     for name in absolute:
         if name not in by_name:
             raise InputError(f'{reader.path}: has no topic "{name}"; see "hoid info"')
-    absolute = absolute or [name for name in by_name if name != topics.CLOCK]
-    filled = tuple(by_name[name] for name in absolute if by_name[name].num_messages)
-    if not filled:
-        raise InputError(f'{reader.path}: holds no messages to play')
-    return filled
+        if not by_name[name].is_readable:
+            raise InputError(f'{reader.path}: {_unreadable_text([by_name[name]])}')
+    chosen = [by_name[name] for name in absolute]
+    chosen = chosen or [topic for topic in readable_topics(reader) if topic.name != topics.CLOCK]
+    if filled := tuple(topic for topic in chosen if topic.num_messages):
+        return filled
+    raise InputError(f'{reader.path}: holds no messages to play')
+
+
+def readable_topics(reader: BagReader) -> list[BagTopic]:
+    """Return the topics of a bag that can be read; a warning names the types of the others."""
+    if left_out := [topic for topic in reader.topics if not topic.is_readable]:
+        _LOG.warning('%s: %s', reader.path, _unreadable_text(left_out))
+    return [topic for topic in reader.topics if topic.is_readable]
+
+
+def _unreadable_text(found: Sequence[BagTopic]) -> str:
+    kinds = sorted({topic.type_name for topic in found})
+    return f'{len(found)} topics left out, whose types ROS 2 lacks: {", ".join(kinds)}'
 
 
 def _images(reader: BagReader, found: list[BagTopic]) -> tuple[list[_Image], list[str]]:

@@ -7,47 +7,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-from rosbags.interfaces import (
-    Connection,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
-from hoid_bags.bag.bag_types import Message, ensure_type, serialize, shared_typestore
-from hoid_bags.mcap.checked_writer import CheckedWriter
+from hoid_bags.storage.bag_types import Message, ensure_type, serialize, shared_typestore
+from hoid_bags.storage.checked_writer import CheckedWriter
+from hoid_bags.storage.qos_profiles import reliable_qos
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, write_error
 from hoid_common.process.signals import termination_signals_blocked
 
 _METADATA_VERSION: Final = 9  # version that rosbag2 of Jazzy writes
-_FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
-
-
-def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
-    """Return a reliable QoS profile in the form in which rosbag2 stores it with a topic.
-
-    `ros2 bag play` publishes the topic with the stored profile.
-
-    Args:
-        depth: Length of the publisher's queue.
-        latched: Whether late subscribers also get the last messages (transient-local durability).
-    """
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=depth,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        deadline=_FOREVER,
-        lifespan=_FOREVER,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=_FOREVER,
-        avoid_ros_namespace_conventions=False,
-    )
 
 
 class BagWriter:

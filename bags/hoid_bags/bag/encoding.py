@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.bag.bag_types import COMPRESSED_IMAGE, IMAGE, Message
 from hoid_bags.images import (
     DepthUnits,
     check_size,
@@ -22,6 +21,7 @@ from hoid_bags.images import (
     is_png,
     read_image_bytes,
 )
+from hoid_bags.storage.bag_types import COMPRESSED_IMAGE, IMAGE, Message
 from hoid_bags.tum.tum_folder import ListedImage
 from hoid_common import topics
 from hoid_common.errors import InputError

@@ -6,8 +6,8 @@ import re
 from typing import NamedTuple
 
 from hoid_bags.bag.bag_reader import BagTopic
-from hoid_bags.bag.bag_types import IMAGE, deserialize
 from hoid_bags.images import check_complete
+from hoid_bags.storage.bag_types import IMAGE, deserialize
 from hoid_common.io import images
 from hoid_common.io.image_size import image_size_px
 from hoid_common.values import ByteArray, Float32Array

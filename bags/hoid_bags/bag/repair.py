@@ -1,4 +1,4 @@
-"""Repair of killed recordings and damaged bags by copying the readable messages."""
+"""Copies of the readable messages of bags: repair, and conversion of ROS 1 bags."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.bag_topics import readable_topics
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_common.errors import InputError
 from hoid_common.io.files import abandoned_scratch_folders
@@ -30,23 +31,41 @@ def repair(path: Path) -> Path:
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
     if scratch is None:
         name = path.name if path.is_dir() else path.stem
-        return _copied(path, path.with_name(f'{name}_repaired'))
+        target = path.with_name(f'{name}_repaired')
+        copy_bag(path, target)
+        return target
     if path not in abandoned_scratch_folders(path.parent):
         raise InputError(f'{path}: is still being recorded')
     target = path.with_name(scratch['name'])
-    bag = _copied(
-        path / scratch['name'],
-        target if not target.exists() else path.with_name(f'{scratch["name"]}_repaired'),
-    )
+    if target.exists():
+        target = path.with_name(f'{scratch["name"]}_repaired')
+    copy_bag(path / scratch['name'], target)
     shutil.rmtree(path, ignore_errors=True)
-    return bag
+    return target
 
 
-def _copied(source: Path, target: Path) -> Path:
-    with BagReader(source) as reader, BagWriter(target) as writer:
-        for topic in reader.topics:
+def copy_bag(source: Path, target: Path, *, compress: bool = False) -> str | None:
+    """Copy all readable messages of a bag to a new MCAP bag.
+
+    The copy of a ROS 1 bag has messages of ROS 2. It lacks the topics whose types ROS 2 lacks; a
+    warning names them.
+
+    Args:
+        source: The bag.
+        target: Folder of the new bag.
+        compress: Whether to compress the chunks of the new bag with zstd.
+
+    Returns:
+        A line of text about damage of the source; None: no damage was found.
+
+    Raises:
+        InputError: Nothing can be read, the definition of a message type is unknown, or the new
+            bag exists already or cannot be written.
+    """
+    with BagReader(source) as reader, BagWriter(target, compress=compress) as writer:
+        for topic in readable_topics(reader):
             if topic.num_messages:
                 writer.add_topic(topic.name, topic.type_name, topic.qos)
         for message in reader.messages():
             writer.write_serialized(message.topic, message.log_ns, message.data)
-    return target
+        return reader.fault

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from hoid_bags.bag.bag_types import Message, ensure_type, new_message, shared_typestore
+from hoid_bags.storage.bag_types import Message, ensure_type, new_message, shared_typestore
 from hoid_common.errors import InputError, MessageError
 from hoid_common.values import NS_PER_S
 

@@ -20,12 +20,12 @@ from tqdm import tqdm
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_topics import TopicChoice
-from hoid_bags.bag.bag_types import message_class
 from hoid_bags.live.keyboard import PAUSE_KEY, KeyPresses
 from hoid_bags.live.lockstep import LockstepGate
 from hoid_bags.live.playback import Pacer, PlaybackPlan, PlayConfig, ScheduledMessage, open_plan
 from hoid_bags.live.read_ahead import ReadAhead
 from hoid_bags.live.ros_session import live_name, ros_session, to_rclpy_qos
+from hoid_bags.storage.bag_types import message_class
 from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.ros import qos

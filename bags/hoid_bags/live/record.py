@@ -12,9 +12,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from tqdm import tqdm
 
-from hoid_bags.bag.bag_types import message_class
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.live.ros_session import from_rclpy_qos, ros_session
+from hoid_bags.storage.bag_types import message_class
 from hoid_common import topics
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.ros.execution.executor import SteadyExecutor

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Qos, QosDurability, QosReliability
 
-from hoid_bags.bag.bag_writer import reliable_qos
+from hoid_bags.storage.qos_profiles import reliable_qos
 from hoid_common import topics
 from hoid_common.errors import ConfigError
 from hoid_common.process.shared_memory import shared_memory_problem

@@ -11,10 +11,10 @@ import numpy as np
 
 from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_reader import BagReader
-from hoid_bags.bag.bag_types import IMU
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.info import summarize
 from hoid_bags.bag.repair import repair
+from hoid_bags.storage.bag_types import IMU
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.guarded import run_guarded
 from hoid_benchmarks.faults.samples import NUM_FRAMES, Samples

@@ -16,11 +16,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_bags.bag.bag_types import Message
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.stamps import header
+from hoid_bags.storage import bag_types
+from hoid_bags.storage.bag_types import Message
 from hoid_benchmarks.faults.damage import Rng
 from hoid_benchmarks.faults.samples import Samples
 from hoid_bringup import cli

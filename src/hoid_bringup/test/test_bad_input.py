@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.bag.bag_types import IMU
 from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.storage.bag_types import IMU
 from hoid_bringup import cli
 from hoid_common import se3
 from hoid_common.io.trajectory_io import write_tum

@@ -53,20 +53,33 @@ CAMERA_TOPICS = {
         'realsense2_camera 4.55, align_depth.enable:=true', '/camera/camera',
         'color/image_raw', 'aligned_depth_to_color/image_raw', 'color/camera_info',
     ),
+    'realsense_4_54': CameraTopics(
+        'realsense2_camera before 4.55 and that of ROS 1, align_depth', '/camera',
+        'color/image_raw', 'aligned_depth_to_color/image_raw', 'color/camera_info',
+    ),
+    'realsense_viewer': CameraTopics(
+        'RealSense Viewer and librealsense (.bag), D435 and D455', '/device_0',
+        'sensor_1/Color_0/image/data', 'sensor_0/Depth_0/image/data',
+        'sensor_1/Color_0/info/camera_info',
+    ),
     'azure_kinect': CameraTopics(
         'azure_kinect_ros_driver 1.4, which always registers depth', '/',
         'rgb/image_raw', 'depth_to_rgb/image_raw', 'rgb/camera_info',
     ),
     'orbbec': CameraTopics(
-        'orbbec_camera 1.5, depth_registration:=true', '/camera',
+        'orbbec_camera 1.5 and 2, depth_registration:=true', '/camera',
         'color/image_raw', 'depth/image_raw', 'color/camera_info',
     ),
     'zed': CameraTopics(
         'zed_wrapper 5.1, which always registers depth', '/zed/zed_node',
         'rgb/color/rect/image', 'depth/depth_registered', 'rgb/color/rect/camera_info',
     ),
+    'zed_4': CameraTopics(
+        'zed_wrapper 4 and 5.0, which always registers depth', '/zed/zed_node',
+        'rgb/image_rect_color', 'depth/depth_registered', 'rgb/camera_info',
+    ),
     'oak': CameraTopics(
-        'depthai_ros_driver 2.11, stereo aligned to rgb', '/oak',
+        'depthai_ros_driver 2.11 and 3, stereo aligned to rgb', '/oak',
         'rgb/image_raw', 'stereo/image_raw', 'rgb/camera_info',
     ),
     'openni2': CameraTopics(
@@ -74,7 +87,7 @@ CAMERA_TOPICS = {
         'rgb/image_raw', 'depth_registered/image_raw', 'rgb/camera_info',
     ),
     'tum': CameraTopics(
-        "the TUM RGB-D benchmark's own bags, converted to ROS 2", '/camera',
+        "the TUM RGB-D benchmark's own bags", '/camera',
         'rgb/image_color', 'depth/image', 'rgb/camera_info',
     ),
 }  # fmt: skip

@@ -14,8 +14,9 @@ from pathlib import Path
 import rclpy
 from sensor_msgs.msg import CameraInfo
 
-from hoid_bags.bag import bag_messages, bag_types
+from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.storage import bag_types
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.node_harness import (
     START_S,

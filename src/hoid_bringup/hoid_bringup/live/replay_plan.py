@@ -11,7 +11,7 @@ from rosbags.interfaces import QosReliability
 
 from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
-from hoid_bags.bag.bag_types import COMPRESSED_IMAGE
+from hoid_bags.storage.bag_types import COMPRESSED_IMAGE
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_bringup.run.parameter_names import by_node

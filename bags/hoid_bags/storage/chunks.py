@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from bz2 import BZ2Decompressor
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -13,15 +14,17 @@ import apsw
 from backports.zstd import ZstdDecompressor, ZstdError
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from mcap.exceptions import McapError
+from rosbags.rosbag1 import ReaderError as Ros1Error
 from rosbags.rosbag2 import ReaderError
+from rosbags.serde.errors import SerdeError
 
 MAX_CHUNK_BYTES: Final = 1 << 28
 """Largest unpacked chunk or message. Chosen: rosbags and mcap close a chunk after 1 MiB."""
 
 DAMAGE = (
-    ReaderError, McapError, ZstdError, OSError, ValueError, LookupError, TypeError, EOFError,
-    RuntimeError, MemoryError, OverflowError, AssertionError, AttributeError, struct.error,
-    apsw.Error,
+    ReaderError, Ros1Error, SerdeError, McapError, ZstdError, OSError, ValueError, LookupError,
+    TypeError, EOFError, RuntimeError, MemoryError, OverflowError, AssertionError, AttributeError,
+    struct.error, apsw.Error,
 )  # fmt: skip
 """Exceptions that the libraries and this module raise for bytes that are no valid recording."""
 
@@ -36,6 +39,7 @@ _UNPACKERS: Mapping[str, Callable[[bytes, int], bytes]] = {
     '': lambda data, _: data,
     'zstd': lambda data, limit: ZstdDecompressor().decompress(data, limit),
     'lz4': lambda data, limit: bytes(LZ4FrameDecompressor().decompress(data, limit)),
+    'bz2': lambda data, limit: BZ2Decompressor().decompress(data, limit),
 }
 
 
@@ -90,6 +94,23 @@ def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
         raise ReaderError(f'a chunk of {size} bytes unpacks to another size')
     if checksum and crc32(records) != checksum:
         raise ReaderError('checksum mismatch')
+    return records
+
+
+def unpack_at_most(data: bytes, compression: str) -> bytes:
+    """Return the records of a chunk of a ROS 1 bag.
+
+    Args:
+        data: The chunk's content, as it is in the file.
+        compression: Compression of the content: '' (none), 'bz2' or 'lz4'.
+
+    Raises:
+        ReaderError: The content unpacks to more than MAX_CHUNK_BYTES.
+        OSError, EOFError, RuntimeError: The content is damaged.
+    """
+    records = _UNPACKERS[compression](data, MAX_CHUNK_BYTES + 1)
+    if len(records) > MAX_CHUNK_BYTES:
+        raise ReaderError(f'a chunk unpacks to more than {MAX_CHUNK_BYTES} bytes')
     return records
 
 

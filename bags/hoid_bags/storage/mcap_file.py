@@ -20,13 +20,11 @@ from rosbags.interfaces import (
     ConnectionExtRosbag2,
     MessageDefinition,
     MessageDefinitionFormat,
-    Qos,
 )
 from rosbags.rosbag2 import ReaderError
-from rosbags.rosbag2.metadata import parse_qos
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
-from hoid_bags.mcap.chunks import (
+from hoid_bags.storage.chunks import (
     DAMAGE,
     MAX_CHUNK_BYTES,
     NO_RECORD,
@@ -36,6 +34,7 @@ from hoid_bags.mcap.chunks import (
     split_records,
     unpack,
 )
+from hoid_bags.storage.qos_profiles import stored_qos
 
 # Of a chunk: opcode and size of the record; first and last log time, unpacked size and checksum of
 # the content; length of the name of the compression.
@@ -76,7 +75,8 @@ class McapFile(McapReader):
             super().open()
             self._check_index()
         except DAMAGE as error:
-            if not isinstance(error, _NoIndexError):
+            # rosbags raises a KeyError for a QoS profile that lacks an entry.
+            if not isinstance(error, _NoIndexError | KeyError):
                 self.index_error = one_line(error)
             self._scan()
 
@@ -215,7 +215,10 @@ class McapFile(McapReader):
                 _NO_DEFINITION,
                 '',
                 scan.counts[channel.id],
-                ConnectionExtRosbag2(channel.message_encoding, _qos_profiles(channel)),
+                ConnectionExtRosbag2(
+                    channel.message_encoding,
+                    stored_qos(channel.metadata.get('offered_qos_profiles', '')),
+                ),
                 self,
             )
             for channel in scan.channels.values()
@@ -231,12 +234,6 @@ class McapFile(McapReader):
             reader = _Records(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
             for record in reader.records:
                 yield record, file.tell()
-
-
-def _qos_profiles(channel: Channel) -> list[Qos]:
-    with suppress(*DAMAGE):
-        return parse_qos(channel.metadata.get('offered_qos_profiles', ''))
-    return []
 
 
 class _Records(StreamReader):

@@ -30,6 +30,7 @@ CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 IMU = 'sensor_msgs/msg/Imu'
 POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
 DETECTION_ARRAY = 'hoid_msgs/msg/DetectionArray'
+TF_MESSAGE = 'tf2_msgs/msg/TFMessage'
 
 _NAME = re.compile(r'[A-Za-z]\w{0,99}', re.ASCII)  # name of a package or message
 _WORKSPACE_SOURCES = Path(__file__).resolve().parents[3] / 'src'
@@ -53,7 +54,7 @@ def ensure_type(type_name: str) -> None:
     path = _find_definition(type_name)
     try:
         types = get_types_from_msg(path.read_text(encoding='utf-8'), type_name)
-        for contained in sorted(_named_types(types[type_name][1]) - {type_name}):
+        for contained in sorted(named_types(types[type_name][1]) - {type_name}):
             ensure_type(contained)
         store.register(types)
     except TypesysError as error:
@@ -113,6 +114,17 @@ def message_class(topic: str, type_name: str) -> Any:
         ) from error
 
 
+def named_types(fields: Any) -> set[str]:
+    """Return the names of all message types in a definition's fields and arrays."""
+    found: set[str] = set()
+    for _, (node, detail) in fields:
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            found |= named_types([('', detail[0])])
+        elif node == Nodetype.NAME:
+            found.add(detail)
+    return found
+
+
 def _find_definition(type_name: str) -> Path:
     """Return the .msg file of a type; raise InputError if it is not found."""
     package, _, name = type_name.partition('/msg/')
@@ -127,14 +139,3 @@ def _find_definition(type_name: str) -> Path:
         f'message type "{type_name}" is not known here; build and source its package, or leave'
         ' its topic out'
     )
-
-
-def _named_types(fields: Any) -> set[str]:
-    """Return the names of all message types in a definition's fields and arrays."""
-    found: set[str] = set()
-    for _, (node, detail) in fields:
-        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            found |= _named_types([('', detail[0])])
-        elif node == Nodetype.NAME:
-            found.add(detail)
-    return found

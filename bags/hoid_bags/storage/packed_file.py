@@ -24,9 +24,12 @@ _BLOCK_BYTES = 1 << 20  # chosen: memory for one block
 def unpack_file(path: Path, folder: Path) -> Path:
     """Unpack a zstd file into a folder; return the path of the result, without the suffix .zstd.
 
+    Of a file that is cut off or damaged, the part before the damage is unpacked; the reader of the
+    result finds it cut off.
+
     Raises:
-        InputError: The file is damaged, unpacks to more than 64 MiB plus 100 times its size, or
-            does not fit on the disk.
+        InputError: Nothing can be unpacked, or the file unpacks to more than 64 MiB plus 100 times
+            its size, or does not fit on the disk.
     """
     target = folder / path.stem
     limit = _SMALL_BYTES + _MAX_RATIO * path.stat().st_size
@@ -43,5 +46,7 @@ def unpack_file(path: Path, folder: Path) -> Path:
                     raise InputError(f'{path}: unpacks to over {limit} bytes, which no bag does')
                 file.write(block)
     except (zstd.ZstdError, EOFError, OSError) as error:
+        if size and not isinstance(error, OSError):
+            return target
         raise InputError(f'{path}: cannot be unpacked into {folder}: {error}') from error
     return target

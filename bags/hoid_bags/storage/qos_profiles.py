@@ -1,0 +1,69 @@
+"""QoS profiles in the form in which rosbag2 stores them with the topics of a bag."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+
+from hoid_common.errors import InputError
+from hoid_common.io.yaml_file import parse_yaml
+
+_FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
+
+
+def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
+    """Return a reliable QoS profile in the form in which rosbag2 stores it with a topic.
+
+    `ros2 bag play` publishes the topic with the stored profile.
+
+    Args:
+        depth: Length of the publisher's queue.
+        latched: Whether late subscribers also get the last messages (transient-local durability).
+    """
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=depth,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        deadline=_FOREVER,
+        lifespan=_FOREVER,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_FOREVER,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def stored_qos(text: str) -> list[Qos]:
+    """Return the profiles that a recorder stored with a topic, in the form of `reliable_qos`.
+
+    Reliability, durability and depth are read; an entry that is missing is the default. Text that
+    is no list of profiles contains none.
+
+    Args:
+        text: The YAML text in the bag; recorders older than Iron write names as numbers.
+    """
+    try:
+        entries = parse_yaml(text, 'offered_qos_profiles')
+    except InputError:
+        return []
+    return [_profile(e) for e in entries if isinstance(e, dict)] if entries else []
+
+
+def _profile(entry: dict[Any, Any]) -> Qos:
+    depth = entry.get('depth')
+    latched = (QosDurability.TRANSIENT_LOCAL.value, 'transient_local')
+    best_effort = (QosReliability.BEST_EFFORT.value, 'best_effort')
+    qos = reliable_qos(
+        depth if isinstance(depth, int) else 0, latched=entry.get('durability') in latched
+    )
+    if entry.get('reliability') in best_effort:
+        return qos._replace(reliability=QosReliability.BEST_EFFORT)
+    return qos

@@ -1,0 +1,161 @@
+"""ROS 1 bags, whose messages are converted to those of ROS 2 while they are read."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Collection, Generator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag1,
+    ConnectionExtRosbag2,
+)
+from rosbags.rosbag1 import Reader
+from rosbags.rosbag1.reader import Chunk, decompressors
+from rosbags.serde.errors import SerdeError
+from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.base import TypesysError
+
+from hoid_bags.storage import bag_types
+from hoid_bags.storage.bag_types import IMAGE, deserialize, ensure_type, shared_typestore
+from hoid_bags.storage.chunks import unpack_at_most
+from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_common.errors import InputError
+
+ROS1_SUFFIX = '.bag'
+_RENAMED = {'tf/msg/tfMessage': bag_types.TF_MESSAGE}
+_HEADER = 'std_msgs/msg/Header'  # its field `seq` exists in ROS 1 only, and is left out
+# In the name of a topic: other characters, and the place before a digit that begins a part.
+_FORBIDDEN = re.compile(r'[^\w/]|(?<=/)(?=\d)', re.ASCII)
+_DEPTH_UNITS = struct.Struct('<f')
+_MM = 0.001
+
+Converter = Callable[[bytes], 'bytes | memoryview']
+
+
+class Ros1File(Reader):
+    """A ROS 1 bag (format 2.0), read by its index.
+
+    Topics whose type ROS 2 defines differently, or not at all, are listed, but cannot be read.
+    Names that ROS 2 does not allow get underscores: /tf/0 becomes /tf/_0.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._converters: dict[int, Converter] = {}  # by connection
+
+    def open(self) -> None:
+        """Read the index.
+
+        Raises:
+            rosbags.rosbag1.ReaderError: The file is no ROS 1 bag, or has no complete index.
+        """
+        super().open()
+        for i, found in enumerate(self.connections):
+            connection = found._replace(
+                topic=_FORBIDDEN.sub('_', found.topic),
+                msgtype=_RENAMED.get(found.msgtype, found.msgtype),
+            )
+            is_latched = isinstance(found.ext, ConnectionExtRosbag1) and bool(found.ext.latching)
+            self.connections[i] = connection._replace(
+                ext=ConnectionExtRosbag2('cdr', [reliable_qos(latched=is_latched)])
+            )
+            if (converter := _converter(connection)) is not None:
+                self._converters[connection.id] = converter
+
+    @property
+    def metadata(self) -> Ros1File:
+        """Return this file, which has the times and the number of messages as attributes."""
+        return self
+
+    def is_readable(self, connection: Connection) -> bool:
+        """Return whether ROS 2 defines the type of a topic in the same way."""
+        return connection.id in self._converters
+
+    def read_chunk(self) -> Chunk:
+        """Return the chunk at the current position; it is unpacked to at most 256 MiB."""
+        chunk = super().read_chunk()
+        (name,) = (name for name, unpack in decompressors.items() if unpack is chunk.decompressor)
+        compression = '' if name == 'none' else name
+        return chunk._replace(decompressor=partial(unpack_at_most, compression=compression))
+
+    def messages(
+        self,
+        connections: Collection[Connection] = (),
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Generator[tuple[Connection, int, bytes], None, None]:
+        """Yield messages in order of log time: the topic, the log time (ns) and the bytes (CDR).
+
+        Args:
+            connections: Topics to read, from the attribute `connections`; those that are not
+                readable are left out.
+            start: First log time (ns); None: the beginning.
+            stop: Log time (ns) before which reading ends; None: the end.
+
+        Raises:
+            SerdeError: A message is not of its type.
+        """
+        readable = [c for c in connections if c.id in self._converters]
+        found = super().messages(readable, start, stop) if readable else ()
+        for connection, log_ns, data in found:
+            yield connection, log_ns, bytes(self._converters[connection.id](data))
+
+
+def _converter(connection: Connection) -> Converter | None:
+    """Return the converter of a topic's messages to CDR; None: ROS 2 has no equal type."""
+    name = connection.msgtype
+    try:
+        ensure_type(name)
+        types = get_types_from_msg(connection.msgdef.data, name)
+    except (InputError, TypesysError):
+        return None
+    if not _is_equal(types, name):
+        return None
+    if name == IMAGE:
+        return _image_to_cdr
+    return partial(shared_typestore().ros1_to_cdr, typename=name)
+
+
+def _is_equal(types: Mapping[str, Any], name: str) -> bool:
+    """Return whether ROS 2 serializes the fields of a type in the same order and kinds."""
+    if name == _HEADER or name not in types:  # the latter: time and duration
+        return True
+    store = shared_typestore()
+    if name not in store.fielddefs:
+        return False
+    kinds = [kind for _, kind in types[name][1]]
+    if kinds != [kind for _, kind in store.fielddefs[name][1]]:
+        return False
+    return all(_is_equal(types, inner) for inner in bag_types.named_types(types[name][1]))
+
+
+def _image_to_cdr(data: bytes) -> bytes | memoryview:
+    """Return the CDR bytes of an image, also of one that librealsense 2.5x wrote.
+
+    librealsense appends the depth unit in meters (float32) to images, without changing the type's
+    definition. Other units than millimeters are applied: the image becomes 32FC1 in meters.
+
+    Raises:
+        SerdeError: The data is no image.
+    """
+    convert = shared_typestore().ros1_to_cdr
+    try:
+        return convert(data, IMAGE)
+    except SerdeError:
+        image = convert(data[: -_DEPTH_UNITS.size], IMAGE)
+    (unit_m,) = _DEPTH_UNITS.unpack(data[-_DEPTH_UNITS.size :])
+    if not 0 < unit_m < 1 or abs(unit_m - _MM) < 1e-3 * _MM:
+        return image
+    message = deserialize(image, IMAGE)
+    if message.encoding != 'mono16':
+        return image
+    depth_m = message.data.view('<u2').astype(np.float32) * np.float32(unit_m)
+    message.encoding, message.step = '32FC1', 2 * message.step
+    message.data = depth_m.view(np.uint8)
+    return bag_types.serialize(message, IMAGE)
