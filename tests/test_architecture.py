@@ -29,7 +29,7 @@ PACKAGES = """
 LAYERS = {
     'hoid_common': """
         errors log_throttle topics slam_status < camera_topics config values
-        < se3 process sync < inputs io poses < ros
+        < se3 process sync < inputs io poses < store < ros
     """,
     'hoid_detector': """
         drawing expected_objects newest_wins quarter_turn < model < config < onnx_detector < node

@@ -1,0 +1,352 @@
+"""A map as an SQLite database: created, opened by its owner, or read after a check.
+
+A database in use (`start`) is in WAL mode: each transaction is in the file completely or not at
+all, whenever a process or computer dies. A finished one is a single file.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any, Self
+
+from hoid_common.errors import MapFileError
+from hoid_common.io.files import scratch_folder
+from hoid_common.store.foreign import APPLICATION_ID, VERSION, check_content, check_header
+from hoid_common.store.table import Table
+
+SUFFIX = '.hoidmap'
+_PAGE_BYTES = 16_384  # measured in a trial: fastest for blobs of 50 kB
+_PATIENCE_S = 10.0  # chosen: how long a statement waits for another process's transaction
+_SIDE_FILES = ('-wal', '-shm', '-journal')
+_REMEDIES = {
+    'SQLITE_FULL': 'cannot be written: the disk is full; free space on it',
+    'SQLITE_READONLY': 'cannot be written: the file or its folder is read-only',
+    'SQLITE_CANTOPEN': 'cannot be opened: is its folder missing, or not accessible?',
+    'SQLITE_BUSY': 'is in use by another process; try again',
+    'SQLITE_LOCKED': 'is in use by another process; try again',
+    'SQLITE_PERM': 'cannot be opened: permission denied',
+    'SQLITE_NOMEM': 'does not fit into memory',
+    'SQLITE_TOOBIG': 'is damaged: a value is larger than the file',
+}
+
+
+class Database:
+    """An open database, which any thread may use, but only one at a time.
+
+    Every method raises MapFileError, with one line that names the file, if the database cannot be
+    read or written or is damaged. Make one with `create`, `start`, `open` or `read`.
+
+    Args:
+        path: Its file.
+        connection: The connection.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path = path
+        self._connection = connection
+
+    @classmethod
+    def create(cls, path: Path, tables: Iterable[Table]) -> Self:
+        """Create a database with empty tables in a new file, which must not exist.
+
+        It has no journal: if the process is killed, the file is worthless. `replaced` gives such a
+        file its name once it is complete, or `start` does.
+        """
+        try:
+            path.touch(exist_ok=False)
+        except OSError as error:
+            raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
+        with _connected(path, 'rw') as connection:
+            connection.execute(f'PRAGMA page_size = {_PAGE_BYTES}')
+            connection.execute('PRAGMA journal_mode = OFF')
+            connection.execute('PRAGMA synchronous = OFF')
+            connection.execute(f'PRAGMA application_id = {APPLICATION_ID}')
+            connection.execute(f'PRAGMA user_version = {VERSION}')
+            for table in tables:
+                connection.execute(table.sql)
+            return cls(path, connection)
+
+    @classmethod
+    def start(cls, path: Path, tables: Iterable[Table]) -> Self:
+        """Create a database with empty tables, each transaction of which survives a kill.
+
+        A file of this name is an error: `kept` gives it another name.
+        """
+        tables = tuple(tables)
+        if path.exists():
+            raise MapFileError(f'{path}: exists already')
+        for side in side_files(path):
+            side.unlink(missing_ok=True)  # SQLite would take them for those of the new file
+        with replaced(path) as aside:
+            cls.create(aside, tables).close()
+        with _connected(path, 'rw') as connection:
+            connection.execute('PRAGMA journal_mode = WAL')
+            connection.execute('PRAGMA synchronous = NORMAL')
+            return cls(path, connection)
+
+    @classmethod
+    def open(cls, path: Path, tables: Iterable[Table]) -> Self:
+        """Open an existing database to read and write it, after the checks of `read`.
+
+        Tables that it does not have are added. The journal of a killed process is applied.
+        """
+        check_header(path)
+        tables = tuple(tables)
+        with _connected(path, 'rw') as connection:
+            found = check_content(connection, tables)
+            connection.execute('PRAGMA synchronous = NORMAL')
+            for table in tables:
+                if table.name not in found:
+                    connection.execute(table.sql)
+            return cls(path, connection)
+
+    @classmethod
+    def read(cls, path: Path, tables: Iterable[Table]) -> Self:
+        """Open a database only to read it, after checking its schema and its pages.
+
+        It may lack any of the tables (`has`), and have others of the same plain form, which are
+        not read.
+
+        Raises:
+            MapFileError: As always; and if there is no such file, it is no regular file, no map,
+                or of another version, or has anything else than plain tables.
+        """
+        check_header(path)
+        # An immutable file is read without locks, so that its folder may be read-only.
+        is_in_use = path.with_name(path.name + '-wal').exists()
+        with _connected(path, 'ro' if is_in_use else 'ro&immutable=1') as connection:
+            connection.execute('PRAGMA query_only = ON')
+            check_content(connection, tuple(tables))
+            return cls(path, connection)
+
+    def close(self) -> None:
+        """Close the database; its journal is brought into the file."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        """Return the database, which is closed at the end of the block."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the database."""
+        self.close()
+
+    @contextmanager
+    def transaction(self) -> Iterator[None]:
+        """Commit all that the block writes at its end, or nothing if it raises.
+
+        Blocks must not be nested.
+        """
+        self._run('BEGIN IMMEDIATE')
+        try:
+            yield
+            self._run('COMMIT')
+        except BaseException:
+            with suppress(sqlite3.Error):  # SQLite may have ended the transaction itself
+                self._connection.execute('ROLLBACK')
+            raise
+
+    def put(self, table: Table, rows: Iterable[tuple[Any, ...]]) -> None:
+        """Insert rows: the key, then the other columns; rows with the same keys are replaced.
+
+        A record may be given as bytes that `table.pack` has made.
+        """
+        places = ', '.join('?' * (1 + len(table.columns)))
+        with _described(self.path):
+            self._connection.executemany(
+                f'INSERT OR REPLACE INTO {table.name} VALUES ({places})',  # noqa: S608
+                map(table.packed, rows),
+            )
+
+    def delete(self, table: Table, keys: Iterable[int]) -> None:
+        """Delete the rows with these keys; keys without a row are ignored."""
+        with _described(self.path):
+            self._connection.executemany(
+                f'DELETE FROM {table.name} WHERE {table.key} = ?',  # noqa: S608
+                ((key,) for key in keys),
+            )
+
+    def clear(self, table: Table) -> None:
+        """Delete all rows of a table."""
+        self._run(f'DELETE FROM {table.name}')  # noqa: S608
+
+    def rows(self, table: Table) -> Iterator[tuple[Any, ...]]:
+        """Yield all rows by ascending key: the key, then the other columns."""
+        columns = ', '.join((table.key, *table.columns))
+        with _described(self.path), closing(self._connection.cursor()) as cursor:
+            cursor.execute(f'SELECT {columns} FROM {table.name} ORDER BY {table.key}')  # noqa: S608
+            for row in cursor:
+                yield table.unpacked(row)
+
+    def row(self, table: Table, key: int) -> tuple[Any, ...] | None:
+        """Return the row with a key, or None if there is none."""
+        columns = ', '.join((table.key, *table.columns))
+        sql = f'SELECT {columns} FROM {table.name} WHERE {table.key} = ?'  # noqa: S608
+        with _described(self.path):
+            row = self._connection.execute(sql, (key,)).fetchone()
+            return None if row is None else table.unpacked(row)
+
+    def count(self, table: Table) -> int:
+        """Return the number of rows of a table."""
+        return int(self._run(f'SELECT count(*) FROM {table.name}')[0][0])  # noqa: S608
+
+    def has(self, table: Table) -> bool:
+        """Return whether the database has a table."""
+        sql = f"SELECT 1 FROM sqlite_schema WHERE name = '{table.name}'"  # noqa: S608
+        return bool(self._run(sql))
+
+    def copy_to(self, path: Path) -> None:
+        """Copy the content to a new finished file (SQLite's backup).
+
+        Nothing waits until the copy is on the disk: see `replaced`.
+        """
+        with _described(path), closing(sqlite3.connect(path)) as copy:
+            copy.execute('PRAGMA journal_mode = OFF')
+            copy.execute('PRAGMA synchronous = OFF')
+            self._connection.backup(copy)
+            copy.execute('PRAGMA journal_mode = DELETE')
+
+    def finish(self) -> None:
+        """Make it a finished file, without files beside it, and close it.
+
+        It fails while another process reads the database.
+        """
+        self._run('PRAGMA journal_mode = DELETE')
+        self.close()
+
+    def _run(self, sql: str) -> list[Any]:
+        with _described(self.path):
+            return self._connection.execute(sql).fetchall()
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """Yield the path of a new file, which replaces `path` at the end of the block.
+
+    It does so only after all its bytes are on the disk. If the block raises, nothing is replaced.
+    The new file is in a scratch folder, so that what a killed process leaves can be found
+    (`abandoned_scratch_folders`).
+
+    Raises:
+        InputError: The folder cannot be written.
+        MapFileError: The file cannot be written.
+    """
+    with scratch_folder(path.parent, 'map') as folder:
+        aside = folder / path.name
+        try:
+            yield aside
+        except MapFileError as error:
+            raise MapFileError(str(error).replace(str(aside), str(path))) from error
+        try:
+            with aside.open('rb') as file:
+                os.fsync(file.fileno())
+            aside.replace(path)
+            _sync_folder(path.parent)
+        except OSError as error:
+            raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
+
+
+def kept(path: Path, name: Path) -> Path:
+    """Rename a database that nobody uses, with the files of its journal; return its new path.
+
+    Nothing is overwritten: if the name is taken, `-2`, `-3` ... is appended to it.
+
+    Args:
+        path: The database.
+        name: The path that it gets if no file has it.
+
+    Raises:
+        MapFileError: It cannot be renamed.
+    """
+    new, number = name, 1
+    try:
+        while not _is_reserved(new):
+            number += 1
+            new = name.with_name(f'{name.stem}-{number}{name.suffix}')
+        for old, side in zip(side_files(path), side_files(new), strict=True):
+            with suppress(FileNotFoundError):
+                old.rename(side)
+        path.replace(new)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise MapFileError(f'{path}: cannot be renamed: {error.strerror}') from error
+    return new
+
+
+def side_files(path: Path) -> Sequence[Path]:
+    """Return the files beside a database that SQLite may make."""
+    return [path.with_name(path.name + end) for end in _SIDE_FILES]
+
+
+def _is_reserved(path: Path) -> bool:
+    """Make an empty file, which reserves its name; return False if the name is taken."""
+    try:
+        path.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
+
+
+def _sync_folder(folder: Path) -> None:
+    """Write the entries of a folder to the disk; errors are ignored: some systems cannot do it."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+@contextmanager
+def _connected(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
+    """Yield a connection, which is closed if the block raises; its errors are described.
+
+    Args:
+        path: The file, which must exist.
+        mode: SQLite's mode of access, `rw` or `ro`, perhaps with more parameters.
+    """
+    with _described(path), ExitStack() as stack:
+        connection = sqlite3.connect(
+            f'{path.absolute().as_uri()}?mode={mode}',
+            uri=True,
+            timeout=_PATIENCE_S,
+            isolation_level=None,
+            check_same_thread=False,
+        )
+        stack.callback(connection.close)
+        connection.execute('PRAGMA trusted_schema = OFF')  # no SQL of the file's own may run
+        connection.execute('PRAGMA cell_size_check = ON')
+        connection.execute('PRAGMA temp_store = MEMORY')
+        if mode != 'rw':  # no value is larger than the file
+            limit = _size(path) + _size(path.with_name(path.name + '-wal'))
+            connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(limit, _PAGE_BYTES))
+        yield connection
+        stack.pop_all()
+
+
+def _size(path: Path) -> int:
+    with suppress(OSError):
+        return path.stat().st_size
+    return 0
+
+
+@contextmanager
+def _described(path: Path) -> Iterator[None]:
+    """Raise errors of SQLite, and of what it reads, as MapFileErrors that name the file."""
+    try:
+        yield
+    except MapFileError as error:
+        text = str(error)
+        raise error if text.startswith(f'{path}: ') else MapFileError(f'{path}: {text}') from error
+    except MemoryError as error:
+        raise MapFileError(f'{path}: does not fit into memory') from error
+    except sqlite3.Error as error:
+        name = getattr(error, 'sqlite_errorname', '')
+        remedy = next((text for code, text in _REMEDIES.items() if name.startswith(code)), None)
+        if remedy is None and name.startswith('SQLITE_IOERR'):
+            remedy = f'cannot be read or written ({name[7:]}): check the disk and its free space'
+        raise MapFileError(f'{path}: {remedy or f"is damaged: {error}"}') from error

@@ -1,0 +1,78 @@
+"""Checks of a database file before it is used, because anybody may have made it."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+
+from hoid_common.errors import InputError, MapFileError
+from hoid_common.io.untrusted import open_regular
+from hoid_common.store.table import Table
+
+APPLICATION_ID = int.from_bytes(b'hoid', 'big')
+VERSION = 1  # of all tables together; a change of any table adds one
+# The form of the SQL text of every table (`Table.sql`): nothing of it is ever executed, neither
+# when rows are read or written, nor when they are checked.
+PLAIN_TABLE = re.compile(
+    r'CREATE TABLE ([a-z_]+) \([a-z_]+ INTEGER PRIMARY KEY'
+    r'(?:, [a-z_0-9]+ (?:INTEGER|REAL|TEXT|BLOB) NOT NULL)*\) STRICT'
+)
+_HEADER_BYTES = 100
+_SQLITE, _ZIP = b'SQLite format 3\0', b'PK\x03\x04'
+_MAX_QUOTED = 80  # characters of a text from the file that an error quotes
+
+
+def check_header(path: Path) -> None:
+    """Check that a file is a database of maps of this version, without SQLite.
+
+    Raises:
+        MapFileError: There is no such file, it is no regular file, or it is something else.
+    """
+    try:
+        with open_regular(path) as file:
+            header = file.read(_HEADER_BYTES)
+    except InputError as error:
+        raise MapFileError(str(error)) from error
+    except OSError as error:
+        raise MapFileError(f'{path}: cannot be read: {error.strerror}') from error
+    if header.startswith(_ZIP):
+        raise MapFileError(
+            f'{path}: is a map of version 0.2 or earlier, which this version does not read: map '
+            'the place anew, or use version 0.2'
+        )
+    version, application = header[60:64], header[68:72]
+    if not header.startswith(_SQLITE) or int.from_bytes(application, 'big') != APPLICATION_ID:
+        raise MapFileError(f'{path}: is no map file')
+    if int.from_bytes(version, 'big') != VERSION:
+        raise MapFileError(
+            f'{path}: is of version {int.from_bytes(version, "big")}, and this program reads '
+            f'version {VERSION}: use the program that made it, or map the place anew'
+        )
+
+
+def check_content(connection: sqlite3.Connection, tables: Sequence[Table]) -> frozenset[str]:
+    """Check the schema of a database, then all of its pages; return the names of its tables.
+
+    Args:
+        connection: The database.
+        tables: The tables that will be used. The database need not have them all.
+
+    Raises:
+        MapFileError: It has something else than plain tables, one of these tables with other
+            columns, or pages that are damaged. The text does not name the file.
+        sqlite3.Error: It cannot be read.
+    """
+    known, found = {table.name: table.sql for table in tables}, set()
+    for kind, name, sql in connection.execute('SELECT type, name, sql FROM sqlite_schema'):
+        match = PLAIN_TABLE.fullmatch(sql) if isinstance(sql, str) else None
+        if kind != 'table' or match is None or match[1] != name:
+            raise MapFileError(f'has a foreign part: {kind!r:.20} {name!r:.{_MAX_QUOTED}}')
+        if known.get(name, sql) != sql:
+            raise MapFileError(f'is of another version of this program: its {name} differ')
+        found.add(name)
+    ((result,),) = connection.execute('PRAGMA quick_check(1)').fetchall()
+    if result != 'ok':
+        raise MapFileError(f'is damaged: {" ".join(str(result).split())[:_MAX_QUOTED]}')
+    return frozenset(found)
