@@ -59,7 +59,7 @@ LAYERS = {
     """,
     'hoid_bringup': """
         evaluate < run < live view maps < commands cli parameter_reference
-        < command_reference message_reference refusal_reference < __main__
+        < command_reference message_reference < __main__
     """,
     'hoid_benchmarks': """
         animation consistency plan < jobs < rooms faults planner < building < live < report

@@ -11,7 +11,10 @@ document$.subscribe(() => {
   }
   for (const table of document.querySelectorAll('.md-typeset table:not([data-sorts])')) {
     const rows = [...table.tBodies[0].rows], heads = [...table.tHead.rows[0].cells]
-    const ofNumbers = heads.map((_, k) => rows.filter(row => !isNaN(number(row.cells[k]))).length > rows.length / 2)
+    const ofNumbers = heads.map((_, k) => {
+      const filled = rows.map(row => row.cells[k]).filter(cell => !['', '-'].includes(cell.textContent.trim()))
+      return filled.filter(cell => !isNaN(number(cell))).length > filled.length / 2
+    })
     if (rows.length < 3 || !ofNumbers.includes(true)) continue
     table.dataset.sorts = ''
     if (ofNumbers.filter(is => is).length > 2) table.dataset.numbers = ''

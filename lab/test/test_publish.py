@@ -7,6 +7,7 @@ import pytest
 
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
+from hoid_benchmarks.publish.error_table import error_table
 from hoid_benchmarks.publish.figures import ATE, TIME, WORTH, digest, figures
 from hoid_benchmarks.publish.layouts import layouts_svg
 from hoid_benchmarks.publish.pages import (
@@ -147,12 +148,14 @@ def test_a_table_names_its_commit_and_machine_once(root: Path, plan: Plan) -> No
     assert keep(plan, results(plan, 'c1'), results_path(root, 'tiny')) == ('one', 'two')
     write_pages(root)
     text = (root / 'docs/page.md').read_text()
-    assert '| `a` | `hoid2d` | ground-truth boxes | 0.0200 [0.0200-0.0200] | 75.0 % |' in text
+    better = '**0.0200** [0.0200-0.0200]'
+    assert f'| `a` | 0.0800 [0.0800-0.0800] | {better} |\n| `b` |' in text
     assert 'Made at commit c1, on M.' in text
-    assert '\nRecorded: `a`, `b`.\n\n| sequence |' in text
+    assert '\nRecorded: `a`, `b`. RMSE in m; bold: better than no filter' in text
+    assert '\n\n| sequence | `none` | `hoid2d`, ground-truth boxes |\n' in text
     assert text.startswith('# Page\n')
     assert text.endswith('<!-- /bench -->\n\nEnd.\n')
-    assert 'old' not in text
+    assert '\nold\n' not in text
 
 
 def test_rows_of_another_commit_say_so(root: Path, plan: Plan) -> None:
@@ -165,13 +168,33 @@ def test_rows_of_another_commit_say_so(root: Path, plan: Plan) -> None:
         *('c2', 'c2'),
     ]
     text = rewritten(PAGE, root)
-    assert [
-        line.split('|')[-2].strip() for line in text.splitlines() if line.startswith('| `')
-    ] == [
+    assert '| filter | detector | commit | `a` | `b` |' in text
+    assert [line.split('|')[3].strip() for line in text.splitlines() if line[:3] == '| `'] == [
         *('c1', 'c1'),
         *('c2', 'c2'),
     ]
     assert 'Made at commits c1, c2, on M.' in text
+
+
+def test_a_table_of_errors_has_its_longer_list_downwards() -> None:
+    columns = ('variant', 'sequence', 'filter', 'detector', 'ATE RMSE [m]', 'coverage')
+    rows = [
+        Row((variant, 'a', 'motion', '-', error, coverage), 'c', 'M')
+        for variant, error, coverage in (('default', '0.1', '1.000'), ('x=0', '0.2', '0.500'))
+    ]
+    heads, lines, caption = error_table(columns, rows)
+    assert heads == ('variant', 'filter', 'a')
+    assert lines == [('default', 'motion', '0.1'), ('x=0', 'motion', '0.2, coverage 0.500')]
+    assert caption == 'ATE RMSE in m.'
+
+
+def test_a_page_selects_columns_and_says_equal_ones_once(root: Path, plan: Plan) -> None:
+    keep(plan, results(plan, 'c1'), results_path(root, 'tiny'))
+    page = PAGE.replace('one two', 'one | filter, RMSE [m], coverage')
+    text = rewritten(page, root)
+    assert 'In all rows: coverage 1.000.\n\n| filter | RMSE [m] |\n' in text
+    with pytest.raises(InputError, match='no column tilt among'):
+        rewritten(page.replace('filter', 'tilt'), root)
 
 
 def test_an_experiment_that_is_not_complete_stays_as_it_was(root: Path, plan: Plan) -> None:

@@ -1,7 +1,8 @@
 """Writes the tables of README and of the result pages from the files of results.
 
-A table is written between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`. The word
-`summary` instead of experiments means the table of README. The output of `hoid bench faults`,
+A table is written between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; the names of
+columns after a bar, `EXPERIMENT | RMSE [m], coverage`, select these. The word `summary` instead of
+experiments means the table of README. The output of `hoid bench faults`,
 `live` and `rooms` is written between `<!-- printed -->` and `<!-- /printed -->` of their pages.
 `make reference` writes all tables, the figures, the list of decisions and the page of published
 values.
@@ -11,15 +12,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hoid_benchmarks.faults.cases import merged
 from hoid_benchmarks.plan.kinds import kinds_text
+from hoid_benchmarks.publish.error_table import error_table
 from hoid_benchmarks.publish.figures import Mark, figures, save_figures
 from hoid_benchmarks.publish.layouts import LAYOUTS, layouts_svg
 from hoid_benchmarks.publish.literature_page import literature_page
-from hoid_benchmarks.publish.results_file import Kept, Row, read_kept
+from hoid_benchmarks.publish.results_file import Kept, Row, read_kept, select_columns
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
 
@@ -34,7 +37,9 @@ ones are in [results](../results/index.md). `make reference` writes this list.
 | | decision | date |
 |---|---|---|
 """
-_MARKED = re.compile(r'(<!-- bench (\w+) ([\w ]+) -->\n).*?(<!-- /bench -->)', re.DOTALL)
+_MARKED = re.compile(
+    r'(<!-- bench (\w+) ([\w ]+?)(?: \| ([^\n]+?))? -->\n).*?(<!-- /bench -->)', re.DOTALL
+)
 _PRINTED = re.compile(r'(<!-- printed -->\n)(.*?)(<!-- /printed -->)', re.DOTALL)
 _SUMMARY = 'summary'
 _SUMMARY_ROWS = Path(__file__).with_name('summary.yaml')
@@ -129,11 +134,13 @@ def _decisions(root: Path) -> str:
 
 
 def _filled(found: re.Match[str], root: Path) -> str:
-    begin, plan, names, end = found.groups()
+    begin, plan, names, selected, end = found.groups()
     kept = read_kept(results_path(root, plan))
     if names == _SUMMARY:
         return f'{begin}\n{_summary(kept)}\n{end}'
     here = [kept[name] for name in names.split() if name in kept]
+    if selected:
+        here = [select_columns(one, selected.split(', ')) for one in here]
     left = [name for name in names.split() if name not in kept]
     parts = [_table(here)] if here else []
     if left:
@@ -143,24 +150,34 @@ def _filled(found: re.Match[str], root: Path) -> str:
 
 
 def _table(kept: Sequence[Kept]) -> str:
-    """Return the rows of experiments with equal columns as one table, with commit and machine."""
+    """Return the rows of experiments with equal columns as a table, with commits and machines."""
     columns = kept[0].columns
     if any(one.columns != columns for one in kept):
         raise InputError(f'experiments in one table have different columns: {columns}')
     rows = [row for one in kept for row in one.rows]
-    commits = {row.commit for row in rows}
-    shown = [(*map(_shown, columns, row.cells), row.commit) for row in rows]
-    heads = (*columns, 'commit')
-    if len(commits) == 1:
-        heads, shown = columns, [cells[:-1] for cells in shown]
-    table = f'{_markdown(heads, shown)}\n{_made(rows)}'
+    written = [replace(row, cells=tuple(map(_written, columns, row.cells))) for row in rows]
     if 'sequence' not in columns:
-        return table
+        return f'{_table_without_constants(columns, written)}\n{_made(rows)}'
     at = columns.index('sequence')
-    return f'{kinds_text((row.cells[at] for row in rows), "`")}\n\n{table}'
+    table = error_table(columns, written)
+    kinds = kinds_text((row.cells[at] for row in rows), '`')
+    return f'{kinds} {table.caption}\n\n{_markdown(table.heads, table.rows)}\n{_made(rows)}'
 
 
-def _shown(column: str, cell: str) -> str:
+def _table_without_constants(columns: Sequence[str], rows: Sequence[Row]) -> str:
+    """Return a table without the columns that are equal in all rows, which are said before it."""
+    cells = [row.cells for row in rows]
+    same = [len(rows) > 1 and len(set(column)) == 1 for column in zip(*cells, strict=True)]
+    said = [
+        f'{c} {cell}' for c, cell, is_same in zip(columns, cells[0], same, strict=True) if is_same
+    ]
+    kept = [k for k, is_same in enumerate(same) if not is_same]
+    heads = [columns[k] for k in kept]
+    table = _markdown(heads, [[row[k] for k in kept] for row in cells])
+    return (f'In all rows: {", ".join(said)}.\n\n' if said else '') + table
+
+
+def _written(column: str, cell: str) -> str:
     if column in _IN_TICKS and cell not in ('', '-'):
         return f'`{cell}`'
     return _DETECTORS.get(cell, cell) if column == 'detector' else cell

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from hoid_benchmarks.jobs.results import Result
@@ -31,6 +31,20 @@ class Kept:
 
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
+
+
+def select_columns(kept: Kept, names: Sequence[str]) -> Kept:
+    """Return the table with these columns only.
+
+    Raises:
+        InputError: There is no column of such a name.
+    """
+    missing = set(names) - {*kept.columns}
+    if missing:
+        raise InputError(f'no column {", ".join(sorted(missing))} among {", ".join(kept.columns)}')
+    at = [kept.columns.index(name) for name in names]
+    rows = tuple(replace(row, cells=tuple(row.cells[k] for k in at)) for row in kept.rows)
+    return Kept(tuple(names), rows)
 
 
 def read_kept(path: Path) -> dict[str, Kept]:

@@ -12,7 +12,6 @@ from hoid_bringup.command_reference import command_reference
 from hoid_bringup.live.node_specs import NODE_CONFIGS
 from hoid_bringup.message_reference import message_reference
 from hoid_bringup.parameter_reference import parameter_reference
-from hoid_bringup.refusal_reference import refusal_reference
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.config import Param
 
@@ -45,20 +44,6 @@ def test_the_page_of_messages_is_what_make_reference_writes() -> None:
     assert page == message_reference(PAGE.parents[2] / 'src/hoid_msgs'), 'run "make reference"'
     fields = re.findall(r'^\| `(\w+)', page.partition('## SetMode')[2], re.MULTILINE)
     assert fields == ['MAPPING', 'LOCALIZATION', 'mode', 'success', 'message']
-
-
-def test_the_page_of_refusals_is_what_make_reference_writes() -> None:
-    page = PAGE.with_name('refusals.md').read_text()
-    assert page == refusal_reference(PAGE.parents[2]), 'run "make reference"'
-    zeros = '*source*: the *kind* images have no stamps (zeros); set the stamp in the driver'
-    for row in (
-        '| *name* must be one of *join*, got *value* | error |',  # raised
-        '| frames.planar needs frames.base, the frame that moves on the plane | problem |',
-        '| no *what* yet for *silent_s* s on *topic*: no publisher | problem |',  # returned
-        '| detections has *len* elements, more than 1000 | message |',  # with a constant
-        f'| {zeros} | error |',  # returned by a function of another module
-    ):
-        assert row in page.splitlines()
 
 
 def test_the_page_names_every_parameter_of_every_node() -> None:
