@@ -4,7 +4,7 @@ NAME = 'hoid_scene'
 
 setup(
     name=NAME,
-    version='0.2.0',
+    version='0.3.0',
     description='Dense map, navigation grid, people and objects from images with known poses',
     maintainer='HOID RGB-D SLAM maintainers',
     maintainer_email='hoid-rgbd-slam@users.noreply.github.com',
