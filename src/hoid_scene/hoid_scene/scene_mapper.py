@@ -29,6 +29,7 @@ from hoid_scene.grid.floor import Floor, find_floor
 from hoid_scene.grid.free_space import mark_free_space
 from hoid_scene.grid.grid import Grid, SubmapCells, cells_of, compose_grid
 from hoid_scene.grid.local_floors import LocalFloors
+from hoid_scene.grid.upright import find_upright
 from hoid_scene.objects.cloud_labels import NO_CLASS, CloudLabels
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
@@ -39,6 +40,7 @@ from hoid_scene.tracks.object_sighting import DepthImage
 from hoid_scene.tracks.object_tracker import ObjectTracker, TrackedObject
 
 _UP = np.array([0.0, 0.0, 1.0])
+_MAX_CAMERAS = 256  # chosen: enough to show how the camera is carried
 _FLOOR_POINTS = 50_000  # chosen: about so many points of the cloud are used to find the floor
 # Chosen, less than half a voxel: the old floor is kept if the new one differs by less, because
 # `LocalFloors` corrects small differences.
@@ -290,7 +292,7 @@ class SceneMapper:
         if self._object_map is None or not self._is_labeled:
             return None
         if self._floors is None:
-            self._update_floor(_sample(cloud))
+            self._update_floor(cloud)
         found = self._object_map.label(cloud.points_m)
         if self._floors is not None:
             heights_m = _heights_m(cloud.points_m.astype(np.float64), self._floors.floor)
@@ -309,7 +311,7 @@ class SceneMapper:
         Raises:
             OSError: The file of a stored image cannot be read.
         """
-        self._update_floor(_sample(cloud))
+        self._update_floor(cloud)
         if self._floors is None:
             return None
         floor, config = self._floors.floor, self._config.grid
@@ -333,15 +335,22 @@ class SceneMapper:
         free = submap.free_above.reshape(-1)[submap.columns()]
         return cells_of(points_m, submap.is_shown(), free, self._config.grid)
 
-    def _update_floor(self, points_m: Float32Array) -> None:
-        """Find the floor in points (N, 3) of the map frame.
+    def _update_floor(self, cloud: ColoredCloud) -> None:
+        """Find the floor in a cloud, and the direction up first if the map frame is not level.
 
-        The old floor stays if none is found, or if the new one is less than 1 cm from it at all
-        points. A new floor moves the level frame of the grid and the steps of height above it, so
-        that all submaps are projected into the grid again.
+        The old floor stays if none is found, if the surfaces do not show which direction is up, or
+        if the new floor is less than 1 cm from it at all points. A new floor moves the level frame
+        of the grid and the steps of height above it, so that all submaps are projected into the
+        grid again.
         """
-        points = points_m.astype(np.float64)
-        floor = find_floor(points, _UP)
+        points = _sample(cloud).astype(np.float64)
+        up = _UP
+        if not self._is_map_level:
+            upright = find_upright(cloud.points_m.astype(np.float64), self._cameras())
+            if upright is None or not upright.is_certain:
+                return
+            up = upright.up
+        floor = find_floor(points, up, is_up_exact=not self._is_map_level)
         if floor is None:
             return
         if self._floors is not None:
@@ -352,6 +361,12 @@ class SceneMapper:
         self._cells.clear()
         for submap in self._voxels.submaps:
             submap.marked.clear()
+
+    def _cameras(self) -> FloatArray:
+        """Return the poses T_map_camera (K, 4, 4) of keyframes of the main map, at most 256."""
+        keyframes = self.ledger.keyframes
+        poses = keyframes.T_map_camera[keyframes.is_main]
+        return poses[:: -(-len(poses) // _MAX_CAMERAS)]
 
 
 def _sample(cloud: ColoredCloud) -> Float32Array:

@@ -200,9 +200,9 @@ def test_the_grid_follows_when_the_plane_of_the_floor_changes() -> None:
         )
     occupied = []
     for ground_m in (-0.7, -2.5):  # below the wall's lower edge, and 2 m below its upper one
-        xy_m = np.random.default_rng(1).uniform(0, 4, (4000, 2))
-        points = np.c_[xy_m, np.full(4000, ground_m)].astype(np.float32)
-        grid = scene.grid(ColoredCloud(points, np.zeros((4000, 3), np.uint8)))
+        xy_m = np.random.default_rng(1).uniform(0, 4, (20_000, 2))
+        points = np.c_[xy_m, np.full(20_000, ground_m)].astype(np.float32)
+        grid = scene.grid(ColoredCloud(points, np.zeros((20_000, 3), np.uint8)))
         assert grid is not None
         occupied.append(np.count_nonzero(grid.cells == OCCUPIED))
     assert occupied[0] > 10

@@ -9,9 +9,9 @@ import numpy as np
 from hoid_common.values import FloatArray
 
 NO_FLOOR = (
-    'no level floor has been seen, so there is no grid: if the camera is mounted tilted or '
-    'turned, set base_frame (frames.base) and its place on /tf_static, or --mount ROLL PITCH YAW '
-    'of "hoid run"; otherwise let the camera see the floor'
+    'no floor has been seen, or walls and tables do not show which direction is up, so there is '
+    'no grid: let the camera see the floor and two walls, or set base_frame (frames.base) and its '
+    'place on /tf_static, or --mount ROLL PITCH YAW of "hoid run"'
 )
 """Why there is no grid, and what to do."""
 _TRIALS = 300  # largest number of level planes that are compared; not tuned
@@ -55,7 +55,9 @@ class Floor(NamedTuple):
         return float((normal @ origin - normal[0] * x_m - normal[1] * y_m) / normal[2])
 
 
-def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | None:
+def find_floor(
+    points_m: FloatArray, up: FloatArray, seed: int = 0, *, is_up_exact: bool = False
+) -> Floor | None:
     """Return the floor in a point cloud, found by RANSAC; None if there is none.
 
     The floor is the level plane with most points, among those that have almost all other points
@@ -66,13 +68,18 @@ def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | N
         points_m: (N, 3) points in the map frame.
         up: (3,) unit vector, approximately opposite to gravity.
         seed: Seed of the random samples, so that the same points always give the same floor.
+        is_up_exact: Whether `up` is the normal of the floor, whose height alone is searched for.
     """
     rng = np.random.default_rng(seed)
     if len(points_m) > _MAX_POINTS:
         points_m = points_m[rng.choice(len(points_m), _MAX_POINTS, replace=False)]
     if len(points_m) < _MIN_POINTS:
         return None
-    normals, offsets = _sample_planes(points_m, up, rng)
+    if is_up_exact:
+        offsets = points_m[rng.integers(0, len(points_m), _TRIALS)] @ up
+        normals = np.tile(up, (_TRIALS, 1))
+    else:
+        normals, offsets = _sample_planes(points_m, up, rng)
     if len(normals) == 0:
         return None
     heights = points_m @ normals.T - offsets  # (N, trials)
@@ -86,6 +93,8 @@ def find_floor(points_m: FloatArray, up: FloatArray, seed: int = 0) -> Floor | N
     width_m = np.linalg.svd(inliers - inliers.mean(0), compute_uv=False)[1] / len(inliers) ** 0.5
     if width_m < _MIN_WIDTH_M:
         return None
+    if is_up_exact:
+        return Floor(_frame_on(up, float(np.median(inliers @ up))))
     normal, offset = _fit_plane(inliers, up)
     return Floor(_frame_on(normal, offset))
 

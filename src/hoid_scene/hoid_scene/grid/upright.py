@@ -1,0 +1,164 @@
+"""Finds the direction up in a map that no accelerometer and no base frame has made level.
+
+In a building, most surfaces are horizontal (floor, ceiling, tables) or vertical (walls): the
+direction up is parallel to the normals of the first and perpendicular to those of the second, as
+in a "Manhattan world" (Coughlan and Yuille, ICCV 1999) whose walls may have any heading. Such a
+world has several directions that agree as well, for example along a corridor. Which of them is up
+follows from the poses of the camera, which is carried with little roll and looks ahead or down.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import FloatArray
+
+_CELL_M = 0.15  # side of the cells in which a plane is fitted; chosen: six voxels
+_MIN_POINTS = 12  # of a cell; chosen: a third of the voxels of a plane through it
+_MAX_POINTS = 60_000  # chosen, to bound the time
+_MAX_CELLS = 600  # chosen, to bound the time: all directions are compared with all cells
+# Largest ratio of the thickness of a cell's points to their smaller extent, and smallest ratio of
+# the two extents, at which they are a plane (variances); chosen.
+_MAX_THICKNESS, _MIN_WIDTH = 0.15, 0.15
+_MIN_CELLS = 12  # chosen: fewer show no structure
+_NUM_DIRECTIONS = 5000  # on the sphere, 3 degrees apart
+# Standard deviations: of normals of cells when directions are compared and when the best one is
+# refined; of the camera's roll; of its pitch, with the mean. Chosen: noise of depth tilts the
+# plane of a cell by some degrees; recordings by hand roll by up to 15 and pitch by -20 to 60.
+_NORMAL_RAD, _REFINED_RAD = np.deg2rad(6.0), np.deg2rad(4.0)
+_ROLL_RAD, _PITCH_RAD, _DOWN_RAD = np.deg2rad(10.0), np.deg2rad(30.0), np.deg2rad(15.0)
+# Chosen: a pose of the camera that is one standard deviation off counts like a tenth of the
+# surfaces that are neither horizontal nor vertical.
+_PRIOR_WEIGHT = 0.1
+_NUM_REFINEMENTS = 10
+_MIN_AGREEMENT = 0.4  # chosen: of clutter without a structure, a fifth agrees with any direction
+# Smallest ratio of the surfaces that are horizontal, or that are vertical with another heading
+# than most walls: one of both is needed, as a single wall leaves a rotation open.
+_MIN_SECOND = 0.04
+
+
+class Upright(NamedTuple):
+    """The direction up, and how far the surfaces agree with it."""
+
+    up: FloatArray  # (3,) unit vector in the map frame
+    horizontal: float  # ratio of the planar surface that is horizontal
+    vertical: float  # ratio of the planar surface that is vertical
+    is_certain: bool  # False: the surfaces leave a rotation open, which the camera's poses decide
+
+
+def find_upright(points_m: FloatArray, T_map_cameras: FloatArray, seed: int = 0) -> Upright | None:
+    """Return the direction up in a cloud; None if too few of its surfaces are planes.
+
+    Args:
+        points_m: (N, 3) points of surfaces in the map frame, about evenly distributed.
+        T_map_cameras: (K, 4, 4) poses of the camera in the map frame (optical, z forward), at
+            least one.
+        seed: Seed of the choice among too many points.
+    """
+    rng = np.random.default_rng(seed)
+    if len(points_m) > _MAX_POINTS:
+        points_m = points_m[rng.choice(len(points_m), _MAX_POINTS, replace=False)]
+    if len(points_m) < _MIN_CELLS * _MIN_POINTS:
+        return None
+    normals, weights = _planes(points_m)
+    if len(normals) < _MIN_CELLS:
+        return None
+    if len(normals) > _MAX_CELLS:
+        chosen = rng.choice(len(normals), _MAX_CELLS, replace=False)
+        normals, weights = normals[chosen], weights[chosen]
+    weights = weights / weights.sum()
+    directions = _directions(_NUM_DIRECTIONS)
+    agreement = _agreement(directions, normals, _NORMAL_RAD) @ weights
+    cost = _camera_cost(directions, T_map_cameras)
+    up = directions[int(np.argmax(agreement - _PRIOR_WEIGHT * cost))]
+    up = _refined(up, normals, weights, T_map_cameras)
+    return _judged(up, normals, weights)
+
+
+def _planes(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the unit normals (M, 3) of the planar cells of a cloud, and their numbers of points.
+
+    The sign of a normal is arbitrary.
+    """
+    index = np.floor(points_m / _CELL_M).astype(np.int64)
+    index -= index.min(axis=0)
+    key = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))
+    _, cell, count = np.unique(key, return_inverse=True, return_counts=True)
+    num = len(count)
+
+    def means(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(cell, values, num) / count)
+
+    center = np.stack([means(points_m[:, axis]) for axis in range(3)], axis=1)
+    offset = points_m - center[cell]
+    moments = np.array([[means(offset[:, a] * offset[:, b]) for b in range(3)] for a in range(3)])
+    is_full = count >= _MIN_POINTS
+    variances, axes = np.linalg.eigh(moments.transpose(2, 0, 1)[is_full])
+    thin, narrow, wide = variances.T
+    is_plane = (thin < _MAX_THICKNESS * narrow) & (narrow > _MIN_WIDTH * wide)
+    return axes[is_plane, :, 0], count[is_full][is_plane].astype(np.float64)
+
+
+def _directions(count: int) -> FloatArray:
+    """Return unit vectors (count, 3), evenly distributed on the sphere (Fibonacci lattice)."""
+    n = np.arange(count) + 0.5
+    z, angle = 1 - 2 * n / count, np.pi * (1 + 5**0.5) * n
+    radius = np.sqrt(1 - z**2)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+
+
+def _agreement(up: FloatArray, normals: FloatArray, sigma_rad: float) -> FloatArray:
+    """Return how well surfaces (M) agree with directions (D, 3): (D, M), 1 for perfectly."""
+    cosine = np.abs(up @ normals.T).clip(0.0, 1.0)
+    from_vertical_rad = np.arcsin(cosine)  # of a wall: 0
+    off_rad = np.minimum(from_vertical_rad, np.pi / 2 - from_vertical_rad)
+    return np.asarray(np.exp(-0.5 * (off_rad / sigma_rad) ** 2))
+
+
+def _camera_cost(up: FloatArray, T_map_cameras: FloatArray) -> FloatArray:
+    """Return (D,) how unusual the camera's roll and pitch are for directions (D, 3).
+
+    It is the mean of the squared deviations in standard deviations.
+    """
+    right, down, ahead = (T_map_cameras[:, :3, axis] for axis in range(3))
+    roll_rad = np.arcsin((up @ right.T).clip(-1, 1))
+    pitch_rad = np.arctan2(-(up @ ahead.T), -(up @ down.T))  # beyond 90 degrees: upside down
+    cost = (roll_rad / _ROLL_RAD) ** 2 + ((pitch_rad - _DOWN_RAD) / _PITCH_RAD) ** 2
+    return np.asarray(cost.mean(axis=1))
+
+
+def _refined(
+    up: FloatArray, normals: FloatArray, weights: FloatArray, T_map_cameras: FloatArray
+) -> FloatArray:
+    """Return the direction nearest to `up` that fits the surfaces best (reweighted least squares).
+
+    What the surfaces leave open, the smallest roll of the camera decides.
+    """
+    right = T_map_cameras[:, :3, 0]
+    level = right.T @ right / len(right) * (_REFINED_RAD / _ROLL_RAD) ** 2 * _PRIOR_WEIGHT
+    for _ in range(_NUM_REFINEMENTS):
+        agreeing = weights * _agreement(up[None], normals, _REFINED_RAD)[0]
+        is_horizontal = np.abs(normals @ up) > np.sqrt(0.5)
+        outer = (normals * agreeing[:, None]).T
+        walls = outer[:, ~is_horizontal] @ normals[~is_horizontal]
+        floors = outer[:, is_horizontal] @ normals[is_horizontal]
+        off = walls + agreeing[is_horizontal].sum() * np.eye(3) - floors + level
+        axis = np.linalg.eigh(off)[1][:, 0]
+        up = axis * np.sign(axis @ up)
+    return up
+
+
+def _judged(up: FloatArray, normals: FloatArray, weights: FloatArray) -> Upright | None:
+    agreeing = weights * _agreement(up[None], normals, _REFINED_RAD)[0]
+    is_horizontal = np.abs(normals @ up) > np.sqrt(0.5)
+    horizontal, walls = agreeing[is_horizontal].sum(), np.flatnonzero(~is_horizontal)
+    vertical = agreeing[walls].sum()
+    if horizontal + vertical < _MIN_AGREEMENT:
+        return None
+    # Of walls with two headings, the second moment has two large eigenvalues.
+    moment = (normals[walls] * agreeing[walls, None]).T @ normals[walls]
+    second = float(np.linalg.eigvalsh(moment)[1])
+    is_certain = max(horizontal, second) > _MIN_SECOND
+    return Upright(up, float(horizontal), float(vertical), bool(is_certain))
