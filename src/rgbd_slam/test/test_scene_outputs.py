@@ -75,7 +75,7 @@ def floor_scene(object_map: ObjectMapConfig | None = None) -> SceneMapper:
     v = np.arange(120)[:, None].repeat(160, axis=1)
     depth_m = (1 / (np.sqrt(0.5) * (1 + (v - 59.5) / 130))).astype(np.float32)
     one = np.zeros(1, np.int64)
-    keyframes = KeyframePoses(1, one, one, 0, np.eye(4)[None])
+    keyframes = KeyframePoses(1, one, one, 0, T_map_camera[None])
     if object_map is not None:
         depth_m[44:76, 54:106] -= 0.2
     bag = DynamicObject('bag', (50.0, 40.0, 110.0, 80.0), 0.9, -1, Reason.STATIC)
