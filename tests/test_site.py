@@ -25,12 +25,31 @@ def first_numbers(page: Page, column: int) -> list[float]:
     return [float(cell.split()[0]) for cell in cells if cell]
 
 
-def test_tables_of_results_sort_by_mouse_and_by_keyboard(tmp_path: Path) -> None:
-    build = [sys.executable, '-m', 'mkdocs', 'build', '--quiet', '--site-dir', str(tmp_path)]
+@pytest.fixture(scope='module')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('site')
+    build = [sys.executable, '-m', 'mkdocs', 'build', '--quiet', '--site-dir', str(folder)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    return folder
+
+
+def test_the_search_works_from_files_and_without_a_network(site: Path) -> None:
+    with headless_browser() as browser:
+        page = browser.new_context(offline=True).new_page()
+        requested: list[str] = []
+        page.on('request', lambda request: requested.append(request.url))
+        page.goto((site / 'index.html').as_uri())
+        page.get_by_role('textbox', name='Search').press_sequentially('rolling shutter')
+        page.locator('.md-search-result__link').first.wait_for(state='attached')
+        found = page.locator('.md-search-result__link').all_inner_texts()
+        assert any('Rolling shutter' in text for text in found)
+        assert [url for url in requested if not url.startswith(('file:', 'data:'))] == []
+
+
+def test_tables_of_results_sort_by_mouse_and_by_keyboard(site: Path) -> None:
     with headless_browser() as browser:
         page = browser.new_page()
-        page.goto((tmp_path / 'results/strategies.html').as_uri())
+        page.goto((site / 'results/strategies.html').as_uri())
         table = page.locator(_TABLE).first
         before = first_numbers(page, 3)
         table.get_by_role('button', name='group-1', exact=True).click()
