@@ -1,11 +1,14 @@
-"""A killed SLAM node resumes its map; one that ended cleanly starts a new map."""
+"""A killed SLAM node resumes its map; one that ended cleanly keeps it and starts a new one."""
 
 from __future__ import annotations
 
 import os
 import signal
+import socket
+import subprocess
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,10 +16,15 @@ from hoid_msgs.msg import SlamStatus
 from std_srvs.srv import Trigger
 
 from hoid_bringup.live.supervisor import Supervisor
+from hoid_common.ros import conversions
+from hoid_common.values import NS_PER_S
+from hoid_system_tests.frame_tree import OPTICAL
+from hoid_system_tests.point_world import CAMERA
 from hoid_system_tests.probe import Probe
-from hoid_system_tests.processes import Start
+from hoid_system_tests.processes import Start, executable
 from hoid_system_tests.running_camera import RunningCamera
 from hoid_system_tests.slam_peer import NO_SCENE, START_NS
+from rgbd_slam.map_io import map_directory
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
@@ -102,27 +110,56 @@ def test_a_damaged_map_file_does_not_keep_a_checkpoint_from_being_resumed(
     peer.check_pose(10)
 
 
-def test_a_map_that_was_stopped_or_reset_is_not_resumed(
-    run: Callable[[], Supervisor], probe: Probe, folder: Path
+def test_a_map_that_was_stopped_or_reset_is_kept_and_not_resumed(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path, tmp_path: Path
 ) -> None:
     node = run()
     peer = mapped(probe, folder)
-    assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request(), times=3).success
-    assert list(folder.iterdir()) == []
-    for place in range(20):
+    for place in range(20, 50):  # of which no checkpoint may know yet
         peer.send(place)
-    peer.await_checkpoint(folder)
+    before = peer.status[-1].keyframes
+    assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request(), times=3).success
+    (kept,) = kept_maps(folder)
+    assert len(map_directory.load(kept).map) == before
+    assert f'map of {before} keyframes kept as {kept}; load it' in log_of(tmp_path)
+    for _ in range(10):
+        peer.send(100)
     node.stop()
-    assert list(folder.iterdir()) == []
-    run()
+    (_, second) = kept_maps(folder)
+    assert len(map_directory.load(second).map) == 1
+    assert f'map of 1 keyframes kept as {second}; load it' in log_of(tmp_path)
+    node = run()
     peer.await_ready()
     status = peer.send(30)
     assert (status.mode, status.keyframes) == (SlamStatus.MAPPING, 1)
     assert status.message == ''
+    assert peer.load(kept.stem).success  # which keeps the running map of one keyframe, too
+    assert peer.send(30).keyframes == before
+    peer.check_pose(30)
+    assert len(kept_maps(folder)) == 3
 
 
-def test_a_restarted_recording_gets_a_new_map(
+def test_another_camera_keeps_the_map_of_the_one_before(
     run: Callable[[], Supervisor], probe: Probe, folder: Path
+) -> None:
+    run()
+    peer = mapped(probe, folder)
+    before = peer.status[-1].keyframes
+    header = conversions.header_to_msg(peer.stamp_ns, OPTICAL)
+    other = conversions.camera_to_msg(replace(CAMERA, fx_px=CAMERA.fx_px + 20.0), header)
+
+    def is_kept() -> bool:
+        peer.send_camera(other)
+        probe.spin_for(0.1)
+        return bool(kept_maps(folder))
+
+    probe.spin_until(is_kept, 'the map is not kept', 30.0)
+    (kept,) = kept_maps(folder)
+    assert len(map_directory.load(kept).map) == before
+
+
+def test_a_restarted_recording_gets_a_new_map_and_the_old_one_is_kept(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path, tmp_path: Path
 ) -> None:
     node = run()
     peer = mapped(probe, folder)
@@ -132,3 +169,74 @@ def test_a_restarted_recording_gets_a_new_map(
     peer.await_ready()
     status = peer.send(0)
     assert (status.mode, status.keyframes) == (SlamStatus.MAPPING, 1)
+    (kept,) = kept_maps(folder)
+    assert f'keyframes kept as {kept}; load it' in log_of(tmp_path)
+
+
+def test_a_node_that_was_away_for_a_day_finds_the_camera_in_its_map(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path, tmp_path: Path
+) -> None:
+    node = run()
+    peer = mapped(probe, folder)
+    kill(node)
+    peer.stamp_ns += 24 * 3600 * NS_PER_S
+    node = run()
+    peer.await_ready()
+    assert 'relocalizing the camera' in peer.status[0].message
+    (kept,) = kept_maps(folder)
+    keyframes = len(map_directory.load(kept).map)
+    assert keyframes >= 1
+    assert f'map of {keyframes} keyframes kept as {kept}; load it' in log_of(tmp_path)
+    status = peer.send(10)
+    assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.MAPPING)
+    peer.check_pose(10)
+    for place in range(10, 40):
+        peer.send(place)
+    peer.await_checkpoint(folder)  # which replaces the one before, and not the kept map
+    kill(node)
+    assert len(map_directory.load(kept).map) == keyframes
+
+
+def test_a_second_node_says_who_runs_and_takes_no_map(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path
+) -> None:
+    node = run()
+    peer = mapped(probe, folder)
+    before = peer.status[-1].keyframes
+    program = str(executable('rgbd_slam', 'rgbd_slam_node'))
+    options = ('-p', f'map_directory:={folder}', '-p', 'dense.enabled:=false')
+    done = subprocess.run(
+        [program, '--ros-args', *options], capture_output=True, text=True, timeout=60, check=False
+    )
+    (pid,) = node.pids.values()
+    assert done.returncode == 1
+    assert done.stderr == (
+        f'error: another /rgbd_slam runs already: process {pid} on {socket.gethostname()}; it '
+        f'stores its map in {folder}. End it, or give this node another namespace, ROS_DOMAIN_ID '
+        'or map_directory\n'
+    )
+    kill(node)
+    run()
+    peer.await_ready()
+    assert peer.send(10).keyframes == before
+    assert kept_maps(folder) == []
+
+
+def test_two_nodes_of_one_name_say_so(
+    start: Start, probe: Probe, folder: Path, tmp_path: Path
+) -> None:
+    for name in ('one', 'other'):
+        start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder / name)} | NO_SCENE)
+    line = 'another node named /rgbd_slam runs in ROS domain '
+    logs = [tmp_path / f'log_{n}' / 'rgbd_slam_node.log' for n in range(2)]
+    probe.spin_until(
+        lambda: all(log.read_text().count(line) == 1 for log in logs), 'no line', 60.0
+    )
+
+
+def kept_maps(folder: Path) -> list[Path]:
+    return sorted(folder.glob('kept-*.hoidmap'))
+
+
+def log_of(tmp_path: Path) -> str:
+    return ''.join(path.read_text() for path in tmp_path.glob('log_*/*.log'))

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple, TypeVar
 
 from hoid_benchmarks.building.drive import Drive
 from rgbd_slam.map_io import map_file
-from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
+from rgbd_slam.map_io.checkpoint import CheckpointWriter
+from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.records.record_store import temporary_folder
 from rgbd_slam.robot_map import LoadedMap
 

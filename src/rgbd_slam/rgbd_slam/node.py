@@ -7,7 +7,6 @@ from std_srvs.srv import Trigger
 
 from hoid_common import topics
 from hoid_common.inputs.input_config import RELIABLE
-from hoid_common.io.untrusted import expand_home
 from hoid_common.ros import conversions
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
@@ -23,7 +22,7 @@ from rgbd_slam.ros.motion.imu_input import ImuInput
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
-from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper
+from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper, owned_folder
 from rgbd_slam.ros.tracking_log import TrackingLog
 from rgbd_slam.session import SlamSession
 
@@ -38,7 +37,7 @@ class RgbdSlamNode(ManagedNode):
         super().__init__('rgbd_slam')
         self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure)
         config = self._settings.config
-        expand_home(config.map_directory, 'map_directory')  # raises before anything is started
+        checkpoint = owned_folder(self, config)  # raises before anything is started
         static = StaticFrameListener(self, self.diagnostics)
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
         self._tracking_log = TrackingLog(self)
@@ -47,6 +46,7 @@ class RgbdSlamNode(ManagedNode):
         self._lifecycle = SessionLifecycle(
             self,
             config,
+            checkpoint,
             static.frames,
             self._scene,
             self.diagnostics,
@@ -88,13 +88,14 @@ class RgbdSlamNode(ManagedNode):
         self._lifecycle.configure()
 
     def clean_up(self) -> None:
-        """Discard the map, its checkpoint and the camera info."""
+        """Keep the map under another name, and drop the camera info."""
         self._lifecycle.clean_up()
 
     def destroy_node(self) -> None:
         """End the node's threads and processes, then the node.
 
-        The checkpoint is deleted if an operator or launch has ended the node.
+        If an operator or launch has ended the node, the map is kept under another name; otherwise
+        the next node resumes it.
         """
         self._map_outputs.close()
         self._map_services.close()

@@ -11,7 +11,8 @@ from hoid_common import se3
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.dense.depth_view import Surface
 from hoid_scene.dense.submap import Evidence, Submap
-from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
+from rgbd_slam.map_io.checkpoint import CheckpointWriter
+from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.model.map_state import snapshot
 

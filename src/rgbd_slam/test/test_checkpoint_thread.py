@@ -12,11 +12,13 @@ import pytest
 
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_io.checkpoint import CheckpointFolder, CheckpointWriter
+from rgbd_slam.map_io.checkpoint import CheckpointWriter
+from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros import checkpoints
 from rgbd_slam.ros.checkpoints import Checkpoints
+from rgbd_slam.ros.session_lifecycle import owned_folder
 from rgbd_slam.session import SlamSession
 
 from .world import CAMERA, PERIOD_NS, World, sway
@@ -54,7 +56,7 @@ def new_checkpoints(
     monkeypatch.setattr(checkpoints, 'NodeThread', DirectCalls)
     config = SlamNodeConfig(map_directory=str(folder), checkpoint_period_s=0.05)
     fake: Any = Fake()
-    return Checkpoints(fake, config, fake, session, lambda *_: None)
+    return Checkpoints(fake, config, owned_folder(fake, config), fake, session, lambda *_: None)
 
 
 def session_of(num_images: int) -> SlamSession:

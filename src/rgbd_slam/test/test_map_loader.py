@@ -64,7 +64,7 @@ def test_a_full_disk_costs_the_dense_map_and_is_one_line(monkeypatch: pytest.Mon
     node: Any = FakeNode()
     scene: Any = FullDisk()
     done = Event()
-    loader = MapLoader(node, lambda: session, scene)
+    loader = MapLoader(node, lambda: session, scene, lambda: None)
     loader.load_first(session, before.robot_map.export(), done.set, extend=True)
     assert done.is_set()
     assert node.has_warned.wait(10.0)

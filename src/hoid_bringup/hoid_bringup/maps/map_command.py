@@ -13,7 +13,7 @@ from hoid_common.errors import ConfigError, MapFileError
 from hoid_common.io.files import check_writable
 from hoid_scene.dense.submap_state import SubmapState
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io import map_directory, map_file
 from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 from rgbd_slam.map_joining import MapJoin, join_maps
 
@@ -45,12 +45,12 @@ def map_command(args: argparse.Namespace) -> None:
     """
     if args.action == _INFO:
         for path in args.maps:
-            _print(*_described(path, map_file.load(path)))
+            _print(*_described(path, map_directory.load(path)))
         return
     if args.out is None or len(args.maps) < 2:
         raise ConfigError('merge needs at least two maps, and --out for the joined one')
     check_writable(args.out.parent)
-    contents = [map_file.load(path) for path in args.maps]
+    contents = [map_directory.load(path) for path in args.maps]
     joined = join_maps(contents, SlamConfig())
     for path, join in zip(args.maps[1:], joined.joins, strict=True):
         _print(_joined(path, join))

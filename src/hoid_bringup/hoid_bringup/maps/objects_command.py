@@ -13,7 +13,7 @@ from hoid_common.io.files import write_error
 from hoid_scene.objects.object_query import STATES, ObjectQuery, find
 from hoid_scene.objects.object_text import object_table, objects_yaml
 from rgbd_slam.config.node_config import FrameConfig
-from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io import map_directory
 from rgbd_slam.map_io.map_file import SUFFIX
 from rgbd_slam.saved_objects import saved_objects
 
@@ -63,7 +63,7 @@ def objects_command(args: argparse.Namespace) -> None:
             cannot be written.
         MapFileError: The file is no valid map.
     """
-    content = map_file.load(args.map)
+    content = map_directory.load(args.map)
     if content.objects is None:
         raise InputError(
             f'{args.map}: has no object map: set object_map.enabled to true where it is made'

@@ -27,7 +27,7 @@ from hoid_scene.grid.floor import NO_FLOOR
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.inertial.report import ImuReport, report_of
-from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io import map_directory, map_file
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
@@ -103,7 +103,7 @@ class OfflinePipeline:
                 other voxels than the configuration, or the map is to be extended and its camera
                 differs too much.
         """
-        content = map_file.load(path)
+        content = map_directory.load(path)
         loaded = self._session.robot_map.load(content, extend=not localize)
         if content.dense is not None:
             self._scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)

@@ -27,6 +27,9 @@ from hoid_common.ros import qos
 _PERIOD_S = 1.0  # of the messages; diagnostic_updater's default
 _LOG_PERIOD_S = 5.0  # chosen: shortest time between two log lines of the same kind
 _MAX_LOG_PERIOD_S = 300.0  # chosen: longest time between two log lines about one problem
+# Chosen: longer than the 20 s after which a killed node leaves the graph (lease of the profile).
+_NAMESAKE_S = 25.0
+_NAMESAKE = 'namesake'  # name of a problem
 _PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 _FILTER = 'hoid_filter'
 _SUITE = ('hoid_detector', _FILTER, 'rgbd_slam')  # names of nodes, which a remap may change
@@ -55,6 +58,9 @@ class Diagnostics:
         self._backoffs: dict[str, Backoff] = {}  # of the problems that come and go, by name
         self._input_log = InputLog(node.get_logger(), self._is_cause, time.monotonic())
         self._profile = _transport_profile()
+        self._alone_s = (
+            time.monotonic()
+        )  # when the graph had one node of this name for the last time
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.OUTPUT)
         # The timer uses steady time. With use_sim_time and no /clock, a timer of ROS time would
         # never run, so that the missing /clock would not be reported.
@@ -219,7 +225,22 @@ class Diagnostics:
         is_filter = self._node.get_name() == _FILTER
         return is_filter or all(info.node_name != _FILTER for info in subscribers)
 
+    def _check_namesakes(self) -> None:
+        """Report a second node of this name, which publishes on the same topics."""
+        namespace, name = self._node.get_namespace(), self._node.get_name()
+        if self._node.get_node_names_and_namespaces().count((name, namespace)) < 2:
+            self._alone_s = time.monotonic()
+            self.clear_problem(_NAMESAKE)
+        elif time.monotonic() - self._alone_s > _NAMESAKE_S:
+            self.set_problem(
+                _NAMESAKE,
+                f'another node named {self._node.get_fully_qualified_name()} runs in ROS domain '
+                f'{os.environ.get("ROS_DOMAIN_ID", "0")}, and publishes on the same topics: end '
+                'one of them, or give it another namespace or ROS_DOMAIN_ID',
+            )
+
     def _publish(self) -> None:
+        self._check_namesakes()
         missing, others = self._missing_inputs(), self._other_problems()
         msg = DiagnosticArray(status=[self._status([*missing.values(), *others.values()])])
         msg.header.stamp = self._node.get_clock().now().to_msg()

@@ -88,9 +88,10 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
         'continue in a place that is already mapped. If it is empty, the node starts with an '
         'empty map. In the mode mapping, a node that crashed or was ended by SIGKILL resumes from '
-        'its checkpoint instead, if images arrive again within ten minutes, by their stamps, and '
-        'the camera fits. Ctrl-C, SIGTERM and launch delete the checkpoint, unless launch ends '
-        'the node because another one failed. With checkpoint_period_s 0, nothing is resumed.',
+        'its checkpoint instead, unless the stamps of the images go back or the camera does not '
+        'fit. After Ctrl-C, SIGTERM, reset or a change of the camera, the map is kept under a '
+        'name of its own instead, kept-DATE-TIME, which the log says and map_file and load_map '
+        'accept. With checkpoint_period_s 0, nothing is kept or resumed.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
@@ -106,7 +107,7 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         'resumes after a crash (s). The time is shorter just after the start of the node, and '
         'longer if writing is slow. Set a longer period to write less; a crash then loses more of '
         'the map. With 0, or if the node starts with the mode localization, no checkpoints are '
-        'written and no map is resumed.',
+        'written, and no map is resumed or kept at the end.',
         minimum=0.0,
         maximum=3600.0,
         expert=True,

@@ -1,31 +1,21 @@
-"""The checkpoint of a node: its map on the disk, which the next node resumes if it is killed.
-
-A checkpoint is a folder with segments, to which only new and changed rows are appended, and an
-index (decision 042). The modification time of the index is the stamp of the last image that was
-tracked in its map, on the camera's clock. It shows whether the map fits the images that a new node
-receives: the stamps of a running camera are later by the time for which no node was running. Those
-of a recording that is played again are earlier, and those of another recording usually differ by
-more than ten minutes.
-"""
+"""Writes checkpoints: new and changed rows of a map to segments, and an index (decision 042)."""
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common.errors import MapFileError
-from hoid_common.io.untrusted import expand_home
-from hoid_common.values import NS_PER_S, FloatArray, IntArray
+from hoid_common.values import FloatArray, IntArray
 from hoid_scene.dense.submap_export import ExportMark, SubmapExport
 from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io import archive
+from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder, set_stamp
 from rgbd_slam.map_io.checkpoint_index import (
+    INDEX,
     SEGMENTS,
     CheckpointIndex,
     CubeRows,
@@ -33,88 +23,12 @@ from rgbd_slam.map_io.checkpoint_index import (
     IndexedSubmaps,
     MapHeader,
     VoxelRows,
-    read_checkpoint,
 )
-from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 from rgbd_slam.map_io.map_parts import KeyframeCopy, MapPart, MapParts
 from rgbd_slam.map_io.segments import Segment
 from rgbd_slam.model.atlas import Atlas
 
-# Chosen: ten minutes after the last image that was tracked in the map of a checkpoint, the camera
-# is no longer expected in this map, because the robot may be anywhere.
-_MAX_AWAY_NS = 600 * NS_PER_S
-_INDEX = 'index'
 _SPARE_BYTES = 16_000_000  # chosen: dead bytes that are not worth writing a segment again
-
-
-class Checkpoint(NamedTuple):
-    """The map that was read from a checkpoint, and the time until which it was extended."""
-
-    content: MapFile
-    stamp_ns: int  # of the last image tracked in it
-
-    def is_recent(self, stamp_ns: int) -> bool:
-        """Return whether the camera is probably still in the map at an image with this stamp.
-
-        That is the case if it is at most ten minutes later than the last image tracked in the map,
-        and not earlier.
-        """
-        return 0 <= stamp_ns - self.stamp_ns <= _MAX_AWAY_NS
-
-
-def _set_stamp(index: Path | int, stamp_ns: int) -> None:
-    """Set the modification time of an index (path or file descriptor) to an image's stamp.
-
-    Errors are ignored.
-    """
-    with suppress(OSError):
-        os.utime(index, ns=(stamp_ns, stamp_ns))
-
-
-class CheckpointFolder:
-    """The checkpoint of one node.
-
-    Args:
-        directory: The folder of all maps; `~` is the home folder.
-        owner: Name of the node, which must be unique on this machine. In the name of the folder,
-            characters other than letters and digits are replaced by "-".
-
-    Raises:
-        ConfigError: `directory` begins with `~`, and the home folder is not known.
-    """
-
-    def __init__(self, directory: str, owner: str) -> None:
-        plain = ''.join(c if c.isalnum() else '-' for c in owner)
-        # Hidden, so that no service accepts it as a name.
-        self.path = expand_home(directory, 'map_directory') / f'.checkpoint-{plain}'
-        self._index = self.path / _INDEX
-
-    @property
-    def outdated(self) -> Path | None:
-        """Return the checkpoint of an earlier version, a single map file; None: there is none."""
-        path = self.path.with_name(self.path.name + SUFFIX)
-        return path if path.exists() else None
-
-    def read(self) -> Checkpoint | None:
-        """Return the checkpoint, or None if there is none.
-
-        Raises:
-            MapFileError: It cannot be read, is damaged, or is of another version.
-        """
-        if not self._index.exists():
-            return None
-        stamp_ns = self._index.stat().st_mtime_ns
-        return Checkpoint(read_checkpoint(self._index), stamp_ns)
-
-    def touch(self, stamp_ns: int) -> None:
-        """Set the stamp of the last image tracked in the unchanged map; errors are ignored."""
-        _set_stamp(self._index, stamp_ns)
-
-    def remove(self) -> None:
-        """Delete the checkpoint, so that no node resumes its map; errors are ignored."""
-        with suppress(OSError):
-            self._index.unlink(missing_ok=True)  # first: without it, there is no checkpoint
-        shutil.rmtree(self.path, ignore_errors=True)
 
 
 class CheckpointWriter:
@@ -212,7 +126,7 @@ class CheckpointWriter:
                 'the dense map has to be written anew and has not arrived; the last checkpoint is '
                 'kept'
             )
-        index = self._folder.path / _INDEX
+        index = self._folder.path / INDEX
         with self._described_errors():
             before = self.total_bytes
             if not keep_submaps:
@@ -231,7 +145,7 @@ class CheckpointWriter:
                 # The index gets its stamp before it replaces the old index, so that a process that
                 # is killed at any time leaves an index with its stamp.
                 file.flush()  # a later write would stamp the file with the time of day
-                _set_stamp(file.fileno(), stamp_ns)
+                set_stamp(file.fileno(), stamp_ns)
         self._has_dense = len(kept.arrays()['anchor_uid']) > 0
         self._remove_unused()
         self._compact(keyframes)
@@ -290,7 +204,7 @@ class CheckpointWriter:
 
     def _remove_unused(self) -> None:
         """Remove all files of the folder but the index and the segments that it refers to."""
-        used = {_INDEX, *(segment.path.name for segment in self._segments.values())}
+        used = {INDEX, *(segment.path.name for segment in self._segments.values())}
         with suppress(OSError):
             for path in self._folder.path.iterdir():
                 if path.name not in used:

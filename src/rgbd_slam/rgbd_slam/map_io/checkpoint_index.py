@@ -27,6 +27,8 @@ from rgbd_slam.map_io.segments import Rows, Segment
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import NONE, MapState, rows_of_uids
 
+INDEX = 'index'
+"""Name of the index in the folder of a checkpoint."""
 _FORMAT, _VERSION = 'hoid checkpoint', 1
 
 

@@ -17,8 +17,10 @@ from typing import NamedTuple, TypeVar
 from hoid_common.errors import InputError
 from hoid_common.io.files import abandoned_scratch_folders, scratch_folder, write_error
 from hoid_common.io.untrusted import expand_home
+from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.archive import abandoned_files
-from rgbd_slam.map_io.map_file import SUFFIX
+from rgbd_slam.map_io.checkpoint_index import INDEX, read_checkpoint
+from rgbd_slam.map_io.map_file import SUFFIX, MapFile
 
 T = TypeVar('T')
 
@@ -72,6 +74,16 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
     if path.is_symlink():
         raise InputError(f'{path} is a link that may lead out of the folder; use another name')
     return path
+
+
+def load(path: Path) -> MapFile:
+    """Return the map of a file that was saved, or of a checkpoint that was kept (a folder).
+
+    Raises:
+        MapFileError: It does not exist, cannot be read, is no map of this version, is damaged, or
+            does not fit into memory.
+    """
+    return read_checkpoint(path / INDEX) if path.is_dir() else map_file.load(path)
 
 
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
-from threading import Event, Lock, Thread, get_native_id
+from threading import Event, RLock, Thread, get_native_id
 from typing import NamedTuple
 
 from rclpy.node import Node
@@ -20,9 +21,9 @@ from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import NS_PER_S
 from hoid_scene.dense.submap_export import ExportMark
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_io.checkpoint import Checkpoint, CheckpointFolder, CheckpointWriter
+from rgbd_slam.map_io.checkpoint import CheckpointWriter
+from rgbd_slam.map_io.checkpoint_folder import Checkpoint, CheckpointFolder
 from rgbd_slam.map_io.checkpoint_index import MapHeader
-from rgbd_slam.map_io.map_file import SUFFIX
 from rgbd_slam.map_io.map_parts import MapPart
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
@@ -40,6 +41,7 @@ _NICE = 10  # lower priority than tracking and mapping (decision 016)
 # new map is started beside it.
 _RELOCALIZE_NS = 30 * NS_PER_S
 _MS, _MB = 1e3, 1e6
+_MAX_AWAY_NS = 600 * NS_PER_S  # chosen: a map that was left earlier is kept by name as well
 _SEARCHING = 'resumed after a crash: relocalizing the camera in the map from before'
 _FOUND = 'resumed after a crash: the camera is found in the map from before; mapping goes on'
 _NOT_FOUND = 'not found in the map from before the crash: a new map is started beside it'
@@ -63,11 +65,13 @@ class _Copied(NamedTuple):
 class Checkpoints:
     """Writes the map at intervals, and resumes the map that a killed node has left.
 
-    It does neither with a `checkpoint_period_s` of 0, or if the node starts in localization.
+    A map that is not resumed is kept under a name of its own. Nothing of this is done if the
+    process does not own the folder.
 
     Args:
         node: The SLAM node.
         config: Its parameters.
+        folder: Its checkpoint.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
         request_maps: Requests the object map, and the changes of the dense map since an export;
@@ -78,6 +82,7 @@ class Checkpoints:
         self,
         node: Node,
         config: SlamNodeConfig,
+        folder: CheckpointFolder,
         diagnostics: Diagnostics,
         session: Callable[[], SlamSession | None],
         request_maps: RequestMaps,
@@ -87,19 +92,15 @@ class Checkpoints:
         self._find_session, self._request_maps = session, request_maps
         self._node_thread = NodeThread(node)
         self._period_s = config.checkpoint_period_s
-        # A node that localizes in a given map does not change it, so that a crash loses nothing.
-        self._is_on = self._period_s > 0 and config.mode == SlamMode.MAPPING.name.lower()
-        domain = os.environ.get('ROS_DOMAIN_ID', '0')
-        self._folder = CheckpointFolder(
-            config.map_directory, f'{domain}{node.get_fully_qualified_name()}'
-        )
+        self._is_on, self._folder = folder.is_owned, folder
         self._writer: CheckpointWriter | None = None
+        self._is_resumed = False  # whether the session continues the map that is stored
         # Version of the map of which a checkpoint was written or is being written; None: none.
         self._written: int | None = None
         # Whether the checkpoint was written once more after the map had stopped changing. The
         # dense map is some images behind the map, so that the first checkpoint may lack some.
         self._is_dense_written = False
-        self._lock = Lock()  # guards the folder and its writer
+        self._lock = RLock()  # guards the folder and its writer
         # Stamp at which a resumed session stops searching for the camera in the old map; None:
         # there is no such search, or it has ended.
         self._search_end_ns: int | None = None
@@ -119,7 +120,7 @@ class Checkpoints:
         """Wait until the checkpoint of a killed node is read; return whether there is one.
 
         It is False as well if checkpoints are off, if the checkpoint cannot be read, after
-        `discard`, and after a `resume` that returned True.
+        `keep`, and after a `resume` that returned True.
         """
         return self._stored.result() is not None
 
@@ -127,9 +128,9 @@ class Checkpoints:
         """Load the map of a killed node into a new session; return whether this has begun.
 
         A map that is loaded within 2 s is in use when the call returns. The session only localizes
-        until `finish_resume` returns it to mapping. A checkpoint is not loaded if `stamp_ns` is
-        earlier than its last image or more than ten minutes later, or if its map does not fit the
-        camera.
+        until `finish_resume` returns it to mapping. A map that does not fit the camera is not
+        loaded, nor one whose last image is later than `stamp_ns` (a recording is played again). If
+        the node was away for over ten minutes, the map is kept under a name of its own as well.
 
         Args:
             session: The new session.
@@ -137,7 +138,15 @@ class Checkpoints:
             loader: Loads the map, a large one within some seconds in the background.
         """
         stored = self._stored.result()
-        if stored is None or not stored.is_recent(stamp_ns):
+        if stored is None:
+            return False
+        away_ns = stamp_ns - stored.stamp_ns
+        if away_ns < 0:
+            self._logger.warning(
+                f'these images are {-away_ns / NS_PER_S:.1f} s older than the map of the node '
+                'that ended unexpectedly (a recording played again?): a new map is begun'
+            )
+            self.discard()
             return False
         try:
             loader.load_first(session, stored.content, lambda: None, extend=True)
@@ -147,10 +156,12 @@ class Checkpoints:
         self._forget_stored()
         session.slam.map.is_growing = False
         self._search_end_ns = stamp_ns + _RELOCALIZE_NS
-        away_s = (stamp_ns - stored.stamp_ns) / NS_PER_S
+        self._is_resumed = True
+        if away_ns > _MAX_AWAY_NS:
+            self._keep_stored(is_copy=True)
         self._logger.warning(
-            f'SLAM ended unexpectedly {away_s:.1f} s ago: relocalizing the camera in its map of '
-            f'{len(stored.content.map)} keyframes'
+            f'SLAM ended unexpectedly {away_ns / NS_PER_S:.1f} s ago: relocalizing the camera in '
+            f'its map of {len(stored.content.map)} keyframes'
         )
         return True
 
@@ -178,41 +189,61 @@ class Checkpoints:
             self._logger.warning(message)
         return done._replace(status=replace(done.status, mode=session.mode, message=message))
 
-    def discard(self) -> None:
-        """Delete the checkpoint, so that no map is resumed, for example after a reset.
+    def keep(self) -> None:
+        """Keep the map under a name of its own, which the log says, so that no node resumes it.
 
-        If checkpoints are off, none is deleted.
+        What has changed since the last checkpoint is written first, unless the camera is still
+        searched for in it. Call this in the node's thread, while the session still exists.
         """
-        self._search_end_ns = None
+        is_searching, self._search_end_ns = self._search_end_ns is not None, None
+        if not self._is_on:
+            return
+        with self._lock:  # what another thread is writing now must not reach the folder later
+            try:
+                if not is_searching:
+                    self._write(is_last=True)
+            except Exception as error:  # noqa: BLE001 - the checkpoint before is kept
+                self._report_failure(error)
+            self._use_writer(None)
+            self._is_resumed = False
+            self._keep_stored()
+
+    def discard(self) -> None:
+        """Keep the map as `keep` does, and resume no map of a killed node, as after a reset."""
         self._forget_stored()
-        with self._lock:
-            self._use_writer(None)  # what is being written now must not reach the folder
-            if self._is_on:
-                self._folder.remove()
+        self.keep()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """Write no further checkpoints, and delete the last one if the end was requested.
-
-        The call does not wait for a checkpoint that is being written.
+        """Write no further checkpoints, and `keep` the map if the end was requested.
 
         Args:
-            is_asked_for: True if an operator or launch ended the node; False after an error, so
-                that the next node resumes the map.
+            is_asked_for: Whether an operator or launch ended the node, and not an error.
         """
         self._is_ended.set()
         if is_asked_for:
-            self.discard()
+            self.keep()
+        self._folder.disown()
+
+    def _keep_stored(self, *, is_copy: bool = False) -> bool:
+        """Give the stored map a name of its own; return False if that is not possible.
+
+        Both are logged.
+        """
+        try:
+            kept = self._folder.keep(is_copy=is_copy)
+        except MapFileError as error:
+            self._report_failure(error)
+            return False
+        if kept:
+            self._logger.info(kept)
+        return True
 
     def _read(self, done: Future[Checkpoint | None]) -> None:
-        """Read the checkpoint of a killed node; `discard` may have replaced `done` meanwhile."""
+        """Read the checkpoint of a killed node; `keep` may have replaced `done` meanwhile."""
         stored = None
         try:
-            if (path := self._folder.outdated) is not None:
-                self._logger.warning(
-                    f'{path} is a checkpoint of an earlier version and is not used: delete it, or '
-                    f'rename it to a name without a dot in front, such as crash{SUFFIX}, and load '
-                    'it with load_map'
-                )
+            if note := self._folder.outdated():
+                self._logger.warning(note)
             stored = self._folder.read()
         except (HoidError, OSError) as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
@@ -240,12 +271,16 @@ class Checkpoints:
             usual_s = min(2 * usual_s, self._period_s)
             pause_s = max(usual_s, took_s / _MAX_SHARE)
 
-    def _write(self) -> float:
-        """Write what has changed in the map, and return the time [s] that writing took."""
-        writer = self._node_thread.call(self._begin)
+    def _write(self, *, is_last: bool = False) -> float:
+        """Write what has changed in the map, and return the time [s] that writing took.
+
+        With `is_last`, this is the node's thread, which does not wait between parts of the map.
+        """
+        call = operator.call if is_last else self._node_thread.call
+        writer = call(self._begin)
         start_s, longest_s, wrote_s = time.monotonic(), 0.0, 0.0
         while writer is not None:
-            copied = self._node_thread.call(lambda: self._copy(writer))
+            copied = call(partial(self._copy, writer))
             if copied is None:
                 return wrote_s
             longest_s = max(longest_s, copied.copy_s)
@@ -256,7 +291,8 @@ class Checkpoints:
             if copied.part.keyframes is not None:
                 wrote_s += self._finish(writer, copied, longest_s, start_s)
                 break
-            self._is_ended.wait(copied.copy_s / _MAX_COPY_SHARE)
+            if not is_last:
+                self._is_ended.wait(copied.copy_s / _MAX_COPY_SHARE)
         return wrote_s
 
     def _begin(self) -> CheckpointWriter | None:
@@ -264,7 +300,8 @@ class Checkpoints:
 
         While the camera is being relocalized in the old map, the checkpoint of that map is kept.
         If the map has not changed since the last checkpoint, it is written once more for the dense
-        map; afterwards only the checkpoint's stamp is updated.
+        map; afterwards only the checkpoint's stamp is updated. The checkpoint of another map is
+        kept under a name of its own; if that is not possible, nothing is written.
         """
         session = self._find_session()
         if session is None or self._search_end_ns is not None:
@@ -274,6 +311,9 @@ class Checkpoints:
             return None
         if self._writer is None or self._writer.parts.atlas is not atlas:
             with self._lock:
+                if not self._is_resumed and not self._keep_stored():
+                    return None
+                self._is_resumed = False
                 self._use_writer(CheckpointWriter(self._folder, atlas))
         is_same = atlas.version == self._written
         if is_same and self._is_dense_written:
@@ -319,7 +359,7 @@ class Checkpoints:
         Args:
             writer: The writer, to which the last part was appended.
             copied: This part.
-            longest_s: The longest time for which the tracker has waited for the copy of a part.
+            longest_s: The longest time for which the tracker has waited for a copy.
             start_s: When the checkpoint was begun (monotonic clock).
         """
         maps, are_known = SceneExport(None, None), True
@@ -341,20 +381,19 @@ class Checkpoints:
                 objects=maps.objects,
                 keep_submaps=not are_known,
             )
-        self._diagnostics.set_value(
-            _VALUE,
+        text = (
             f'{len(keyframes.rows)} keyframes, {writer.num_voxels} voxels, '
             f'{written / _MB:.1f} of {writer.total_bytes / _MB:.1f} MB written in '
-            f'{time.monotonic() - start_s:.2f} s, copied in at most {_MS * longest_s:.1f} ms at a '
-            'time',
+            f'{time.monotonic() - start_s:.2f} s, copied in at most {_MS * longest_s:.1f} ms each'
         )
+        self._diagnostics.set_value(_VALUE, text)
         self._diagnostics.clear_problem(_FAILED)
         return time.monotonic() - finish_s
 
     def _report_failure(self, error: Exception) -> None:
         self._written = None
         self._diagnostics.count(_FAILED)
-        text = ' '.join(str(error).split())
-        self._diagnostics.set_problem(
-            _FAILED, f'the map cannot be stored to resume it after a crash: {text}'
+        text = (
+            f'the map cannot be stored to resume it after a crash: {" ".join(str(error).split())}'
         )
+        self._diagnostics.set_problem(_FAILED, text)

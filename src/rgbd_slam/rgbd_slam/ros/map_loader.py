@@ -42,14 +42,19 @@ class MapLoader:
         node: The SLAM node.
         session: Returns the session, or None while there is no session.
         scene: The scene mapper's process, which gets dense map and object map.
+        keep_running: Called in the node's thread before a loaded map replaces the running one.
     """
 
     def __init__(
-        self, node: Node, session: Callable[[], SlamSession | None], scene: SceneClient
+        self,
+        node: Node,
+        session: Callable[[], SlamSession | None],
+        scene: SceneClient,
+        keep_running: Callable[[], None],
     ) -> None:
         self._logger = node.get_logger()
         self._node_thread = NodeThread(node)
-        self._session, self._scene = session, scene
+        self._session, self._scene, self._keep_running = session, scene, keep_running
 
     def load(self, session: SlamSession, content: MapFile, *, keep: bool, extend: bool) -> str:
         """Load a map; return a note for the response on parts that are left out, or ''.
@@ -149,6 +154,8 @@ class MapLoader:
         running.update()
         if running.mapper.queue_length > 0 or (keep and not running.mapper.is_settled):
             return None
+        if not keep and len(running.atlas.keyframes) > 0:
+            self._keep_running()
 
         def loaded(result: LoadedMap) -> None:
             self._scene.use_keyframes(result, keep=keep)

@@ -23,7 +23,7 @@ from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from hoid_scene.dense.submap_state import SubmapState
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io import map_directory, map_file
 from rgbd_slam.map_io.map_collector import MapCollector
 from rgbd_slam.map_io.map_directory import (
     CLOUD,
@@ -215,7 +215,7 @@ class MapServices:
 
     def _load(self, request: LoadMap.Request) -> str:
         path = self._path(request.name, MAP)
-        content = map_file.load(path)
+        content = map_directory.load(path)
         session = self._node_thread.call(self._session)
         extend = session.mode is SlamMode.MAPPING
         note = self._loader.load(session, content, keep=request.merge, extend=extend)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -18,7 +19,8 @@ from hoid_common.slam_status import SlamMode, SlamStatus
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.map_io import map_file
+from rgbd_slam.map_io import map_directory
+from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.map_io.map_directory import MAP, path_in
 from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.processes.mapper_process import MapperStoppedError
@@ -35,6 +37,7 @@ class SessionLifecycle:
     Args:
         node: The SLAM node.
         config: Its parameters.
+        checkpoint: The folder of its checkpoint.
         frames: The static transforms of `/tf_static`.
         scene: Client of the scene process, whose scene is started and cleared with the session.
         diagnostics: Diagnostics of the node.
@@ -48,6 +51,7 @@ class SessionLifecycle:
         self,
         node: Node,
         config: SlamNodeConfig,
+        checkpoint: CheckpointFolder,
         frames: StaticFrames,
         scene: SceneClient,
         diagnostics: Diagnostics,
@@ -68,10 +72,10 @@ class SessionLifecycle:
         self._first_map: MapFile | None = None  # is loaded into the next session
         self._first_map_error: HoidError | None = None  # why the configured map file is not used
         self._is_reset = False  # True: the configured map file is not loaded again
-        self.loader = MapLoader(node, lambda: self.session, scene)
         self.checkpoints = Checkpoints(
-            node, config, diagnostics, lambda: self.session, scene.request_maps
+            node, config, checkpoint, diagnostics, lambda: self.session, scene.request_maps
         )
+        self.loader = MapLoader(node, lambda: self.session, scene, self.checkpoints.keep)
 
     def require_session(self) -> SlamSession:
         """Return the session; raise InputError while there is none."""
@@ -119,6 +123,7 @@ class SessionLifecycle:
         is_confirmed = self._cameras.update(camera)
         self._report_camera()
         if is_confirmed and self.session is not None:
+            self.checkpoints.keep()
             self._end()
             self._scene.clear()
             self._first_map = None if self._is_reset else self._read_first_map()
@@ -138,7 +143,7 @@ class SessionLifecycle:
         self._start_if_ready()
 
     def reset(self) -> None:
-        """Discard the map and its checkpoint, and start a new session with the latest camera info.
+        """Keep the map under another name, and start a new session with the latest camera info.
 
         A configured map file is not loaded again, so that the new session maps in any mode. It
         starts now if there was a camera info and the base is known.
@@ -146,16 +151,16 @@ class SessionLifecycle:
         Raises:
             SystemExit: The mapping process does not start.
         """
+        self.checkpoints.discard()
         self._end()
         self._first_map, self._first_map_error, self._is_reset = None, None, True
-        self.checkpoints.discard()
         self._scene.clear()
         self._cameras = CameraInfoCheck(self._camera_remedy)
         if self._last_camera is not None:
             self.update_camera(*self._last_camera)
 
     def clean_up(self) -> None:
-        """Discard map, checkpoint and camera info, as the lifecycle transition `cleanup` requires.
+        """Drop the camera info, and keep the map as `reset` does; for the transition `cleanup`.
 
         No session starts until the next camera info.
         """
@@ -166,8 +171,8 @@ class SessionLifecycle:
         """End the session and the writing of checkpoints. The scene process is not ended.
 
         Args:
-            is_asked_for: True if an operator or launch ended the node: the checkpoint is deleted.
-                False after an error: the next node resumes from the checkpoint.
+            is_asked_for: True if an operator or launch ended the node: the map is kept under
+                another name. False after an error: the next node resumes from the checkpoint.
         """
         self.checkpoints.close(is_asked_for=is_asked_for)
         self._end()
@@ -255,7 +260,7 @@ class SessionLifecycle:
     def _read_first_map(self) -> MapFile | None:
         config = self._config
         if config.map_file:
-            return map_file.load(path_in(config.map_directory, config.map_file, MAP))
+            return map_directory.load(path_in(config.map_directory, config.map_file, MAP))
         if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
             raise ConfigError(
                 'mode is localization, which needs a map_file: set it, or the mode mapping'
@@ -274,6 +279,25 @@ class SessionLifecycle:
             )
         except MapFileError as error:
             raise SystemExit(f'error: {self._config.map_file}: {error}') from error
+
+
+def owned_folder(node: Node, config: SlamNodeConfig) -> CheckpointFolder:
+    """Return the folder of a node's checkpoint, which this process owns if it writes checkpoints.
+
+    Raises:
+        ConfigError: The home folder, with which `map_directory` begins, is not known.
+        SystemExit: Another process runs a node of this name in the same ROS domain, with the same
+            `map_directory`.
+    """
+    domain, name = os.environ.get('ROS_DOMAIN_ID', '0'), node.get_fully_qualified_name()
+    folder = CheckpointFolder(config.map_directory, f'{domain}{name}')
+    try:
+        # A node that localizes in a given map does not change it, so that a crash loses nothing.
+        if config.checkpoint_period_s > 0 and config.mode == SlamMode.MAPPING.name.lower():
+            folder.own(name)
+    except InputError as error:
+        raise SystemExit(f'error: {error}') from None
+    return folder
 
 
 @contextmanager
