@@ -40,7 +40,7 @@ LAYERS = {
         < ros < node
     """,
     'hoid_scene': """
-        config scene_scheduler < dense < grid < tracks < objects < export navigation_masks
+        config scene_scheduler < dense level < grid < tracks < objects < export navigation_masks
         scene_ledger < scene_mapper
     """,
     'rgbd_slam': """

@@ -29,7 +29,8 @@ from hoid_scene.grid.floor import Floor, find_floor
 from hoid_scene.grid.free_space import mark_free_space
 from hoid_scene.grid.grid import Grid, SubmapCells, cells_of, compose_grid
 from hoid_scene.grid.local_floors import LocalFloors
-from hoid_scene.grid.upright import find_upright
+from hoid_scene.level.upright import find_upright
+from hoid_scene.level.upright_box import Level
 from hoid_scene.objects.cloud_labels import NO_CLASS, CloudLabels
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
@@ -40,6 +41,8 @@ from hoid_scene.tracks.object_sighting import DepthImage
 from hoid_scene.tracks.object_tracker import ObjectTracker, TrackedObject
 
 _UP = np.array([0.0, 0.0, 1.0])
+# Chosen: the level is found again for the objects when there are so many times the images.
+_LEVEL_GROWTH = 1.2
 _MAX_CAMERAS = 256  # chosen: enough to show how the camera is carried
 _FLOOR_POINTS = 50_000  # chosen: about so many points of the cloud are used to find the floor
 # Chosen, less than half a voxel: the old floor is kept if the new one differs by less, because
@@ -91,6 +94,8 @@ class SceneMapper:
         self._is_prior, self._is_labeled = mapped.prior_score > 0, mapped.label_cloud
         self._is_map_level = is_map_level
         self._floors: LocalFloors | None = None
+        self._level = Level(_UP)
+        self._num_fused = self._num_leveled = 0  # images, now and when the level was found last
         # The cells below each submap, and the key for which they are valid.
         self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}
 
@@ -146,6 +151,7 @@ class SceneMapper:
         ]
         boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
         is_dynamic = in_boxes(depth_m.shape, boxes_xyxy_px, self._config.mask_margin_px)
+        self._num_fused += 1
         self.ledger.add(request, self._voxels.camera.view_of(depth_m, is_dynamic, image_bgr))
 
     def track_objects(
@@ -179,7 +185,11 @@ class SceneMapper:
 
     def mapped_objects(self) -> tuple[MapObject, ...]:
         """Return the confirmed objects of the main map by id; none if the object map is off."""
-        return () if self._object_map is None else self._object_map.objects(self._floor)
+        if self._object_map is None:
+            return ()
+        if self._num_fused > _LEVEL_GROWTH * self._num_leveled:
+            self._update_floor(self.cloud())
+        return self._object_map.objects(self._floor, self._level)
 
     def expected_objects(self) -> Detections | None:
         """Return where the latest image for the object map should show known objects.
@@ -343,14 +353,15 @@ class SceneMapper:
         of the grid and the steps of height above it, so that all submaps are projected into the
         grid again.
         """
+        self._num_leveled = self._num_fused
         points = _sample(cloud).astype(np.float64)
-        up = _UP
-        if not self._is_map_level:
-            upright = find_upright(cloud.points_m.astype(np.float64), self._cameras())
-            if upright is None or not upright.is_certain:
-                return
-            up = upright.up
-        floor = find_floor(points, up, is_up_exact=not self._is_map_level)
+        known_up = _UP if self._is_map_level else None
+        upright = find_upright(cloud.points_m.astype(np.float64), self._cameras(), known_up)
+        if upright is not None:
+            self._level = Level(upright.up, upright.wall)
+        if not self._is_map_level and not (upright is not None and upright.is_certain):
+            return
+        floor = find_floor(points, self._level.up, is_up_exact=not self._is_map_level)
         if floor is None:
             return
         if self._floors is not None:

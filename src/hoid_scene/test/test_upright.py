@@ -9,7 +9,7 @@ from hoid_common import se3
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
 from hoid_scene.grid.floor import find_floor
-from hoid_scene.grid.upright import find_upright
+from hoid_scene.level.upright import find_upright
 
 SPACING_M = 0.03
 UP = np.array([0.0, 0.0, 1.0])

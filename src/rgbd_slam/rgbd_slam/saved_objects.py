@@ -8,7 +8,9 @@ from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.dense.voxel_map import VoxelMap
-from hoid_scene.grid.floor import Floor, find_floor
+from hoid_scene.grid.floor import find_floor
+from hoid_scene.level.upright import find_upright
+from hoid_scene.level.upright_box import Level
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
 from rgbd_slam.map_io.map_file import MapFile
@@ -32,14 +34,13 @@ def saved_objects(content: MapFile) -> tuple[MapObject, ...]:
     objects = ObjectMap(content.camera)
     objects.correct(keyframes)
     objects.load(content.objects, uids)
-    return objects.objects(_floor(content, keyframes))
-
-
-def _floor(content: MapFile, keyframes: KeyframePoses) -> Floor | None:
     if not isinstance(content.dense, SubmapState):
-        return None
+        return objects.objects()
     config = DenseConfig(voxel_m=float(content.dense.voxel_m[0]))
     voxels = VoxelMap(content.camera, config)
     voxels.load(content.dense, keyframes, keyframes.uids)
-    points_m = voxels.cloud().points_m
-    return find_floor(points_m[:: max(1, len(points_m) // _FLOOR_POINTS)].astype(np.float64), _UP)
+    points_m = voxels.cloud().points_m.astype(np.float64)
+    upright = find_upright(points_m, keyframes.T_map_camera[keyframes.is_main])
+    level = Level(_UP) if upright is None else Level(upright.up, upright.wall)
+    points_m = points_m[:: max(1, len(points_m) // _FLOOR_POINTS)]
+    return objects.objects(find_floor(points_m, level.up), level)

@@ -49,6 +49,10 @@ class Floor(NamedTuple):
         T_ground_map[2] = *normal, -normal @ self.T_map_floor[:3, 3]
         return np.asarray(np.linalg.inv(T_ground_map), np.float64)
 
+    def distance_m(self, point_m: FloatArray) -> float:
+        """Return how far [m] a point (3,) of the map frame is above the plane."""
+        return float(self.T_map_floor[:3, 2] @ (point_m - self.T_map_floor[:3, 3]))
+
     def height_m(self, x_m: float, y_m: float) -> float:
         """Return z [m] of the plane at a given x and y, all in the map frame."""
         normal, origin = self.T_map_floor[:3, 2], self.T_map_floor[:3, 3]

@@ -11,10 +11,11 @@ from hoid_common import se3
 from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray
 from hoid_native import cells_of, pixels_on_surface, share_in_box, share_on_surface, trimmed_box
 from hoid_scene.grid.floor import Floor
+from hoid_scene.level.upright_box import Level, UprightBox, extended_back, on_floor, upright_box
 from hoid_scene.objects.object_view import NOISE_PER_M2, ObjectView
 from hoid_scene.objects.place import Place
 from hoid_scene.objects.segmentation import BoxPx, KnownBox, Segment
-from hoid_scene.objects.voxel_set import BITS, VoxelSet, extend_back
+from hoid_scene.objects.voxel_set import BITS, VoxelSet
 
 # None of these numbers was tuned where no other source is named. A look is an image in which the
 # object may be seen, a sighting one in which it was detected. A published object has at least so
@@ -28,11 +29,11 @@ _OUTER_SHARE = 0.02  # of the voxels on each side of each axis, which the box le
 _CELL_M = 0.05  # side of the cells of the surface of an object
 # Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
-_MAX_LIFT_M = 1.0  # furniture whose lowest voxel is higher above the floor does not stand on it
 _CELL_SIGMAS = 2.0  # side of the cells in which hits are counted, in standard deviations of depth
 # By how much a known object may grow on each side in a look: length, and share of its size.
 _GROWTH_M, _GROWTH_SHARE = 0.05, 0.15
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero
+_SAME_UP = 0.01  # chosen: 0.6 degrees; a box is fitted again if the vertical turns by more
 # Effect of a look on the probability that the object is still there: gain towards 1 of a sighting,
 # relative loss by a missed detection and by a look that shows the place empty.
 _SEEN_GAIN, _MISSED_LOSS, _THROUGH_LOSS = 0.3, 0.03, 0.35
@@ -58,7 +59,7 @@ class MapObject:
     class_name: str  # the class with the largest sum of scores
     class_scores: tuple[tuple[str, float], ...]  # sums of the scores of each class, largest first
     state: PlaceState
-    T_map_object: FloatArray  # (4, 4) pose of the center of the box; the box is upright
+    T_map_object: FloatArray  # (4, 4) pose of the center of the box, whose z axis points up
     size_m: FloatArray  # (3,) extent along the axes of the box
     num_sightings: int  # number of images in which it was detected at rest
     first_ns: int  # stamp of the first sighting
@@ -119,6 +120,7 @@ class MappedObject:
         self._box: tuple[FloatArray, FloatArray] | None = None
         self._center_m: FloatArray = np.zeros(3)
         self._radius_m = 0.0
+        self._upright: tuple[Level, UprightBox] | None = None  # with the vertical it is for
         self._solid: BoolArray | None = None
         self._cells: IntArray | None = None
 
@@ -251,16 +253,11 @@ class MappedObject:
         distance_m = max(float(np.linalg.norm(way)), _MIN_DISTANCE_M)
         self.direction_m = self.direction_m + way / distance_m
         self.distance_m += distance_m
-        self.last_ns = stamp_ns
-        self.num_through = self.num_absent = 0
-        self.probability += _SEEN_GAIN * (1 - self.probability)
+        self.note_seen(stamp_ns)
         self._changed()
 
     def note_seen(self, stamp_ns: int) -> None:
-        """Record that a partly hidden object was detected at its place, without its surface.
-
-        It does not add to `num_sightings`.
-        """
+        """Record a detection at its place, which may show nothing of its surface."""
         self.last_ns = stamp_ns
         self.num_through = self.num_absent = 0
         self.probability += _SEEN_GAIN * (1 - self.probability)
@@ -276,6 +273,7 @@ class MappedObject:
 
     def _changed(self) -> None:
         self._box = self._solid = self._cells = self._center_map = self._class_name = None
+        self._upright = None
 
     def note_missed(self, stamp_ns: int) -> None:
         """Count a look that shows a surface at its place, but in which it was not detected.
@@ -355,46 +353,48 @@ class MappedObject:
             self.left_ns = stamp_ns
         self.state = state
 
-    def value(self, floor: Floor | None, *, is_new: bool = False) -> MapObject:
+    def value(self, level: Level, floor: Floor | None, *, is_new: bool = False) -> MapObject:
         """Return the published value.
 
         Args:
+            level: The vertical and the heading of the walls, in the map frame.
             floor: The floor, down to which furniture reaches; None: it is unknown.
             is_new: Whether a loaded map did not contain the object, although it is seen often.
         """
-        low, high = self._full_box(floor)
-        T = self.T_map_object.copy()
-        T[:3, 3] = se3.transform(self.T_map_object, (low + high)[None] / 2)[0]
+        box, T = self._full_box(level, floor), self.T_map_object
+        before_m = self.moved_from_m
         scores = tuple(sorted(self.scores.items(), key=lambda item: -item[1]))
         return MapObject(
             self.object_id,
             self.class_name,
             scores,
             self.state,
-            T,
-            high - low,
+            T @ box.pose,
+            box.size_m,
             self.num_sightings,
             self.first_ns,
             self.last_ns,
             self.probability,
             self.holder_id,
-            self._moved_from_map_m(),
+            None if before_m is None else se3.transform(T, before_m[None])[0],
             self.moved_ns,
             is_new,
         )
 
-    def _moved_from_map_m(self) -> FloatArray | None:
-        if self.moved_from_m is None:
-            return None
-        return np.asarray(se3.transform(self.T_map_object, self.moved_from_m[None])[0])
+    def _full_box(self, level: Level, floor: Floor | None) -> UprightBox:
+        """Return the upright box, object frame, with its unseen back and the legs of furniture."""
+        box = self._upright_box(level.turned(self.T_map_object[:3, :3].T))
+        box = extended_back(box, self.direction_m / max(self.num_sightings, 1))
+        if floor is None or self.class_name not in _STANDING:
+            return box
+        center_m = se3.transform(self.T_map_object, box.center_m[None])[0]
+        return on_floor(box, floor.distance_m(center_m))
 
-    def _full_box(self, floor: Floor | None) -> tuple[FloatArray, FloatArray]:
-        """Return the box, object frame, with its unseen back, and with the legs of furniture."""
-        low, high = (corner.copy() for corner in self.box_m())
-        extend_back(low, high, self.direction_m[:2] / max(self.num_sightings, 1))
-        if floor is not None and self.class_name in _STANDING:
-            at = self.center_map_m()
-            floor_m = floor.height_m(float(at[0]), float(at[1])) - self.T_map_object[2, 3]
-            if low[2] - floor_m < _MAX_LIFT_M:
-                low[2] = min(low[2], floor_m)
-        return low, high
+    def _upright_box(self, level: Level) -> UprightBox:
+        """Return the upright box of the solid voxels, or of all voxels if none is solid."""
+        known = self._upright
+        if known is None or np.abs(known[0].up - level.up).max() > _SAME_UP:
+            solid = self.is_solid()
+            means_m = self.voxels.means_m[solid] if solid.any() else self.voxels.means_m
+            known = self._upright = level, upright_box(means_m, level)
+        return known[1]

@@ -26,6 +26,7 @@ from hoid_common.values import (
     Reason,
 )
 from hoid_scene.grid.floor import Floor
+from hoid_scene.level.upright_box import Level
 from hoid_scene.objects.association import (
     Visibility,
     are_inside_each_other,
@@ -64,6 +65,7 @@ _MERGE_SHARE = 0.5  # of one object's voxels in the box of the other, from which
 _MERGE_OTHER_SHARE = 0.8  # the same for classes that detectors do not confuse
 _MERGE_MARGIN_M = 0.04  # by which this box is enlarged on each side
 _FORGET_NS = 10 * NS_PER_S  # an unconfirmed object that is not seen for so long is forgotten
+_Z = Level(np.array([0.0, 0.0, 1.0]))  # the map frame is level
 _MAX_OBJECTS = 1000  # chosen: 0.6 MB for a room of 30 objects
 
 
@@ -92,14 +94,12 @@ class ObjectMap:
     def __len__(self) -> int:
         return len(self._objects)
 
-    def objects(self, floor: Floor | None = None) -> tuple[MapObject, ...]:
-        """Return the confirmed objects of the main map by id, in the map frame.
-
-        Args:
-            floor: The floor, down to which furniture reaches; None: it is unknown.
-        """
+    def objects(self, floor: Floor | None = None, level: Level = _Z) -> tuple[MapObject, ...]:
+        """Return the confirmed objects of the main map by id; furniture reaches down to `floor`."""
         return tuple(
-            item.value(floor, is_new=self._is_reused and not (item.is_loaded or is_brief(item)))
+            item.value(
+                level, floor, is_new=self._is_reused and not (item.is_loaded or is_brief(item))
+            )
             for item in self._shown()
         )
 
@@ -219,9 +219,9 @@ class ObjectMap:
 
     def forget(self, object_id: int) -> bool:
         """Remove the object with this number; return whether there was one."""
-        kept = [item for item in self._objects if item.object_id != object_id]
-        is_known, self._objects = len(kept) < len(self._objects), kept
-        return is_known
+        before = len(self)
+        self._objects = [item for item in self._objects if item.object_id != object_id]
+        return len(self) < before
 
     def _is_measured(self, item: DynamicObject) -> bool:
         """Return whether a box was detected, not predicted, and its class and score are usable."""

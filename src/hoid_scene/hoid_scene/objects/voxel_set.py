@@ -21,12 +21,6 @@ _MAX_COUNT = 60.0  # chosen: largest sum of hits and misses, so that a change ta
 # A voxel is solid if it was hit in at least so many looks, and in at least this share of the looks
 # that hit or missed it (not tuned).
 _SOLID_HITS, _SOLID_SHARE = 3.0, 0.4
-# Assumed thickness of an object whose back was never seen; its width if that is smaller (as in
-# `object_sighting`).
-_HIDDEN_M = 0.15
-# The mean of the unit viewing directions of an object is long if all are alike: from this length
-# on, only one side of the object was seen.
-_ONE_SIDED = 0.9
 
 
 class VoxelSet:
@@ -115,23 +109,3 @@ class VoxelSet:
         np.maximum.at(out.hits, index, self.hits[kept])
         np.maximum.at(out.misses, index, self.misses[kept])
         return out
-
-
-def extend_back(low_m: FloatArray, high_m: FloatArray, direction: FloatArray) -> None:
-    """Extend the box of voxels that were seen from one side only, away from the camera.
-
-    Args:
-        low_m: (3,) lowest corner, which is changed.
-        high_m: (3,) highest corner, which is changed.
-        direction: (2,) x and y of the mean of the unit vectors from the camera to the object.
-    """
-    if np.linalg.norm(direction) < _ONE_SIDED:
-        return
-    axis = int(np.argmax(np.abs(direction)))
-    across = 1 - axis
-    thickness_m = min(float(high_m[across] - low_m[across]), _HIDDEN_M)
-    hidden_m = thickness_m - (high_m[axis] - low_m[axis])
-    if hidden_m > 0 and direction[axis] > 0:
-        high_m[axis] += hidden_m
-    elif hidden_m > 0:
-        low_m[axis] -= hidden_m

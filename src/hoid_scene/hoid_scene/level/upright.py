@@ -37,6 +37,9 @@ _MIN_AGREEMENT = 0.4  # chosen: of clutter without a structure, a fifth agrees w
 # Smallest ratio of the surfaces that are horizontal, or that are vertical with another heading
 # than most walls: one of both is needed, as a single wall leaves a rotation open.
 _MIN_SECOND = 0.04
+_MIN_HEADING = (
+    0.4  # chosen: smallest length of the mean of the walls' headings; 0 for a round room
+)
 
 
 class Upright(NamedTuple):
@@ -46,15 +49,23 @@ class Upright(NamedTuple):
     horizontal: float  # ratio of the planar surface that is horizontal
     vertical: float  # ratio of the planar surface that is vertical
     is_certain: bool  # False: the surfaces leave a rotation open, which the camera's poses decide
+    wall: FloatArray | None  # (3,) horizontal unit vector along most walls; None: no heading
 
 
-def find_upright(points_m: FloatArray, T_map_cameras: FloatArray, seed: int = 0) -> Upright | None:
+def find_upright(
+    points_m: FloatArray,
+    T_map_cameras: FloatArray,
+    known_up: FloatArray | None = None,
+    seed: int = 0,
+) -> Upright | None:
     """Return the direction up in a cloud; None if too few of its surfaces are planes.
 
     Args:
         points_m: (N, 3) points of surfaces in the map frame, about evenly distributed.
         T_map_cameras: (K, 4, 4) poses of the camera in the map frame (optical, z forward), at
             least one.
+        known_up: (3,) the direction up, if an accelerometer or a base frame shows it; the result
+            then says only how far the surfaces agree, and where the walls are.
         seed: Seed of the choice among too many points.
     """
     rng = np.random.default_rng(seed)
@@ -69,6 +80,8 @@ def find_upright(points_m: FloatArray, T_map_cameras: FloatArray, seed: int = 0)
         chosen = rng.choice(len(normals), _MAX_CELLS, replace=False)
         normals, weights = normals[chosen], weights[chosen]
     weights = weights / weights.sum()
+    if known_up is not None:
+        return _judged(known_up, normals, weights)
     directions = _directions(_NUM_DIRECTIONS)
     agreement = _agreement(directions, normals, _NORMAL_RAD) @ weights
     cost = _camera_cost(directions, T_map_cameras)
@@ -161,4 +174,21 @@ def _judged(up: FloatArray, normals: FloatArray, weights: FloatArray) -> Upright
     moment = (normals[walls] * agreeing[walls, None]).T @ normals[walls]
     second = float(np.linalg.eigvalsh(moment)[1])
     is_certain = max(horizontal, second) > _MIN_SECOND
-    return Upright(up, float(horizontal), float(vertical), bool(is_certain))
+    wall = _heading(up, normals[walls], agreeing[walls])
+    return Upright(up, float(horizontal), float(vertical), bool(is_certain), wall)
+
+
+def _heading(up: FloatArray, normals: FloatArray, weights: FloatArray) -> FloatArray | None:
+    """Return the horizontal direction (3,) of most walls, which meet at right angles; None: none.
+
+    It is the mean of four times the angles of the normals (M, 3).
+    """
+    x = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 1.0, 0])
+    x = x - (x @ up) * up
+    x /= np.linalg.norm(x)
+    y = np.cross(up, x)
+    mean = (weights * np.exp(4j * np.arctan2(normals @ y, normals @ x))).sum()
+    if np.abs(mean) < _MIN_HEADING * max(weights.sum(), _MIN_SECOND):
+        return None
+    angle_rad = np.angle(mean) / 4
+    return np.asarray(np.cos(angle_rad) * x + np.sin(angle_rad) * y)

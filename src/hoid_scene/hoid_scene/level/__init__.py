@@ -1,0 +1,1 @@
+"""The vertical: which direction is up, and boxes that stand upright."""
