@@ -24,7 +24,7 @@ from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.sample_bench import SampleBench
 from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 pytestmark = pytest.mark.thorough
 

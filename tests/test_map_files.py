@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ from hoid_system_tests.slam_peer import (
     SlamPeer,
     features_msg,
 )
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 pytestmark = pytest.mark.thorough
 
@@ -193,7 +194,7 @@ def saved_large_map(peer: Peer, folder: Path) -> map_file.MapFile:
     """Save a map of 300 keyframes or more as large.hoidmap, and return it."""
     assert peer.save('one').success
     one = map_file.load(folder / 'one.hoidmap')
-    large = one._replace(map=repeated(one.map, 1 + 300 // len(one.map)))
+    large = one._replace(map=repeated(one.map, 1 + 300 // len(one.map)), uids=None)
     map_file.save(folder / 'large.hoidmap', large)
     return large
 
@@ -302,10 +303,12 @@ def test_images_are_tracked_while_a_service_waits_for_the_mapper(
         assert len(read_tum(folder / 'trajectory.txt')) == 70
 
 
-def tampered(data: bytes) -> bytes:
-    """Return a copy of a file with one byte inverted."""
-    out = bytearray(data)
-    out[len(out) // 2] ^= 0xFF
+def tampered(path: Path) -> bytes:
+    """Return a copy of a map file with one byte of a descriptor inverted."""
+    with closing(sqlite3.connect(path)) as connection:
+        ((features,),) = connection.execute('SELECT features FROM features LIMIT 1').fetchall()
+    out = bytearray(path.read_bytes())
+    out[out.index(features[-1000:-900])] ^= 0xFF
     return bytes(out)
 
 
@@ -321,7 +324,7 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
     good = (folder / 'good.hoidmap').read_bytes()
     digest = map_file.load(folder / 'good.hoidmap').map.digest()
     (folder / 'cut.hoidmap').write_bytes(good[: len(good) // 2])
-    (folder / 'flipped.hoidmap').write_bytes(tampered(good))
+    (folder / 'flipped.hoidmap').write_bytes(tampered(folder / 'good.hoidmap'))
     (folder / 'foreign.hoidmap').write_bytes(b'P5 1 1 255 a')
     (folder / 'folder.hoidmap').mkdir()
     os.mkfifo(folder / 'pipe.hoidmap')
@@ -329,12 +332,12 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
     octaves = map_file.load(folder / 'good.hoidmap')._replace(num_octaves=4)
     map_file.save(folder / 'octaves.hoidmap', octaves)
     for name, message in (
-        ('none', 'there is no such file'),
+        ('none', 'no such file'),
         ('cut', 'damaged'),
         ('flipped', 'damaged'),
         ('foreign', 'no map file'),
-        ('folder', 'there is no such file'),
-        ('pipe', 'there is no such file'),
+        ('folder', 'no such file'),
+        ('pipe', 'not a regular file'),
         ('link', 'is a link'),
         ('octaves', 'camera.num_octaves'),
         ('../good', 'no plain file name'),

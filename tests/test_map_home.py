@@ -18,7 +18,7 @@ from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 

@@ -42,8 +42,8 @@ from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
 from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
 from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
-from rgbd_slam.map_io import map_file
 from rgbd_slam.saved_objects import saved_objects
+from rgbd_slam.store import map_file
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 

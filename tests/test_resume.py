@@ -24,7 +24,7 @@ from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, executable
 from hoid_system_tests.running_camera import RunningCamera
 from hoid_system_tests.slam_peer import NO_SCENE, START_NS
-from rgbd_slam.map_io import map_directory
+from rgbd_slam.map_io import checkpoint_folder
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
@@ -120,13 +120,13 @@ def test_a_map_that_was_stopped_or_reset_is_kept_and_not_resumed(
     before = peer.status[-1].keyframes
     assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request(), times=3).success
     (kept,) = kept_maps(folder)
-    assert len(map_directory.load(kept).map) == before
+    assert len(checkpoint_folder.load_map(kept).map) == before
     assert f'map of {before} keyframes kept as {kept}; load it' in log_of(tmp_path)
     for _ in range(10):
         peer.send(100)
     node.stop()
     (_, second) = kept_maps(folder)
-    assert len(map_directory.load(second).map) == 1
+    assert len(checkpoint_folder.load_map(second).map) == 1
     assert f'map of 1 keyframes kept as {second}; load it' in log_of(tmp_path)
     node = run()
     peer.await_ready()
@@ -155,7 +155,7 @@ def test_another_camera_keeps_the_map_of_the_one_before(
 
     probe.spin_until(is_kept, 'the map is not kept', 30.0)
     (kept,) = kept_maps(folder)
-    assert len(map_directory.load(kept).map) == before
+    assert len(checkpoint_folder.load_map(kept).map) == before
 
 
 def test_a_restarted_recording_gets_a_new_map_and_the_old_one_is_kept(
@@ -184,7 +184,7 @@ def test_a_node_that_was_away_for_a_day_finds_the_camera_in_its_map(
     peer.await_ready()
     assert 'relocalizing the camera' in peer.status[0].message
     (kept,) = kept_maps(folder)
-    keyframes = len(map_directory.load(kept).map)
+    keyframes = len(checkpoint_folder.load_map(kept).map)
     assert keyframes >= 1
     assert f'map of {keyframes} keyframes kept as {kept}; load it' in log_of(tmp_path)
     status = peer.send(10)
@@ -194,7 +194,7 @@ def test_a_node_that_was_away_for_a_day_finds_the_camera_in_its_map(
         peer.send(place)
     peer.await_checkpoint(folder)  # which replaces the one before, and not the kept map
     kill(node)
-    assert len(map_directory.load(kept).map) == keyframes
+    assert len(checkpoint_folder.load_map(kept).map) == keyframes
 
 
 def test_a_second_node_says_who_runs_and_takes_no_map(

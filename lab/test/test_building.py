@@ -16,7 +16,7 @@ from hoid_benchmarks.building.world.route import CORNER, FULL_TURN, Route, first
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
 from hoid_common.values import Float32Array, FloatArray
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 ROOM = CellKey(CellKind.ROOM, 0, 0, 0)
 TWIN = CellKey(CellKind.ROOM, 0, 1, 0, 0, 1)

@@ -19,9 +19,9 @@ from hoid_common.slam_status import SlamState
 from hoid_common.values import NS_PER_S, FloatArray, Trajectory
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closer import Join
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
+from rgbd_slam.store.map_file import MapFile
 
 # A join is false if it contradicts the truth by more than either.
 _FALSE_M, _FALSE_DEG = 0.5, 10.0

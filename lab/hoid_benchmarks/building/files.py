@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from hoid_benchmarks.building.drive import Drive
-from rgbd_slam.map_io import map_file
 from rgbd_slam.map_io.checkpoint import CheckpointWriter
 from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.records.record_store import temporary_folder
 from rgbd_slam.robot_map import LoadedMap
+from rgbd_slam.store import map_file
 
 T = TypeVar('T')
 

@@ -20,7 +20,7 @@ from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building
 from hoid_benchmarks.building.world.route import RATE_HZ, Route
 from hoid_common.values import Trajectory
-from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.store.map_file import MapFile
 
 SIZES = (100, 1000, 10000)
 _WARM_UP_IMAGES = 20  # relocalization and first calls

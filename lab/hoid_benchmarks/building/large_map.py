@@ -25,11 +25,11 @@ from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map
 from rgbd_slam.loops.global_adjustment import apply_solution, global_problem, solve
 from rgbd_slam.loops.region import region_around
-from rgbd_slam.map_io import map_file
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_state import restore
+from rgbd_slam.store import map_file
+from rgbd_slam.store.map_file import MapFile
 
 T = TypeVar('T')
 

@@ -23,8 +23,8 @@ from hoid_benchmarks.building.world.route import Route
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray, Trajectory
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_joining import join_maps
+from rgbd_slam.store.map_file import MapFile
 
 SIZE = 2000
 NUM_ROOMS = 7  # 21 pairs

@@ -6,8 +6,8 @@ import numpy as np
 
 from hoid_benchmarks.building.world.landmarks import DESCRIPTOR_BYTES
 from hoid_common.io.records import Array
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.map_state import NONE, MapState
+from rgbd_slam.store.map_file import MapFile
 
 _APART_M = 400.0
 BASE_KEYFRAMES = 100  # number of keyframes of the map that the benchmarks repeat
@@ -25,7 +25,7 @@ def tiled(content: MapFile, count: int, seed: int = 0) -> MapFile:
     masks[0] = 0
     parts = [_copy(state, n, mask) for n, mask in enumerate(masks)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return content._replace(map=MapState.of(columns), dense=None)
+    return content._replace(map=MapState.of(columns), dense=None, uids=None, loops=())
 
 
 def tiled_to(base: MapFile, num_keyframes: int, seed: int) -> MapFile:

@@ -33,10 +33,10 @@ from hoid_common.errors import InputError
 from hoid_common.ros import qos
 from hoid_common.ros.execution.executor import SteadyExecutor
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.map_outputs import MapOutputs
 from rgbd_slam.session import SlamSession
+from rgbd_slam.store.map_file import MapFile
 
 _TYPES: dict[str, type[Any]] = {
     topics.PATH: Path,

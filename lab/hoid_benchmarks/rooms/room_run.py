@@ -22,10 +22,10 @@ from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
 from hoid_scene.tracks.object_tracker import TrackedObject
-from rgbd_slam.map_io import map_file
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
 from rgbd_slam.statistics import SlamStats
+from rgbd_slam.store import map_file
 
 Tracks = dict[int, tuple[TrackedObject, ...]]
 """Published object tracks by the stamp (ns) of their image."""

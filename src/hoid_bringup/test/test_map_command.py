@@ -12,7 +12,7 @@ from hoid_bringup.cli import main
 from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import RunConfig
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 from .test_offline import WallSequence
 

@@ -13,7 +13,7 @@ from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.values import Detections, RgbdFrame
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 from .test_offline import PERIOD_NS, WALL_M, WallSequence
 

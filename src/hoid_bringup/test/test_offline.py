@@ -16,7 +16,7 @@ from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 WALL_M = 2.0

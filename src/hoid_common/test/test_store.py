@@ -21,7 +21,7 @@ from hoid_common.errors import MapFileError
 from hoid_common.io.records import Record, column
 from hoid_common.store.database import SUFFIX, Database, kept, replaced, side_files
 from hoid_common.store.owner_lock import OwnerLock
-from hoid_common.store.table import Table, pack, unpack
+from hoid_common.store.table import Table, pack, sealed, unpack
 from hoid_common.values import BoolArray, ByteArray, FloatArray
 
 
@@ -78,14 +78,16 @@ def test_records_come_back_to_the_bit_in_aligned_arrays(count: int) -> None:
 @pytest.mark.parametrize('seed', range(30))
 def test_bytes_of_another_size_are_no_record(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    data = pack(things(3))
+    data = pack(things(3))[8:]
     cut = data[: rng.integers(len(data))]
     longer = data + bytes(int(rng.integers(1, 50)))
     huge = np.array(rng.choice([4, -1, 2**62, 2**31]), '<i8').tobytes() + data[8:]
     flag = data[:16] + b'\2' + data[17:]
     for wrong in (cut, longer, huge, flag):
-        with pytest.raises(MapFileError):
-            unpack(Things, wrong)
+        with pytest.raises(MapFileError, match=r'length|Boolean'):
+            unpack(Things, sealed(wrong))
+    with pytest.raises(MapFileError, match=r'lengths|checksum'):
+        unpack(Things, pack(things(3))[: rng.integers(len(data))])
 
 
 def test_a_finished_file_is_one_file_that_a_read_only_folder_may_hold(tmp_path: Path) -> None:
@@ -270,6 +272,7 @@ def foreign(path: Path, *statements: str) -> Path:
     return path
 
 
+_SET = "UPDATE scene_things SET arrays = x'{}'"
 _SECOND = 'CREATE TABLE second (a INTEGER PRIMARY KEY, b TEXT NOT NULL) STRICT'
 
 
@@ -291,8 +294,9 @@ _SECOND = 'CREATE TABLE second (a INTEGER PRIMARY KEY, b TEXT NOT NULL) STRICT'
         (['PRAGMA user_version = 77'], 'version 77'),
         (['PRAGMA application_id = 77'], 'is no map file'),
         (["UPDATE scene_things SET arrays = x'0000'"], 'shorter than its lengths'),
-        (['UPDATE scene_things SET arrays = zeroblob(16)'], None),
-        (['UPDATE scene_things SET arrays = zeroblob(17)'], 'another size'),
+        (["UPDATE scene_things SET arrays = CAST(arrays || 'x' AS BLOB)"], 'checksum'),
+        ([_SET.format(sealed(bytes(16)).hex())], None),
+        ([_SET.format(sealed(bytes(17)).hex())], 'another size'),
         (
             [
                 'PRAGMA writable_schema = ON',
@@ -334,7 +338,7 @@ def test_nothing_but_plain_tables_is_read(
         (b'', 'is no map file'),
         (b'SQLite format 3\0', 'is no map file'),
         (b'no map at all' * 100, 'is no map file'),
-        (b'PK\x03\x04' + bytes(200), 'version 0.2'),
+        (b'PK\x03\x04' + bytes(200), 'version 0.3'),
     ],
 )
 def test_other_files_are_no_maps(content: bytes, fault: str, tmp_path: Path) -> None:

@@ -13,11 +13,11 @@ from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_state import restore, snapshot
 from rgbd_slam.model.trajectory import keyframe_poses
+from rgbd_slam.store.map_file import MapFile
 
 # Chosen: after a map was joined with others, every tenth of its keyframes is compared with their
 # places as well. These links show how well the maps agree, and correct their poses.

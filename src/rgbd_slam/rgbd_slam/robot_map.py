@@ -19,8 +19,6 @@ from hoid_common.values import (
     Trajectory,
 )
 from rgbd_slam.config.slam_config import CameraConfig
-from rgbd_slam.map_io.checkpoint_index import MapHeader
-from rgbd_slam.map_io.map_file import MapFile, check_extendable
 from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.model.trajectory import current_pass, keyframe_poses, main_map
 from rgbd_slam.processes.map_loading import MapLoading
@@ -28,6 +26,8 @@ from rgbd_slam.records.soa_table import DEAD
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import SlamStats
+from rgbd_slam.store.map_file import MapFile, check_extendable
+from rgbd_slam.store.tables import MapHeader
 
 
 class LoadedMap(NamedTuple):

@@ -13,7 +13,7 @@ from hoid_scene.level.upright import find_upright
 from hoid_scene.level.upright_box import Level
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
-from rgbd_slam.map_io.map_file import MapFile
+from rgbd_slam.store.map_file import MapFile
 
 _UP = np.array([0.0, 0.0, 1.0])
 _FLOOR_POINTS = 50_000  # chosen: as many as the scene mapper uses

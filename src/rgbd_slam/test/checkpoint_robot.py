@@ -13,8 +13,8 @@ from hoid_scene.dense.depth_view import Surface
 from hoid_scene.dense.submap import Evidence, Submap
 from rgbd_slam.map_io.checkpoint import CheckpointWriter
 from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
-from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.store.tables import MapHeader
 
 from .map_content import OCTAVES, SCALE, new_map, ring
 from .ring_world import MODEL, RingWorld, mapped, ring_poses

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
+import tempfile
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from hoid_common import se3
-from hoid_scene.dense.dense_state import DenseState
-from hoid_scene.dense.depth_view import DepthView
-from hoid_scene.dense.stored_view import StoredView
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.depth_view import Surface
+from hoid_scene.dense.submap import Evidence, Submap
+from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map_state import ObjectMapState
-from rgbd_slam.map_io import map_file
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import MapState, snapshot
+from rgbd_slam.store import map_file
+from rgbd_slam.store.map_file import MapFile
 
 from .object_world import Box, ObjectWorld
 from .ring_world import MODEL, RingWorld, mapped, ring_poses
 
-Members = dict[str, bytes]
+CONFIG = DenseConfig()
 OCTAVES = 8
 SCALE = 1.2
 
@@ -38,20 +39,23 @@ def ring(count: int = 8, map_id: int = 0, atlas: Atlas | None = None) -> Atlas:
     return atlas
 
 
-def dense_of(state: MapState, count: int = 3) -> DenseState:
-    rng = np.random.default_rng(1)
-    views = [
-        StoredView(
-            DepthView(
-                rng.integers(0, 5000, (15, 20), np.uint16),
-                rng.integers(0, 256, (8, 10, 3), np.uint8),
-            ),
-            n,
-            se3.exp(np.array([0, 0, 0.1 * n, 0, 0, 0])),
-        )
-        for n in range(count)
-    ]
-    return DenseState.of_views(views, np.arange(len(state)))
+def dense_of(count: int = 3) -> SubmapState:
+    """Return submaps, each with a wall, anchored to the first keyframes."""
+    submaps = [Submap(np.eye(4), n, 0, se3.exp(np.full(6, 0.1 * n)), CONFIG) for n in range(count)]
+    for n, submap in enumerate(submaps):
+        submap.update(no_evidence(0), surface(n))
+    return SubmapState.of_submaps(submaps, np.arange(count), CONFIG)
+
+
+def surface(seed: int) -> Surface:
+    rng = np.random.default_rng(seed)
+    points_m = rng.uniform(0.1, 1.4, (500, 3))
+    return Surface(points_m, rng.integers(0, 255, (500, 3), np.uint8), np.ones(500))
+
+
+def no_evidence(count: int) -> Evidence:
+    none = np.zeros(count, np.bool_)
+    return Evidence(none, none, none)
 
 
 def objects_of(state: MapState) -> ObjectMapState:
@@ -67,27 +71,25 @@ def objects_of(state: MapState) -> ObjectMapState:
 def content() -> MapFile:
     """Return the contents of a valid map file; do not change them."""
     state = snapshot(ring())
-    return MapFile(MODEL, SCALE, OCTAVES, state, dense_of(state), objects_of(state))
+    uids = 3 * np.arange(len(state)) + 7
+    loops = (
+        LoopEdge(10, 25, se3.exp(np.full(6, 0.1)), 45, 'loop', is_used=True),
+        LoopEdge(7, 28, se3.exp(np.full(6, 0.2)), 12, 'join', is_used=False),
+    )
+    return MapFile(
+        MODEL, SCALE, OCTAVES, state, dense_of(), objects_of(state), uids, loops, 'today', 123
+    )
 
 
 @cache
 def saved() -> bytes:
     """Return the bytes of a valid map file."""
-    return written(content())
-
-
-def written(anything: MapFile) -> bytes:
-    buffer = io.BytesIO()
-    map_file._write(buffer, anything)
-    return buffer.getvalue()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'saved'
+        map_file.save(path, content())
+        return path.read_bytes()
 
 
 def write(path: Path, anything: MapFile) -> None:
     """Write a map file without the checks of `save`, so that it may be invalid."""
-    path.write_bytes(written(anything))
-
-
-def members_of(data: bytes) -> Members:
-    """Return the members of a file by name."""
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
+    map_file._write(path, anything)

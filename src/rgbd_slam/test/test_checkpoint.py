@@ -18,7 +18,7 @@ from hoid_common.errors import MapFileError
 from hoid_scene.dense.submap_export import SubmapExports
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map_state import ObjectMapState
-from rgbd_slam.map_io import checkpoint, map_directory, map_parts
+from rgbd_slam.map_io import checkpoint, checkpoint_folder, map_parts
 from rgbd_slam.map_io.map_parts import KeyframeCopy
 from rgbd_slam.model.map_state import snapshot
 
@@ -371,7 +371,7 @@ def test_a_kept_map_is_a_saved_map_and_no_checkpoint(robot: Robot) -> None:
         before = robot.stored()
         assert robot.folder.keep(is_copy=is_copy).startswith('map of ')
         (path,) = set(robot.folder.path.parent.glob('kept-*.hoidmap')) - set(paths)
-        assert map_directory.load(path).map.digest() == before
+        assert checkpoint_folder.load_map(path).map.digest() == before
         assert (robot.folder.read() is not None) == is_copy
         paths.append(path)
     assert not robot.folder.path.exists()
@@ -382,10 +382,10 @@ def test_a_copy_that_is_kept_already_is_not_kept_again(robot: Robot) -> None:
     assert robot.folder.keep(is_copy=True)
     assert robot.folder.keep(is_copy=True) == ''
     kept = next(robot.folder.path.parent.glob('kept-*.hoidmap'))
-    before = map_directory.load(kept).map.digest()
+    before = checkpoint_folder.load_map(kept).map.digest()
     extend(robot, 8, 10)
     Robot(robot.folder.path.parent, 5).write()  # another map replaces the checkpoint
-    assert map_directory.load(kept).map.digest() == before
+    assert checkpoint_folder.load_map(kept).map.digest() == before
 
 
 def test_the_file_of_an_earlier_version_is_found_and_not_read(robot: Robot) -> None:

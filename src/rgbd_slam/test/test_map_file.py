@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.errors import MapFileError
-from hoid_scene.dense.dense_state import DenseState
-from rgbd_slam.map_io import archive, map_file
-from rgbd_slam.map_io.map_directory import remove_abandoned
+from hoid_common.errors import InputError, MapFileError
+from hoid_common.store.database import replaced
 from rgbd_slam.model.map_state import restore, snapshot
+from rgbd_slam.store import map_file
+from rgbd_slam.store.map_directory import remove_abandoned
 
-from .map_content import OCTAVES, SCALE, content, dense_of, new_map, ring, saved
+from .map_content import OCTAVES, SCALE, content, new_map, ring, saved
 from .ring_world import CAMERA
 
 
@@ -41,6 +43,11 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
     assert before.objects is not None
     assert after.objects is not None
     assert after.objects.digest() == before.objects.digest()
+    np.testing.assert_array_equal(after.uids, before.uids)
+    assert (after.session, after.stamp_ns) == ('today', 123)
+    for edge, stored in zip(before.loops, after.loops, strict=True):
+        assert edge._replace(T_first_second=0) == stored._replace(T_first_second=0)
+        np.testing.assert_array_equal(edge.T_first_second, stored.T_first_second)
     assert [p.name for p in tmp_path.iterdir()] == ['a']
 
 
@@ -49,13 +56,13 @@ def test_a_map_without_a_dense_one_and_objects_comes_back(tmp_path: Path) -> Non
     after = map_file.load(tmp_path / 'a')
     assert after.dense is None
     assert after.objects is None
-    with np.load(tmp_path / 'a') as arrays:  # as before there were objects
-        assert not [name for name in arrays if name.startswith('objects/')]
 
 
-def test_numpy_opens_a_map_file(path: Path) -> None:
-    with np.load(path) as arrays:
-        np.testing.assert_array_equal(arrays['map/position_m'], content().map.position_m)
+def test_users_can_look_into_a_map_file_with_sqlite(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as connection:
+        rows = connection.execute('SELECT uid, stamp_ns FROM keyframes ORDER BY uid').fetchall()
+    assert [uid for uid, _ in rows] == np.asarray(content().uids).tolist()
+    assert [stamp_ns for _, stamp_ns in rows] == content().map.stamp_ns.tolist()
 
 
 def test_a_restored_map_is_the_one_that_was_saved() -> None:
@@ -152,23 +159,6 @@ def test_a_moved_map_keeps_what_its_keyframes_see() -> None:
     )
 
 
-def test_images_come_back_with_colour_at_half_resolution() -> None:
-    state = snapshot(ring())
-    dense = dense_of(state)
-    views = dense.views(np.arange(100, 100 + len(state)))
-    assert [view.keyframe_uid for view in views] == [100, 101, 102]
-    assert views[0].read().image_bgr.shape == (8, 10, 3)
-    again = DenseState.of_views(views, np.arange(100, 100 + len(state)))
-    assert again.digest() == dense.digest()
-
-
-def test_images_of_keyframes_that_are_not_saved_are_left_out() -> None:
-    state = snapshot(ring())
-    views = dense_of(state).views(np.arange(len(state)))
-    assert len(DenseState.of_views(views, np.array([1]))) == 1
-    assert len(DenseState.of_views(views, np.array([77]))) == 0
-
-
 # ---- writing
 
 
@@ -185,28 +175,29 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
-def test_a_missing_folder_is_said(tmp_path: Path) -> None:
-    with pytest.raises(MapFileError, match='cannot be written: No such file'):
-        map_file.save(tmp_path / 'nowhere' / 'a', content())
+def test_a_folder_that_cannot_be_made_is_said(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(InputError, match='cannot be written'):
+        map_file.save(tmp_path / 'file' / 'a', content())
 
 
 def test_remains_of_killed_processes_are_removed(tmp_path: Path) -> None:
-    killed, scratch = tmp_path / '.partial-0a-x.hoidmap', tmp_path / '.partial.partial-0b'
-    young, foreign = tmp_path / '.partial-0c-x.hoidmap', tmp_path / 'x.hoidmap'
-    scratch.mkdir()
-    for file in (killed, scratch / 'x', young, foreign):
-        file.write_bytes(b'half')
-    os.mkfifo(tmp_path / '.partial-pipe')
+    names = ('.map.partial-0a', '.partial.partial-0b', '.map.partial-0c', 'x.hoidmap')
+    killed, scratch, young, foreign = (tmp_path / name for name in names)
+    for folder in (killed, scratch, young, foreign):
+        folder.mkdir()
+        (folder / 'x').write_bytes(b'half')
+    os.mkfifo(tmp_path / '.map.partial-pipe')
     an_hour_ago = time.time() - 3600
-    with archive.replaced(tmp_path / 'being written') as opened:
-        own = Path(str(opened.name))
-        for path in (killed, scratch, foreign, own):
+    with replaced(tmp_path / 'being written') as aside:
+        aside.write_bytes(b'whole')
+        for path in (killed, scratch, foreign, aside.parent):
             os.utime(path, (an_hour_ago, an_hour_ago))
         assert sorted(remove_abandoned(str(tmp_path))) == sorted([killed.name, scratch.name])
         assert not killed.exists()
         assert not scratch.exists()
         assert young.exists()
-        assert own.exists()
+        assert aside.exists()
     assert foreign.exists()
     assert (tmp_path / 'being written').exists()
     assert remove_abandoned(str(tmp_path / 'nowhere')) == []

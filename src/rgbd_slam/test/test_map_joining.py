@@ -13,10 +13,10 @@ from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.dense.voxel_map import PosedView, VoxelMap
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closer import LoopEvent
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.map_joining import join_maps
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.store.map_file import MapFile
 
 from .world import CAMERA, PERIOD_NS, World, sway
 

@@ -10,9 +10,9 @@ from hoid_common.errors import MapFileError
 from hoid_common.slam_status import SlamState
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.store.map_file import MapFile
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
 from .world import CAMERA, PERIOD_NS, World, load, sway

@@ -27,7 +27,7 @@ from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
 from hoid_common import topics
 from hoid_common.errors import MapFileError
 from hoid_common.ros import conversions, qos
-from rgbd_slam.map_io import map_file
+from rgbd_slam.store import map_file
 
 VICTIMS = (DETECTOR, MAPPER, SCENE, FILTER, SLAM)
 _GAP_S = 0.2  # longest gap of odometry if the killed process is not needed for a pose

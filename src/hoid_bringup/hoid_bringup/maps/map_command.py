@@ -11,11 +11,13 @@ import numpy as np
 
 from hoid_common.errors import ConfigError, MapFileError
 from hoid_common.io.files import check_writable
+from hoid_common.store.database import SUFFIX
 from hoid_scene.dense.submap_state import SubmapState
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_io import map_directory, map_file
-from rgbd_slam.map_io.map_file import SUFFIX, MapFile
+from rgbd_slam.map_io import checkpoint_folder
 from rgbd_slam.map_joining import MapJoin, join_maps
+from rgbd_slam.store import map_file
+from rgbd_slam.store.map_file import MapFile
 
 _MB = 1e6
 _INFO, _MERGE = 'info', 'merge'
@@ -45,12 +47,12 @@ def map_command(args: argparse.Namespace) -> None:
     """
     if args.action == _INFO:
         for path in args.maps:
-            _print(*_described(path, map_directory.load(path)))
+            _print(*_described(path, checkpoint_folder.load_map(path)))
         return
     if args.out is None or len(args.maps) < 2:
         raise ConfigError('merge needs at least two maps, and --out for the joined one')
     check_writable(args.out.parent)
-    contents = [map_directory.load(path) for path in args.maps]
+    contents = [checkpoint_folder.load_map(path) for path in args.maps]
     joined = join_maps(contents, SlamConfig())
     for path, join in zip(args.maps[1:], joined.joins, strict=True):
         _print(_joined(path, join))

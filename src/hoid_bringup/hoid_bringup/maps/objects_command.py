@@ -10,11 +10,11 @@ import numpy as np
 
 from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
+from hoid_common.store.database import SUFFIX
 from hoid_scene.objects.object_query import STATES, ObjectQuery, find
 from hoid_scene.objects.object_text import object_table, objects_yaml
 from rgbd_slam.config.node_config import FrameConfig
-from rgbd_slam.map_io import map_directory
-from rgbd_slam.map_io.map_file import SUFFIX
+from rgbd_slam.map_io import checkpoint_folder
 from rgbd_slam.saved_objects import saved_objects
 
 
@@ -63,7 +63,7 @@ def objects_command(args: argparse.Namespace) -> None:
             cannot be written.
         MapFileError: The file is no valid map.
     """
-    content = map_directory.load(args.map)
+    content = checkpoint_folder.load_map(args.map)
     if content.objects is None:
         raise InputError(
             f'{args.map}: has no object map: set object_map.enabled to true where it is made'

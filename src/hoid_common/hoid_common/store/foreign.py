@@ -17,7 +17,7 @@ VERSION = 1  # of all tables together; a change of any table adds one
 # when rows are read or written, nor when they are checked.
 PLAIN_TABLE = re.compile(
     r'CREATE TABLE ([a-z_]+) \([a-z_]+ INTEGER PRIMARY KEY'
-    r'(?:, [a-z_0-9]+ (?:INTEGER|REAL|TEXT|BLOB) NOT NULL)*\) STRICT'
+    r'(?:, [A-Za-z_0-9]+ (?:INTEGER|REAL|TEXT|BLOB) NOT NULL)*\) STRICT'
 )
 _HEADER_BYTES = 100
 _SQLITE, _ZIP = b'SQLite format 3\0', b'PK\x03\x04'
@@ -39,8 +39,8 @@ def check_header(path: Path) -> None:
         raise MapFileError(f'{path}: cannot be read: {error.strerror}') from error
     if header.startswith(_ZIP):
         raise MapFileError(
-            f'{path}: is a map of version 0.2 or earlier, which this version does not read: map '
-            'the place anew, or use version 0.2'
+            f'{path}: is a map of version 0.3 or earlier, which this version does not read: map '
+            'the place anew, or use version 0.3'
         )
     version, application = header[60:64], header[68:72]
     if not header.startswith(_SQLITE) or int.from_bytes(application, 'big') != APPLICATION_ID:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -16,7 +17,7 @@ R = TypeVar('R', bound=Record)
 
 _SQL_TYPES = {int: 'INTEGER', float: 'REAL', str: 'TEXT'}
 _ALIGNMENT = 8  # bytes; an array of 64-bit numbers may begin at each multiple of it
-_LENGTH = np.dtype('<i8')
+_NUMBER = np.dtype('<i8')
 
 
 @dataclass(frozen=True)
@@ -76,27 +77,34 @@ class Table:
 
 
 def pack(record: Record) -> bytes:
-    """Return a record as bytes: the lengths of its named axes, then its arrays, in order."""
+    """Return a record as bytes: checksum, lengths of its named axes, and its arrays, in order."""
     lengths = record.lengths()
-    parts = [np.array([lengths[axis] for axis in _axes(type(record))], _LENGTH).tobytes()]
+    parts = [np.array([lengths[axis] for axis in _axes(type(record))], _NUMBER).tobytes()]
     for name, array in record.arrays().items():
         data = np.asarray(array, record.columns()[name].dtype).tobytes()
         parts += [data, bytes(-len(data) % _ALIGNMENT)]
-    return b''.join(parts)
+    return sealed(b''.join(parts))
+
+
+def sealed(body: bytes) -> bytes:
+    """Return bytes after their checksum (CRC-32), which takes 0.1 s per 600 MB."""
+    return zlib.crc32(body).to_bytes(_NUMBER.itemsize, 'little') + body
 
 
 def unpack(kind: type[R], data: bytes) -> R:
     """Return the record of bytes that `pack` has made; its arrays are read-only views of them.
 
     Raises:
-        MapFileError: The bytes are more or fewer than their lengths declare, or a Boolean value
-            is neither 0 nor 1.
+        MapFileError: The bytes have another checksum, are more or fewer than their lengths
+            declare, or a Boolean value is neither 0 nor 1.
     """
     axes = _axes(kind)
-    start = len(axes) * _LENGTH.itemsize
+    start = (1 + len(axes)) * _NUMBER.itemsize
     if len(data) < start:
         raise MapFileError('is shorter than its lengths')
-    counts = np.frombuffer(data, _LENGTH, len(axes)).tolist()
+    checksum, *counts = np.frombuffer(data, _NUMBER, 1 + len(axes)).tolist()
+    if checksum != zlib.crc32(memoryview(data)[_NUMBER.itemsize :]):
+        raise MapFileError('has another checksum')
     if not all(0 <= count <= len(data) for count in counts):
         raise MapFileError('declares a length that it does not have')
     lengths = dict(zip(axes, counts, strict=True))

@@ -83,23 +83,6 @@ def replaced(path: Path) -> Iterator[IO[bytes]]:
         raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
 
 
-def abandoned_files(folder: Path) -> list[Path]:
-    """Return the unfinished files of killed processes in a folder, sorted by name.
-
-    They are the files that `replaced` has begun and that no running process has locked. None is
-    found if the folder is missing or its file system has no locks.
-    """
-    abandoned = []
-    with suppress(OSError):  # the folder is missing or not readable
-        for path in sorted(folder.glob(f'{PARTIAL}*')):
-            if not path.is_file():  # opening a pipe would wait
-                continue
-            with suppress(OSError), path.open('rb') as file:  # locked, or it cannot be locked
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                abandoned.append(path)
-    return abandoned
-
-
 def sync_folder(folder: Path) -> None:
     """Write the entries of a folder to the disk, so that renamed files survive a power cut.
 

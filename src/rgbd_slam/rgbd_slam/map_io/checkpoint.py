@@ -21,12 +21,12 @@ from rgbd_slam.map_io.checkpoint_index import (
     CubeRows,
     IndexedKeyframes,
     IndexedSubmaps,
-    MapHeader,
     VoxelRows,
 )
 from rgbd_slam.map_io.map_parts import KeyframeCopy, MapPart, MapParts
 from rgbd_slam.map_io.segments import Segment
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.store.tables import MapHeader
 
 _SPARE_BYTES = 16_000_000  # chosen: dead bytes that are not worth writing a segment again
 

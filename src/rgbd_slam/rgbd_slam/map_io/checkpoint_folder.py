@@ -21,9 +21,11 @@ from typing import NamedTuple
 from hoid_common.errors import MapFileError
 from hoid_common.io.untrusted import expand_home
 from hoid_common.process.ownership import Ownership
+from hoid_common.store.database import SUFFIX
 from rgbd_slam.map_io import archive
 from rgbd_slam.map_io.checkpoint_index import INDEX, read_checkpoint
-from rgbd_slam.map_io.map_file import SUFFIX, MapFile
+from rgbd_slam.store import map_file
+from rgbd_slam.store.map_file import MapFile
 
 
 class Checkpoint(NamedTuple):
@@ -156,3 +158,13 @@ def _described(index: Path) -> str:
         return f'map of {lengths["keyframes"]["keyframes"]} keyframes'
     except MapFileError:
         return 'damaged map'
+
+
+def load_map(path: Path) -> MapFile:
+    """Return the map of a file that was saved, or of a checkpoint that was kept (a folder).
+
+    Raises:
+        MapFileError: It does not exist, cannot be read, is no map of this version, is damaged, or
+            does not fit into memory.
+    """
+    return read_checkpoint(path / INDEX) if path.is_dir() else map_file.load(path)

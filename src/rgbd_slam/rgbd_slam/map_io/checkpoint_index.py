@@ -21,11 +21,12 @@ from hoid_scene.dense.submap import SPAN
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.map_io import archive
-from rgbd_slam.map_io.map_file import MapFile, check
 from rgbd_slam.map_io.map_parts import FeatureRows, PointRows, StateRows
 from rgbd_slam.map_io.segments import Rows, Segment
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import NONE, MapState, rows_of_uids
+from rgbd_slam.store.map_file import MapFile, check
+from rgbd_slam.store.tables import MapHeader
 
 INDEX = 'index'
 """Name of the index in the folder of a checkpoint."""
@@ -103,15 +104,6 @@ _SECTIONS: dict[str, type[Record]] = {
 }
 
 
-class MapHeader(NamedTuple):
-    """The camera, the octaves and the frame of a map."""
-
-    camera: CameraModel
-    scale_factor: float  # ratio of the scales of two successive octaves
-    num_octaves: int
-    T_map_core: FloatArray  # (4, 4) pose of the core's map frame in the published map frame
-
-
 class CheckpointIndex(NamedTuple):
     """The parts of a map that the index of its checkpoint stores itself.
 
@@ -128,7 +120,7 @@ class CheckpointIndex(NamedTuple):
 
         The rows of the segments must be on the disk already.
         """
-        camera, scale_factor, num_octaves, T_map_core = self.header
+        camera, scale_factor, num_octaves, T_map_core, *_ = self.header
         manifest = {
             'format': _FORMAT,
             'version': _VERSION,

@@ -23,12 +23,12 @@ from hoid_scene.dense.submap_export import ExportMark
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.map_io.checkpoint import CheckpointWriter
 from rgbd_slam.map_io.checkpoint_folder import Checkpoint, CheckpointFolder
-from rgbd_slam.map_io.checkpoint_index import MapHeader
 from rgbd_slam.map_io.map_parts import MapPart
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.messages import SceneExport
 from rgbd_slam.session import Processed, SlamSession
+from rgbd_slam.store.tables import MapHeader
 
 # Chosen: the first checkpoint is written after this time, the others at doubling intervals up to
 # `checkpoint_period_s`.

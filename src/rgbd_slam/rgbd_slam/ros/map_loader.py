@@ -15,11 +15,11 @@ from typing import TypeVar
 from rclpy.node import Node
 
 from hoid_common.errors import HoidError, InputError
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.robot_map import LoadedMap, PreparedMap
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import SlamSession
+from rgbd_slam.store.map_file import MapFile
 
 T = TypeVar('T')
 

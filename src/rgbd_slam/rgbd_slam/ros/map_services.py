@@ -7,9 +7,9 @@ done in the tracker's thread, between two images (`NodeThread`).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
@@ -21,11 +21,19 @@ from hoid_common.io.trajectory_io import write_tum_parts
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
-from hoid_scene.dense.submap_state import SubmapState
+from hoid_common.store.database import Database, replaced
+from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_io import map_directory, map_file
-from rgbd_slam.map_io.map_collector import MapCollector
-from rgbd_slam.map_io.map_directory import (
+from rgbd_slam.map_io import checkpoint_folder
+from rgbd_slam.ros.map_loader import MapLoader
+from rgbd_slam.ros.node_thread import NodeThread
+from rgbd_slam.ros.scene.client import SceneClient
+from rgbd_slam.ros.scene.messages import SceneExport
+from rgbd_slam.ros.scene.object_services import ObjectServices
+from rgbd_slam.ros.service_handlers import ServiceHandlers
+from rgbd_slam.session import SlamSession
+from rgbd_slam.store import map_file
+from rgbd_slam.store.map_directory import (
     CLOUD,
     GRID,
     MAP,
@@ -36,15 +44,11 @@ from rgbd_slam.map_io.map_directory import (
     remove_abandoned,
     write_whole,
 )
-from rgbd_slam.map_io.map_file import MapFile
-from rgbd_slam.map_io.map_parts import MapPart
-from rgbd_slam.ros.map_loader import MapLoader
-from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.ros.scene.client import SceneClient
-from rgbd_slam.ros.scene.messages import SceneExport
-from rgbd_slam.ros.scene.object_services import ObjectServices
-from rgbd_slam.ros.service_handlers import ServiceHandlers
-from rgbd_slam.session import SlamSession
+from rgbd_slam.store.map_file import MapFile
+from rgbd_slam.store.map_parts import MapPart
+from rgbd_slam.store.map_writer import MapWriter
+from rgbd_slam.store.scene_tables import put_export, put_objects
+from rgbd_slam.store.tables import MapHeader
 
 T = TypeVar('T')
 
@@ -55,6 +59,13 @@ _SETTLE_S = 40.0
 # Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
 _POLL_S = 0.05
 _MB = 1e6
+
+
+class _LastPart(NamedTuple):
+    """What is needed of the last part of a copied map to write dense map and object map."""
+
+    uids: IntArray  # (K,) of the keyframes
+    receive_maps: Callable[[], SceneExport] | None  # None: both maps are off
 
 
 class MapServices:
@@ -128,43 +139,48 @@ class MapServices:
 
     def _save(self, request: SaveMap.Request) -> str:
         path = self._new_path(request.name, MAP)
-        content, receive_maps = self._copied()
-        if receive_maps is not None:
-            submaps, objects = receive_maps()
-            dense = None if submaps is None else submaps.changed
-            content = content._replace(dense=dense, objects=objects)
-        size = map_file.save(path, content)
-        return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
-
-    def _copied(self) -> tuple[MapFile, Callable[[], SceneExport] | None]:
-        """Copy the map; return it with a function that waits for its dense map and object map.
-
-        The function is None if both of these maps are off.
-
-        Raises:
-            InputError: There is no map, or it was discarded meanwhile.
-        """
         session = self._node_thread.call(self._session)
         if len(session.slam.map.atlas.keyframes) == 0:
             raise InputError('nothing has been mapped yet: there is nothing to save')
-        collector = MapCollector(session.slam.map.atlas)
+        with replaced(path) as aside:
+            with Database.create(aside, map_file.ALL_TABLES) as database:
+                self._write(database, session)
+            content = map_file.load(aside)  # a map that could not be loaded again is not saved
+            size = aside.stat().st_size
+        return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
-        def copy() -> tuple[MapPart, Callable[[], SceneExport] | None]:
+    def _write(self, database: Database, session: SlamSession) -> None:
+        """Write the session's map to a database, with dense map and object map.
+
+        Raises:
+            InputError: The map was discarded meanwhile, or the scene process is late.
+            MapFileError: It cannot be written.
+        """
+        writer, maps = MapWriter(database, session.slam.map.atlas), list[_LastPart]()
+
+        def copy() -> tuple[MapPart, MapHeader]:
             if self._session() is not session:
                 raise InputError('the map was discarded meanwhile: there is nothing to save')
-            part = collector.copy()
-            if part.keyframes is None:
-                return part, None
-            return part, self._scene.request_maps(session.robot_map.keyframes())
+            part = writer.parts.copy()
+            if part.keyframes is not None:
+                receive = self._scene.request_maps(session.robot_map.keyframes())
+                maps.append(_LastPart(part.keyframes.uid, receive))
+            return part, session.robot_map.header()
 
-        while True:
-            start_s = time.perf_counter()
-            part, receive_maps = self._node_thread.call(copy)
-            copy_s = time.perf_counter() - start_s
-            state = collector.add(part)
-            if state is not None:
-                return session.robot_map.content_of(state), receive_maps
-            time.sleep(min(copy_s, _POLL_S))  # so that tracking has about half of the time
+        def copies() -> Iterator[tuple[MapPart, MapHeader]]:
+            while not maps:
+                start_s = time.perf_counter()
+                yield self._node_thread.call(copy)
+                # The tracker has about half of the time.
+                time.sleep(min(time.perf_counter() - start_s, _POLL_S))
+
+        writer.write(copies())
+        ((uids, receive),) = maps
+        if receive is not None:
+            submaps, objects = receive()
+            with database.transaction():
+                put_export(database, submaps)
+                put_objects(database, objects, uids)
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
@@ -215,7 +231,7 @@ class MapServices:
 
     def _load(self, request: LoadMap.Request) -> str:
         path = self._path(request.name, MAP)
-        content = map_directory.load(path)
+        content = checkpoint_folder.load_map(path)
         session = self._node_thread.call(self._session)
         extend = session.mode is SlamMode.MAPPING
         note = self._loader.load(session, content, keep=request.merge, extend=extend)
@@ -235,7 +251,7 @@ class MapServices:
 
 
 def _summary(content: MapFile) -> str:
-    voxels = 0 if not isinstance(content.dense, SubmapState) else len(content.dense)
+    voxels = 0 if content.dense is None else len(content.dense)
     keyframes, points = len(content.map), len(content.map.position_m)
     summary = f'{keyframes} keyframes, {points} points and {voxels} voxels of the dense map'
     if content.objects is not None:

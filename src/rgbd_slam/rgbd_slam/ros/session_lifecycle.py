@@ -19,16 +19,16 @@ from hoid_common.slam_status import SlamMode, SlamStatus
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.map_io import map_directory
+from rgbd_slam.map_io import checkpoint_folder
 from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
-from rgbd_slam.map_io.map_directory import MAP, path_in
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
+from rgbd_slam.store.map_directory import MAP, path_in
+from rgbd_slam.store.map_file import MapFile
 
 
 class SessionLifecycle:
@@ -260,7 +260,7 @@ class SessionLifecycle:
     def _read_first_map(self) -> MapFile | None:
         config = self._config
         if config.map_file:
-            return map_directory.load(path_in(config.map_directory, config.map_file, MAP))
+            return checkpoint_folder.load_map(path_in(config.map_directory, config.map_file, MAP))
         if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
             raise ConfigError(
                 'mode is localization, which needs a map_file: set it, or the mode mapping'

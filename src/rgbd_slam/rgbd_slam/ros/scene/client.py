@@ -21,7 +21,6 @@ from hoid_scene.dense.submap_export import ExportMark
 from hoid_scene.dense.submap_state import DenseMap, SubmapState, misfit
 from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_io.map_file import MapFile
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros.scene.messages import (
     ClearScene,
@@ -41,6 +40,7 @@ from rgbd_slam.ros.scene.outputs import (
     OBJECT_OUTPUTS,
 )
 from rgbd_slam.ros.scene.process import SceneProcess
+from rgbd_slam.store.map_file import MapFile
 
 _PROBLEM = 'scene'
 _DEATHS = 'scene processes that died'

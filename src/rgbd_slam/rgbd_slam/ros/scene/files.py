@@ -12,7 +12,7 @@ from hoid_scene.grid.floor import NO_FLOOR
 from hoid_scene.grid.grid import Grid, write_map_server
 from hoid_scene.objects.object_text import objects_yaml
 from hoid_scene.scene_mapper import SceneMapper
-from rgbd_slam.map_io.map_directory import write_whole
+from rgbd_slam.store.map_directory import write_whole
 
 
 def save_cloud(scene: SceneMapper | None, path: Path) -> str:

@@ -12,11 +12,11 @@ from hoid_msgs.srv import FindObjects, ForgetObject, SaveMap
 from hoid_common import topics
 from hoid_common.ros import conversions
 from hoid_scene.objects.object_query import ObjectQuery
-from rgbd_slam.map_io.map_directory import OBJECTS, FileKind
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.scene.messages import SceneCommand
 from rgbd_slam.ros.scene.object_map_messages import mapped_object_to_msg
 from rgbd_slam.ros.service_handlers import ServiceHandlers
+from rgbd_slam.store.map_directory import OBJECTS, FileKind
 
 
 class ObjectServices:

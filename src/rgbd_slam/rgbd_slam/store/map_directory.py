@@ -1,8 +1,8 @@
 """File names in service requests: plain names in one folder, each kind of file with its ending.
 
 Only this module accepts a file name from a request. It also writes these files, except for maps
-(`map_file.save`): in a scratch folder first, then renamed, so that an existing file is replaced by
-a complete one or not at all.
+(`database.replaced`): in a scratch folder first, then renamed, so that an existing file is
+replaced by a complete one or not at all.
 """
 
 from __future__ import annotations
@@ -17,10 +17,7 @@ from typing import NamedTuple, TypeVar
 from hoid_common.errors import InputError
 from hoid_common.io.files import abandoned_scratch_folders, scratch_folder, write_error
 from hoid_common.io.untrusted import expand_home
-from rgbd_slam.map_io import map_file
-from rgbd_slam.map_io.archive import abandoned_files
-from rgbd_slam.map_io.checkpoint_index import INDEX, read_checkpoint
-from rgbd_slam.map_io.map_file import SUFFIX, MapFile
+from hoid_common.store.database import SUFFIX
 
 T = TypeVar('T')
 
@@ -76,16 +73,6 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
     return path
 
 
-def load(path: Path) -> MapFile:
-    """Return the map of a file that was saved, or of a checkpoint that was kept (a folder).
-
-    Raises:
-        MapFileError: It does not exist, cannot be read, is no map of this version, is damaged, or
-            does not fit into memory.
-    """
-    return read_checkpoint(path / INDEX) if path.is_dir() else map_file.load(path)
-
-
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
     """Write files so that each existing file is replaced by a complete one or not at all.
 
@@ -113,7 +100,7 @@ def write_whole(path: Path, write: Callable[[Path], T]) -> T:
 
 
 def remove_abandoned(directory: str) -> list[str]:
-    """Remove the unfinished files and folders of killed processes; return the removed names.
+    """Remove the folders of unfinished files of killed processes; return the removed names.
 
     Those that a running process has locked are left alone, and so are those younger than a
     minute, because their process may not have locked them yet.
@@ -125,10 +112,10 @@ def remove_abandoned(directory: str) -> list[str]:
         ConfigError: `directory` begins with `~`, and the home folder is not known.
     """
     folder, removed = expand_home(directory, 'map_directory'), []
-    for path in [*abandoned_scratch_folders(folder), *abandoned_files(folder)]:
+    for path in abandoned_scratch_folders(folder):
         with suppress(OSError):
             if time.time() - path.stat().st_mtime > _MIN_AGE_S:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+                shutil.rmtree(path)
                 removed.append(path.name)
     return removed
 

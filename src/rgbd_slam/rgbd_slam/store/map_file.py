@@ -1,32 +1,32 @@
-"""A whole map in one file (`archive`), as the services save and load it."""
+"""A whole map in one file, a database, as the services and commands save and load it."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.errors import MapFileError
-from hoid_common.io.records import Record
-from hoid_common.values import CameraModel, FloatArray
-from hoid_scene.dense.submap_state import DenseMap, SubmapState
+from hoid_common.errors import HoidError, MapFileError
+from hoid_common.store.database import Database, replaced
+from hoid_common.values import CameraModel, FloatArray, IntArray
+from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map_state import ObjectMapState
-from rgbd_slam.map_io import archive
-from rgbd_slam.map_io.manifest import (
-    FORMAT,
-    MAX_DISTORTION,
-    SECTIONS,
-    VERSION,
-    read_manifest,
-)
-from rgbd_slam.map_io.map_check import check_dense, check_map, check_objects, check_submaps
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.store.map_check import check_map, check_objects, check_submaps
+from rgbd_slam.store.map_parts import part_of
+from rgbd_slam.store.map_reader import read_map
+from rgbd_slam.store.map_writer import put_header, put_keyframes, put_loops, put_part
+from rgbd_slam.store.scene_tables import SCENE_TABLES, put_scene, read_scene
+from rgbd_slam.store.tables import TABLES, MapHeader
 
-SUFFIX = '.hoidmap'
 _SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
+_MAX_DISTORTION = 14  # number of coefficients of OpenCV's largest lens model
 _MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera extends another's map
+
+
+ALL_TABLES = (*TABLES, *SCENE_TABLES)
 
 
 class MapFile(NamedTuple):
@@ -39,8 +39,12 @@ class MapFile(NamedTuple):
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
-    dense: DenseMap | None = None
+    dense: SubmapState | None = None
     objects: ObjectMapState | None = None
+    uids: IntArray | None = None  # (K,) of the keyframes, ascending; None: their rows
+    loops: tuple[LoopEdge, ...] = ()  # between keyframes by uid
+    session: str = ''  # name of the session whose numbers the uids are
+    stamp_ns: int = 0  # of the last image that was tracked in the map; 0: unknown
 
     def seen_by(
         self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
@@ -107,7 +111,7 @@ def _size_px(camera: CameraModel) -> tuple[int, int]:
 
 
 def _intrinsics(camera: CameraModel) -> FloatArray:
-    out = np.zeros(4 + MAX_DISTORTION)
+    out = np.zeros(4 + _MAX_DISTORTION)
     values = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
     out[: len(values)] = values
     return out
@@ -127,9 +131,7 @@ def save(path: Path, content: MapFile) -> int:
             be loaded again. An existing file is unchanged.
     """
     check(content)
-    with archive.replaced(path) as file:
-        _write(file, content)
-        return file.tell()
+    return _write(path, content)
 
 
 def load(path: Path) -> MapFile:
@@ -139,7 +141,31 @@ def load(path: Path) -> MapFile:
         MapFileError: The file does not exist, cannot be read, is no map file of this version, is
             damaged, or does not fit into memory.
     """
-    return archive.read(path, _read)
+    try:
+        with Database.read(path, ALL_TABLES) as database:
+            header, uids, state, loops = read_map(database)
+            dense, objects = read_scene(database, uids)
+        content = MapFile(
+            header.camera,
+            header.scale_factor,
+            header.num_octaves,
+            state.moved(header.T_map_core),
+            dense,
+            objects,
+            uids,
+            loops,
+            header.session,
+            header.stamp_ns,
+        )
+        check(content)
+    except HoidError as error:
+        text = str(error)
+        raise MapFileError(text if str(path) in text else f'{path}: {text}') from error
+    except MemoryError as error:
+        raise MapFileError(f'{path}: does not fit into memory') from error
+    except (ValueError, OverflowError, LookupError) as error:  # numbers that no array can have
+        raise MapFileError(f'{path}: is damaged: {error}') from error
+    return content
 
 
 def check(content: MapFile) -> None:
@@ -149,40 +175,28 @@ def check(content: MapFile) -> None:
     """
     with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
-        if isinstance(content.dense, SubmapState):
+        if content.dense is not None:
             check_submaps(content.dense, len(content.map))
-        elif content.dense is not None:
-            check_dense(content.dense, len(content.map))
         if content.objects is not None:
             check_objects(content.objects, len(content.map))
 
 
-def _write(file: IO[bytes], content: MapFile) -> None:
-    records = [part for part in (content.map, content.dense, content.objects) if part is not None]
-    manifest = {
-        'format': FORMAT,
-        'version': VERSION,
-        'camera': asdict(content.camera),
-        'scale_factor': content.scale_factor,
-        'num_octaves': content.num_octaves,
-    }
-    archive.write(file, manifest, {_section_of(record): record for record in records})
-
-
-def _read(reader: archive.Reader) -> MapFile:
-    manifest = read_manifest(reader)
-    records: dict[str, Any] = reader.records(SECTIONS, manifest.lengths)
-    content = MapFile(
-        manifest.camera,
-        manifest.scale_factor,
-        manifest.num_octaves,
-        records['map'],
-        records.get('submaps', records.get('dense')),
-        records.get('objects'),
+def _write(path: Path, content: MapFile) -> int:
+    header = MapHeader(
+        content.camera,
+        content.scale_factor,
+        content.num_octaves,
+        np.eye(4),
+        content.session,
+        content.stamp_ns,
     )
-    check(content)
-    return content
-
-
-def _section_of(record: Record) -> str:
-    return next(name for name, kind in SECTIONS.items() if isinstance(record, kind))
+    part = part_of(content.map, content.uids)
+    assert part.keyframes is not None
+    with replaced(path) as aside:
+        with Database.create(aside, ALL_TABLES) as database, database.transaction():
+            put_header(database, header)
+            put_part(database, part)
+            put_keyframes(database, part.keyframes)
+            put_loops(database, content.loops)
+            put_scene(database, content.dense, content.objects, part.keyframes.uid)
+        return aside.stat().st_size

@@ -9,7 +9,6 @@ from hoid_common.errors import MapFileError
 from hoid_common.io.depth import is_reading
 from hoid_common.io.records import Array
 from hoid_common.values import NS_PER_S, CameraModel, FloatArray
-from hoid_scene.dense.dense_state import DenseState
 from hoid_scene.dense.submap import SPAN
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.mapped_object import PlaceState
@@ -45,19 +44,6 @@ def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
     _check_features(state, camera, num_octaves)
     _check_points(state)
     _check_observations(state)
-
-
-def check_dense(state: DenseState, num_keyframes: int) -> None:
-    """Raise MapFileError if the images of a dense map break a rule; its text names this rule.
-
-    Args:
-        state: The images of the dense map, as files of earlier versions have them.
-        num_keyframes: Number of keyframes of the map in the same file.
-    """
-    _require(_within(state.keyframe, 0, num_keyframes), 'an image has no keyframe')
-    _require(_are_poses(state.T_keyframe_camera), "an image's pose is invalid")
-    whole, half = state.flagged_mm.shape[1:], state.image_bgr.shape[1:3]
-    _require(half == tuple((n + 1) // 2 for n in whole), 'depth and color differ in size')
 
 
 def check_submaps(state: SubmapState, num_keyframes: int) -> None:

@@ -1,0 +1,138 @@
+"""The tables of a SLAM map in a database.
+
+Keyframes have numbers (uids), which are those that they had in the map that was saved. Poses and
+points are in the map frame of the core of the node that wrote them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.io.records import Record, column
+from hoid_common.store.table import Table
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRow(Record):
+    """A `CameraModel`."""
+
+    size_px: Annotated[IntArray, column('i8', 2)]  # width, height
+    pinhole_px: Annotated[FloatArray, column('f8', 4)]  # fx, fy, cx, cy
+    distortion: Annotated[FloatArray, column('f8', 'coefficients')]
+    is_fisheye: Annotated[BoolArray, column('?', 1)]
+
+    @classmethod
+    def of_camera(cls, camera: CameraModel) -> CameraRow:
+        """Return the row of a camera."""
+        return cls(
+            np.array([camera.width_px, camera.height_px]),
+            np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]),
+            np.array(camera.distortion, np.float64),
+            np.array([camera.is_fisheye]),
+        )
+
+    def camera(self) -> CameraModel:
+        """Return the camera; raise ConfigError if no camera has these values."""
+        width_px, height_px = self.size_px.tolist()
+        distortion, is_fisheye = tuple(self.distortion.tolist()), bool(self.is_fisheye[0])
+        fx_px, fy_px, cx_px, cy_px = self.pinhole_px.tolist()
+        return CameraModel(
+            width_px, height_px, fx_px, fy_px, cx_px, cy_px, distortion, is_fisheye=is_fisheye
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Pose(Record):
+    """A rigid transform."""
+
+    T: Annotated[FloatArray, column('f8', 4, 4)]
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureRows(Record):
+    """Features of keyframes, which never change."""
+
+    uv_px: Annotated[Float32Array, column('f4', 'features', 2)]  # undistorted
+    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: no reading
+    octave: Annotated[ByteArray, column('u1', 'features')]
+    angle_deg: Annotated[Float32Array, column('f4', 'features')]
+    descriptors: Annotated[ByteArray, column('u1', 'features', 32)]
+
+
+@dataclass(frozen=True, eq=False)
+class StateRows(Record):
+    """The columns of features that change."""
+
+    point: Annotated[NDArray[np.int32], column('i4', 'features')]  # row of a point, or NO_POINT
+    may_seed: Annotated[BoolArray, column('?', 'features')]
+
+
+@dataclass(frozen=True, eq=False)
+class PointRows(Record):
+    """Map points, by ascending row."""
+
+    row: Annotated[NDArray[np.int32], column('i4', 'points')]  # to which `StateRows.point` refers
+    position_m: Annotated[FloatArray, column('f8', 'points', 3)]
+    reference_uid: Annotated[IntArray, column('i8', 'points')]  # of the reference keyframe
+    num_visible: Annotated[IntArray, column('i8', 'points')]  # frames that should show it
+    num_found: Annotated[IntArray, column('i8', 'points')]  # frames in which it was found
+
+
+class MapHeader(NamedTuple):
+    """What there is once in a map: camera, octaves, frame, session and time."""
+
+    camera: CameraModel
+    scale_factor: float  # ratio of the scales of two successive octaves
+    num_octaves: int
+    T_map_core: FloatArray  # (4, 4) pose of the core's map frame in the published map frame
+    session: str = ''  # name of the session whose numbers the keyframes have
+    stamp_ns: int = 0  # of the last image that was tracked in the map
+
+
+META = Table(
+    'meta',
+    'id',  # 0
+    {
+        'camera': CameraRow,
+        'scale_factor': float,
+        'num_octaves': int,
+        'T_map_core': Pose,
+        'session': str,
+        'stamp_ns': int,
+    },
+)
+KEYFRAMES = Table(
+    'keyframes',
+    'uid',
+    # parent_uid: in the spanning tree; DEAD for the root of a map.
+    {'stamp_ns': int, 'map_id': int, 'parent_uid': int, 'T_core_camera': Pose},
+)
+FEATURES = Table('features', 'uid', {'features': FeatureRows})
+STATES = Table('states', 'uid', {'states': StateRows})
+POINTS = Table('points', 'chunk', {'points': PointRows})  # CHUNK rows of the table of points each
+LOOPS = Table(
+    'loops',
+    'id',
+    {
+        'first_uid': int,
+        'second_uid': int,
+        'kind': str,
+        'num_inliers': int,
+        'is_used': int,
+        'T_first_second': Pose,
+    },
+)
+TABLES = (META, KEYFRAMES, FEATURES, STATES, POINTS, LOOPS)
+CHUNK = 256
