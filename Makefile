@@ -27,7 +27,7 @@ check:  ## The quick experiments, held against stored bounds
 
 docs:  ## The documents as a site, out/site; broken links are errors
 	@NO_MKDOCS_2_WARNING=1 ./hoid dev python -m mkdocs build --quiet
-	@echo 'open out/site/index.html, or serve it: python3 -m http.server --directory out/site'
+	@echo 'open out/site/index.html, or serve it: python3 -m http.server --bind 127.0.0.1 --directory out/site'
 
 reference:  ## Write the pages of parameters, commands, messages and decisions, and the tables of results, anew
 	@./hoid dev python -m hoid_bringup.parameter_reference > docs/reference/parameters.md

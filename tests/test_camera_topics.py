@@ -91,6 +91,21 @@ def test_a_stray_camera_info_is_reported_until_the_right_one_returns(peer: Peer)
         peer.wait_for_no_problem(message)
 
 
+def test_a_camera_info_of_another_frame_is_reported_until_the_right_one_returns(
+    peer: Peer,
+) -> None:
+    peer.begin()
+    peer.send(3)
+    header = conversions.header_to_msg(START_NS, 'other_optical_frame')
+    peer.camera.publish(conversions.camera_to_msg(CAMERA, header))
+    problem = 'camera_info: of frame "other_optical_frame", but the map was begun with'
+    peer.wait_for_problem(problem)
+    peer.send(3)
+    assert peer.status[-1].state == SlamStatus.TRACKING
+    peer.send_info(CAMERA)
+    peer.wait_for_no_problem(problem)
+
+
 @pytest.mark.parametrize(
     'fields', [{'k': [1e-300, 0, 1, 0, 1e-300, 1, 0, 0, 1]}, {'width': 2**31}]
 )

@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from hoid_common import topics
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 
@@ -17,12 +18,27 @@ POLICIES = Path(__file__).parents[1] / 'src/hoid_bringup/policies/hoid.policy.xm
 NODES: dict[
     str, list[dict[str, Any]]
 ] = {  # parameter sets of each node, which together create all its topics
-    'hoid_detector': [{'model': 'synthetic', 'base_frame': 'base_link'}],
-    'hoid_filter': [{'strategy': 'hoid+'}],
-    'rgbd_slam': [{}, {'frames.publish_odom_to_base': False}],
+    'hoid_detector': [
+        {'model': 'synthetic', 'base_frame': 'base_link', 'expected_score_threshold': 0.2}
+    ],
+    'hoid_filter': [{'strategy': 'hoid+'}, {'detections.as_vision_msgs': True}],
+    'rgbd_slam': [
+        {},
+        {'frames.publish_odom_to_base': False},
+        {
+            'object_map.enabled': True,
+            'object_map.label_cloud': True,
+            'object_map.prior_score': 0.1,
+            'navigation.enabled': True,
+            'frames.base': 'base_link',
+        },
+    ],
     'rgbd_slam_scene': [{}],  # the process of the scene mapper
 }
+# Topics of bags, of no node; and inputs in place of others, which the policy's comment mentions.
+NOT_OF_NODES = {'CLOCK', 'GROUND_TRUTH', 'TRUE_DETECTIONS'}
 _LIMIT_S = 60.0
+USES = ('topic', 'service')  # tags of names in a policy
 Uses = dict[str, set[str]]
 """Names by their use, as in a policy: "topics publish", "services reply", ..."""
 
@@ -55,6 +71,17 @@ def used(probe: Probe, node: str) -> Uses:
         'services request': ask.get_client_names_and_types_by_node(node, '/'),
     }
     return {use: {name for name, _ in names} for use, names in found.items() if names}
+
+
+def test_every_topic_and_service_is_in_the_policy() -> None:
+    named = {str(name.text) for name in ET.parse(POLICIES).iter() if name.tag in USES}  # noqa: S314
+    constants = {name: value for name, value in vars(topics).items() if name.isupper()}
+    expected = {
+        value
+        for name, value in constants.items()
+        if isinstance(value, str) and name not in NOT_OF_NODES
+    }
+    assert expected <= named
 
 
 @pytest.mark.parametrize('node', NODES)

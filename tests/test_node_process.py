@@ -1,12 +1,14 @@
 """The entry point of nodes in a process: how they end, and how they report a failed start."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +16,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from hoid_common.process.entry import EXIT_CONFIG, EXIT_INTERRUPTED
 from hoid_system_tests.probe import Probe
-from hoid_system_tests.processes import executable
+from hoid_system_tests.processes import Start, executable
+from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
 
 pytestmark = pytest.mark.thorough
 
@@ -183,3 +186,14 @@ def interrupted(process: subprocess.Popen[str], rng: np.random.Generator) -> tup
         with suppress(subprocess.TimeoutExpired):
             process.wait(rng.uniform(0.0, 0.1))
     return process.returncode, process.communicate()[1]
+
+
+def test_other_users_cannot_read_the_shared_memory_of_a_node(start: Start, probe: Probe) -> None:
+    node = start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    SlamPeer(probe).begin()
+    (pid,) = node.pids.values()
+    opened = {str(path.readlink()) for path in Path(f'/proc/{pid}/fd').iterdir()}
+    segments = [lock for lock in opened if re.search(r'/fastrtps_[0-9a-f]+_el$', lock)]
+    assert segments
+    for lock in segments:
+        assert Path(lock.removesuffix('_el')).stat().st_mode & 0o077 == 0

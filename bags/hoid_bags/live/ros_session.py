@@ -15,7 +15,7 @@ from rosbags.interfaces import Qos, QosDurability, QosReliability
 from hoid_bags.storage.qos_profiles import reliable_qos
 from hoid_common import topics
 from hoid_common.errors import ConfigError
-from hoid_common.process.shared_memory import shared_memory_problem
+from hoid_common.process.shared_memory import restrict_segments, shared_memory_problem
 from hoid_common.process.signals import interrupt_on_termination
 from hoid_common.ros.run import limit_exit_time
 
@@ -46,6 +46,7 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
             node = Node(name, namespace=namespace, start_parameter_services=False)
         except ValueError as error:
             raise ConfigError(f'--namespace {namespace}: not a valid ROS namespace') from error
+        restrict_segments()
         if problem := shared_memory_problem():
             node.get_logger().warning(problem)
         yield node

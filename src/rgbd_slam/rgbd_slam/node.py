@@ -104,7 +104,7 @@ class RgbdSlamNode(ManagedNode):
         super().destroy_node()
 
     def _on_features(self, msg: Features) -> None:
-        self._lifecycle.check_image((msg.image_width, msg.image_height))
+        self._lifecycle.check_image((msg.image_width, msg.image_height), msg.header.frame_id)
         session = self._lifecycle.session
         if session is None:
             self.diagnostics.count('features before camera and base were known')

@@ -11,6 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from hoid_common.errors import InputError
@@ -59,6 +60,16 @@ def shared_memory_problem() -> str:
     )
 
 
+def restrict_segments() -> None:
+    """Let no other user read this process's segments, which contain images.
+
+    Fast DDS gives everybody the right to read them, whatever the umask is.
+    """
+    for segment in _own_segments():
+        with contextlib.suppress(OSError):
+            segment.chmod(0o600)
+
+
 def clean_shared_memory() -> None:
     """Remove the segments that killed processes have left behind (`fastdds shm clean`).
 
@@ -89,17 +100,18 @@ def _segment_mb() -> float:
 
 
 def _own_segment_mb() -> float:
-    """Return the size in MB of this process's largest segment; 0 if it has none.
+    """Return the size in MB of this process's largest segment; 0 if it has none."""
+    return max((path.stat().st_size / _BYTES_PER_MB for path in _own_segments()), default=0.0)
 
-    Segments are found by the lock files that the process holds open.
-    """
-    sizes_mb = [0.0]
+
+def _own_segments() -> Iterator[Path]:
+    """Yield the files of this process's segments, found by the lock files that it holds open."""
     for descriptor in Path('/proc/self/fd').iterdir():
         with contextlib.suppress(OSError):  # the descriptor was closed in the meantime
             path = str(descriptor.readlink())
-            if _LOCK_FILE.fullmatch(path):
-                sizes_mb.append(Path(path.removesuffix('_el')).stat().st_size / _BYTES_PER_MB)
-    return max(sizes_mb)
+            segment = Path(path.removesuffix('_el'))
+            if _LOCK_FILE.fullmatch(path) and segment.exists():
+                yield segment
 
 
 def _free_mb() -> float:

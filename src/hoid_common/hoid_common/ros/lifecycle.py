@@ -7,7 +7,7 @@ from collections.abc import Callable
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from hoid_common.errors import ConfigError, HoidError
-from hoid_common.process.shared_memory import shared_memory_problem
+from hoid_common.process.shared_memory import restrict_segments, shared_memory_problem
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.parameters import AcceptsEmptyLists
@@ -26,6 +26,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
 
     def __init__(self, name: str) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        restrict_segments()
         bridge_logging(self)
         self.diagnostics = Diagnostics(self)
         if problem := shared_memory_problem():

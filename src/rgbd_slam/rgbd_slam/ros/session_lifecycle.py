@@ -67,6 +67,7 @@ class SessionLifecycle:
         self._camera_remedy = f'call {reset} to begin a new map with the camera as it is now'
         self._tf_static = node.resolve_topic_name(topics.TF_STATIC)
         self.session: SlamSession | None = None
+        self._frame = ''  # of the camera info with which the session began
         self._cameras = CameraInfoCheck(self._camera_remedy)
         self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
         self._first_map: MapFile | None = None  # is loaded into the next session
@@ -120,6 +121,7 @@ class SessionLifecycle:
             SystemExit: The mapping process does not start, or the configured map cannot be used.
         """
         self._last_camera = camera, header
+        self._check_frame('camera_info', header.frame_id)
         is_confirmed = self._cameras.update(camera)
         self._report_camera()
         if is_confirmed and self.session is not None:
@@ -129,13 +131,14 @@ class SessionLifecycle:
             self._first_map = None if self._is_reset else self._read_first_map()
         self._start_if_ready()
 
-    def check_image(self, size_px: tuple[int, int]) -> None:
-        """Check the size of an image, and start the session if camera and base are known.
+    def check_image(self, size_px: tuple[int, int], frame: str) -> None:
+        """Check size and frame of an image, and start the session if camera and base are known.
 
         Raises:
             MessageError: The size is not that of the camera info.
             SystemExit: The mapping process does not start, or the configured map cannot be used.
         """
+        self._check_frame('color images', frame)
         try:
             self._cameras.check_image(size_px)
         finally:
@@ -186,6 +189,16 @@ class SessionLifecycle:
             camera, header = self._last_camera
             if camera == self._cameras.camera:
                 self.session = self._start(camera, header)
+
+    def _check_frame(self, what: str, frame: str) -> None:
+        """Report messages of another frame than that of the camera info that began the session."""
+        problem = ''
+        if self.session is not None and frame != self._frame:
+            problem = (
+                f'{what}: of frame "{frame}", but the map was begun with "{self._frame}", which '
+                f'is kept; {self._camera_remedy}'
+            )
+        self._diagnostics.report_problem(f'other frame of {what}', problem)
 
     def _end(self) -> None:
         if self.session is not None:
@@ -246,6 +259,7 @@ class SessionLifecycle:
                 imu=self._start_imu(),
             )
         self._scene.start_map(camera)
+        self._frame = header.frame_id
         self.session = session  # the loader checks that it is still the present one
         if self.checkpoints.resume(session, stamp_from_msg(header.stamp), self.loader):
             self._first_map = None
