@@ -22,14 +22,14 @@ FOLDERS = {path.parent.name: path.parent for path in INIT_FILES}
 # Layers from the lowest up; a member may import members of lower layers only. First the packages:
 # the last two layers are the laboratory, which no robot installs.
 PACKAGES = """
-    hoid_common hoid_native < hoid_detector hoid_filter hoid_scene hoid_bags < rgbd_slam
+    hoid_native < hoid_common < hoid_detector hoid_filter hoid_scene hoid_bags < rgbd_slam
     < hoid_bringup < hoid_synth < hoid_training hoid_benchmarks
 """
 # Then the folders of each package, with the modules at its root.
 LAYERS = {
     'hoid_common': """
         errors log_throttle topics slam_status < camera_topics config values
-        < se3 process sync < inputs io poses < store < ros
+        < se3 process sync < io poses < inputs store < ros
     """,
     'hoid_detector': """
         drawing expected_objects newest_wins quarter_turn < model < config < onnx_detector < node

@@ -100,15 +100,6 @@ def check_size(
         )
 
 
-def check_registered(depth: DepthUnits | Float32Array, color: ByteArray) -> None:
-    """Raise InputError unless depth has the size of the color image; nothing else is checked."""
-    if depth.shape != color.shape[:2]:
-        raise InputError(
-            f'depth is {depth.shape[1]}x{depth.shape[0]}, color {color.shape[1]}x{color.shape[0]};'
-            ' register depth to color in the driver, or name other topics with --depth and --rgb'
-        )
-
-
 def depth_m_from_units(depth: DepthUnits, units_per_m: float) -> Float32Array:
     """Return (H, W) depth in m; `units_per_m` is the number of units of `depth` per meter."""
     return np.divide(depth, np.float32(units_per_m), dtype=np.float32)

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hoid_bags.bag import bag_messages
+from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.sequence import open_sequence
 from hoid_bags.storage import bag_types
@@ -209,9 +210,45 @@ def test_depth_outside_the_range_of_readings_is_none(tmp_path: Path) -> None:
         assert (frame.depth_m[2:] == 1.5).all()
 
 
-def test_color_of_another_size_is_registration_even_if_the_camera_is_that_of_depth(
-    tmp_path: Path,
+@pytest.mark.parametrize('factor', [2, 3])
+def test_registered_depth_of_a_fraction_of_the_size_is_used(factor: int, tmp_path: Path) -> None:
+    color = CameraModel(150, 120, 150, 150, 74.5, 59.5)
+    small = color.scaled_to((150 // factor, 120 // factor))
+    assert small is not None
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(500, 3000, (small.height_px, small.width_px)).astype(np.uint16)
+    path = write(tmp_path / 'bag', lambda _: color, lambda _: color, lambda _: pixels)
+    sequence = open_sequence(path)
+    frame = next(iter(sequence))
+    assert sequence.camera == color
+    expected = np.kron(pixels, np.ones((factor, factor))) / 1000
+    np.testing.assert_allclose(frame.depth_m, expected, atol=1e-6)
+
+
+def test_a_camera_info_of_twice_the_size_is_scaled(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = write(tmp_path / 'bag', lambda _: HALF, depth_of=lambda i: millimeters(i, HALF))
-    with pytest.raises(InputError, match='depth is 80x60, color 160x120; register depth to color'):
+    twice = CAMERA.scaled_to((320, 240))
+    assert twice is not None
+    sequence = open_sequence(write(tmp_path / 'bag', lambda _: twice))
+    assert sequence.camera == CAMERA
+    assert len(list(sequence)) == NUM
+    (line,) = caplog.messages
+    assert 'camera_info is of 320x240 px, images are of 160x120 px' in line
+
+
+def test_a_camera_info_of_no_multiple_is_not_denied(tmp_path: Path) -> None:
+    path = write(tmp_path / 'bag', lambda _: replace(CAMERA, width_px=200))
+    with pytest.raises(InputError, match=r'image is 160x120, the camera 200x120; .*--camera'):
         list(open_sequence(path))
+    late = tmp_path / 'late'
+    with BagWriter(late) as writer, BagReader(path) as reader:
+        for topic in reader.topics:
+            writer.add_topic(topic.name, topic.type_name)
+        for message in reader.messages():
+            is_info = message.topic == '/rgb/camera_info'
+            writer.write_serialized(message.topic, message.log_ns + is_info, message.data)
+    with pytest.raises(
+        InputError, match=r'camera_info is of 200x120 px, images are of 160x120 px: .*--camera'
+    ):
+        open_sequence(late)

@@ -180,10 +180,16 @@ def test_a_preset_chooses_among_drivers(tmp_path: Path) -> None:
         assert found.color.name == '/camera/camera/color/image_raw'
 
 
-def test_depth_that_is_not_registered_is_named_so(tmp_path: Path) -> None:
+def test_depth_that_is_not_registered_is_named_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     topics = {'/camera/color/image_raw': C, '/camera/depth/image_raw': S}
+    monkeypatch.setitem(PIXELS, '16UC1', DEPTH[:, :30])
     path = write(tmp_path / 'bag', topics, {'/camera/color/camera_info'})
-    with pytest.raises(InputError, match=r'depth is 16x12, color 32x24; register depth to color'):
+    reason = (
+        'depth is not registered to color: it is 15x12, color 32x24; register it in the driver'
+    )
+    with pytest.raises(InputError, match=reason):
         list(open_sequence(path))
 
 

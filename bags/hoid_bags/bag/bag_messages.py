@@ -106,6 +106,25 @@ def pose_from_message(message: Message) -> FloatArray:
     return se3.from_quat_translation(quat, place)
 
 
+def static_edges(message: Message) -> list[tuple[str, str, FloatArray]]:
+    """Return the edges (parent, child, T_parent_child) of a tf2_msgs/TFMessage."""
+    edges = []
+    for edge in message.transforms:
+        q, p = edge.transform.rotation, edge.transform.translation
+        quat, place = np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z])
+        if np.isfinite([*quat, *place]).all() and np.linalg.norm(quat) > _MIN_QUATERNION_NORM:
+            names = edge.header.frame_id.lstrip('/'), edge.child_frame_id.lstrip('/')
+            edges.append((*names, se3.from_quat_translation(quat, place)))
+    return edges
+
+
+def extrinsics(message: Message) -> FloatArray:
+    """Return T_to_from (4, 4) of a realsense2_camera_msgs/Extrinsics, such as `depth_to_color`."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = message.rotation.reshape(3, 3).T, message.translation
+    return T
+
+
 def imu(
     stamp_ns: int,
     acceleration_mps2: FloatArray | None = None,

@@ -15,11 +15,13 @@ from hoid_bags.bag.bag_reader import BagReader, BagTopic
 from hoid_bags.bag.bag_topics import RecordedTopics, TopicChoice, find_topics
 from hoid_bags.bag.image_messages import decode_color, decode_depth, image_head
 from hoid_bags.bag.stamps import header_stamp_ns, stamp_ns
-from hoid_bags.images import check_registered, check_size
+from hoid_bags.images import check_size
 from hoid_bags.storage import bag_types
+from hoid_bags.storage.bag_types import Message
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
 from hoid_common.errors import InputError, MessageError
 from hoid_common.inputs.camera_info_check import CameraInfoCheck
+from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.camera_info import camera_from_info, rectification_doubt
 from hoid_common.io.depth import DepthUnitWarning
 from hoid_common.io.images import UNIT_REMEDY
@@ -34,6 +36,10 @@ from hoid_common.values import (
 )
 
 _LOG = logging.getLogger(__name__)
+_REGISTER = (
+    'register it in the driver, record the camera_info of depth and /tf_static, or name other '
+    'topics with --depth and --rgb'
+)
 _MAX_BAD_AT_START = 30  # chosen: reading ends if the first 30 images are all unusable
 
 
@@ -81,8 +87,11 @@ class BagSequence:
             index = _Index(reader, self.topics, camera)
             self.fault = reader.fault
         if index.camera is None:
-            raise InputError(f'{path}: has no camera_info of the color images; give --camera')
+            problem = index.camera_problem or 'has no camera_info of the color images'
+            raise InputError(f'{path}: {problem}; give --camera')
         self.camera = index.camera
+        self._aligner, self._frames = index.aligner, index.frames
+        self._aligner.color = self.camera
         self.ground_truth = index.ground_truth
         self.true_detections: Mapping[int, Detections] | None = index.true_detections
         color, depth = index.color, index.depth
@@ -104,7 +113,7 @@ class BagSequence:
         missing = set(self.depth_of_color), set(self.depth_of_color.values())
         color: dict[int, bytes] = {}
         depth: dict[int, bytes] = {}
-        problems, unit = _Problems(self), DepthUnitWarning(UNIT_REMEDY)
+        problems, unit, told = _Problems(self), DepthUnitWarning(UNIT_REMEDY), ''
         with BagReader(self.path) as reader:
             for message in reader.messages([color_name, depth_name], self._first_log_ns):
                 if message.log_ns > self._last_log_ns:
@@ -127,6 +136,8 @@ class BagSequence:
                         problems.num_frames += 1
                         if warning := unit.warning_for(frame.depth_m):
                             _LOG.warning('%s: %s', self.path, warning)
+                        if (text := self._aligner.doubt or self._aligner.note) not in ('', told):
+                            _LOG.warning('%s: %s', self.path, told := text)
                         yield frame
                     color_ns, depth_ns = next(waiting, (-1, -1))
         problems.finish()
@@ -143,7 +154,8 @@ class BagSequence:
             image_bgr = decode_color(color, topic)
             topic = self.topics.depth
             depth_m = decode_depth(depth, topic, self.depth_units_per_m)
-            check_registered(depth_m, image_bgr)
+            size_px = image_bgr.shape[1], image_bgr.shape[0]
+            depth_m = self._aligner.align(depth_m, *self._frames, size_px)
             topic = self.topics.color
             check_size(image_bgr, self.camera, topic.name)
         except (MessageError, InputError) as error:
@@ -195,6 +207,9 @@ class _Index:
         self._cameras = CameraInfoCheck('give the camera with --camera, or split the recording')
         self._reported: set[str] = set()  # kinds of problems of the camera that were logged
         self._found = found
+        self.aligner = DepthAligner(_REGISTER)
+        self._frame_of: dict[str, str] = {}  # by image topic
+        self._T_color_depth: FloatArray | None = None
         self._images: dict[str, list[tuple[int, int]]] = {
             found.color.name: [],
             found.depth.name: [],
@@ -213,36 +228,64 @@ class _Index:
             _stream(reader.path, topic, np.array(rows, np.int64).reshape(-1, 2))
             for topic, rows in self._images.items()
         )
+        self.frames = (
+            self._frame_of.get(found.depth.name, ''),
+            self._frame_of.get(found.color.name, ''),
+        )
+        if self._T_color_depth is not None and all(self.frames):
+            self.aligner.frames.add(self.frames[1], self.frames[0], self._T_color_depth)
         self.true_detections = self._detections if found.true_detections else None
         self.ground_truth = _trajectory(self._poses) if found.ground_truth else None
 
     def _add(self, topic: BagTopic, log_ns: int, data: bytes) -> None:
         if topic.name in self._images:
             self._images[topic.name].append((log_ns, header_stamp_ns(data)))
+            if topic.name not in self._frame_of:
+                header = bag_types.deserialize(data, topic.type_name).header
+                self._frame_of[topic.name] = header.frame_id.lstrip('/')
             if topic == self._found.color:
                 self._check_size(data)
             return
         message = bag_types.deserialize(data, topic.type_name)
+        if topic == self._found.ground_truth:
+            self._poses[stamp_ns(message)] = bag_messages.pose_from_message(message)
+        elif topic == self._found.true_detections:
+            boxes = bag_messages.detections_from_message(message)
+            self._detections[boxes.stamp_ns] = boxes
+        else:
+            self._add_geometry(topic, message)
+
+    def _add_geometry(self, topic: BagTopic, message: Message) -> None:
+        """Note what a message says of the cameras and their places."""
         if topic == self._found.camera_info:
             self._cameras.update(camera_from_info(message, self._found.color.name))
             self._warn_once('doubt', rectification_doubt(message, self._found.color.name))
             self._warn_once('change', self._cameras.change)
-        elif topic == self._found.ground_truth:
-            self._poses[stamp_ns(message)] = bag_messages.pose_from_message(message)
+            self._warn_once('scaling', self._cameras.scaling)
+        elif topic == self._found.depth_info:
+            self.aligner.depth = camera_from_info(message, self._found.depth.name)
+        elif topic == self._found.extrinsics:
+            self._T_color_depth = bag_messages.extrinsics(message)
         else:
-            boxes = bag_messages.detections_from_message(message)
-            self._detections[boxes.stamp_ns] = boxes
+            for edge in bag_messages.static_edges(message):
+                self.aligner.frames.add(*edge)
 
     @property
     def camera(self) -> CameraModel | None:
         """Return the given camera or that of the recording; None: no camera_info is usable."""
         return self._given_camera or self._cameras.camera
 
+    @property
+    def camera_problem(self) -> str:
+        """Return one line about the camera_info, if there is one that cannot be used; else ''."""
+        return self._cameras.problem
+
     def _check_size(self, color: bytes) -> None:
         """Pass the size of a color image to `CameraInfoCheck`, if its header states the size."""
         with suppress(MessageError):
             if size_px := image_head(color, self._found.color).size_px:
                 self._cameras.check_image(size_px)
+                self._warn_once('scaling', self._cameras.scaling)
 
     def _warn_once(self, kind: str, text: str) -> None:
         if text and kind not in self._reported:

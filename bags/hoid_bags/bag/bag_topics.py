@@ -33,6 +33,7 @@ _OTHER_DEPTH_WORDS = (
     'confidence', 'disparity', 'debug', 'static_depth', 'mask', 'infra', '/ir', 'amplitude',
 )  # fmt: skip
 _RECTIFIED = 'rect'
+_VIEWER_IMAGE = '/image/data'
 _OWN = (CAMERA_TOPICS['bag'],)  # the suite's own names, which come before those of a driver
 
 
@@ -53,6 +54,10 @@ class RecordedTopics(NamedTuple):
     camera_info: BagTopic | None
     ground_truth: BagTopic | None
     true_detections: BagTopic | None
+    # What registers depth to color: the camera of depth, and where it is.
+    depth_info: BagTopic | None = None
+    static_frames: BagTopic | None = None
+    extrinsics: BagTopic | None = None  # realsense2_camera's depth_to_color
 
     def __str__(self) -> str:
         """Return the names of the topics of color, depth and camera_info as text."""
@@ -66,7 +71,7 @@ class _Image(NamedTuple):
 
     @property
     def base(self) -> str:
-        return base_name(self.topic.name)
+        return topics.image_base(self.topic.name)
 
 
 def find_topics(
@@ -100,14 +105,10 @@ def find_topics(
         info,
         _truth(filled, topics.GROUND_TRUTH, types.POSE_STAMPED),
         _truth(filled, topics.TRUE_DETECTIONS, types.DETECTION_ARRAY),
+        _depth_info(depth, [topic for topic in infos if topic != info], presets),
+        _truth(filled, topics.TF_STATIC.lstrip('/'), types.TF_MESSAGE),
+        _truth(filled, 'extrinsics/depth_to_color', types.EXTRINSICS),
     )
-
-
-def base_name(topic: str) -> str:
-    """Return the name of an image topic without image_transport's suffix of compressed topics."""
-    for suffix in topics.COMPRESSED_SUFFIXES:
-        topic = topic.removesuffix(suffix)
-    return topic
 
 
 def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTopic, ...]:
@@ -279,14 +280,36 @@ def _camera_info(
     The result is None if no camera_info is beside the color topic, and the bag has none or more
     than one.
     """
-    names = [color.base.rpartition('/')[0] + '/camera_info']
-    names += [
-        color.base.removesuffix(preset.rgb_image) + preset.camera_info
-        for preset in presets
-        if _is_called(color.base, preset.rgb_image)
-    ]
+    names = _info_names(color, 'rgb_image', presets)
     at_place = [topic for name in names for topic in found if topic.name == name]
     return at_place[0] if at_place else found[0] if len(found) == 1 else None
+
+
+def _depth_info(
+    depth: _Image, found: list[BagTopic], presets: Sequence[CameraTopics]
+) -> BagTopic | None:
+    names = _info_names(depth, 'depth_image', presets)
+    return next((topic for topic in found if topic.name in names), None)
+
+
+def _info_names(image: _Image, field: str, presets: Sequence[CameraTopics]) -> list[str]:
+    """Return the names that the camera_info of an image topic may have, the likeliest first.
+
+    Args:
+        image: The image topic.
+        field: Its kind: 'rgb_image' or 'depth_image'.
+        presets: Names of the drivers' topics.
+    """
+    names = [topics.camera_info_beside(image.topic.name)]
+    if image.base.endswith(_VIEWER_IMAGE):  # RealSense Viewer
+        names.append(f'{image.base.removesuffix(_VIEWER_IMAGE)}/info/camera_info')
+    if field == 'rgb_image':
+        names += [
+            image.base.removesuffix(preset.rgb_image) + preset.camera_info
+            for preset in presets
+            if _is_called(image.base, preset.rgb_image)
+        ]
+    return names
 
 
 def _num_shared_parts(first: str, second: str) -> int:

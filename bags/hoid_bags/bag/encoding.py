@@ -22,9 +22,10 @@ from hoid_bags.images import (
     read_image_bytes,
 )
 from hoid_bags.storage.bag_types import COMPRESSED_IMAGE, IMAGE, Message
-from hoid_bags.tum.tum_folder import ListedImage
+from hoid_bags.tum.tum_folder import REGISTER_FILES, ListedImage
 from hoid_common import topics
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, MessageError
+from hoid_common.inputs.registration import check_multiple
 from hoid_common.io import images
 from hoid_common.values import CameraModel
 
@@ -105,7 +106,11 @@ class DepthEncoder:
         """
         data = read_image_bytes(listed.path)
         units = decode_depth(data, listed.path)
-        check_size(units, self.camera, listed.path)
+        size_px = units.shape[1], units.shape[0]
+        try:
+            check_multiple(size_px, self.camera.size_px, REGISTER_FILES)
+        except MessageError as error:
+            raise InputError(f'{listed.path}: {error}') from error
         if not self.in_mm:
             depth_m = depth_m_from_units(units, self.units_per_m)
             return bag_messages.image(listed.stamp_ns, depth_m, '32FC1')

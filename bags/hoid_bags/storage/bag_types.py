@@ -32,6 +32,9 @@ POSE_STAMPED = 'geometry_msgs/msg/PoseStamped'
 DETECTION_ARRAY = 'hoid_msgs/msg/DetectionArray'
 TF_MESSAGE = 'tf2_msgs/msg/TFMessage'
 
+EXTRINSICS = 'realsense2_camera_msgs/msg/Extrinsics'
+# Types of drivers whose packages need not be installed, by their fields.
+_FOREIGN = {EXTRINSICS: 'float64[9] rotation\nfloat64[3] translation'}
 _NAME = re.compile(r'[A-Za-z]\w{0,99}', re.ASCII)  # name of a package or message
 _WORKSPACE_SOURCES = Path(__file__).resolve().parents[3] / 'src'
 
@@ -51,9 +54,12 @@ def ensure_type(type_name: str) -> None:
     store = shared_typestore()
     if type_name in store.fielddefs:
         return
-    path = _find_definition(type_name)
+    path: Path | str = type_name
     try:
-        types = get_types_from_msg(path.read_text(encoding='utf-8'), type_name)
+        if (text := _FOREIGN.get(type_name)) is None:
+            path = _find_definition(type_name)
+            text = path.read_text(encoding='utf-8')
+        types = get_types_from_msg(text, type_name)
         for contained in sorted(named_types(types[type_name][1]) - {type_name}):
             ensure_type(contained)
         store.register(types)

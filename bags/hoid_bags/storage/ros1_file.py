@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
-import struct
-from collections.abc import Callable, Collection, Generator, Mapping
+from collections.abc import Collection, Generator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag1,
@@ -17,25 +15,22 @@ from rosbags.interfaces import (
 )
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Chunk, decompressors
-from rosbags.serde.errors import SerdeError
 from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.base import TypesysError
 
 from hoid_bags.storage import bag_types
-from hoid_bags.storage.bag_types import IMAGE, deserialize, ensure_type, shared_typestore
+from hoid_bags.storage.bag_types import TF_MESSAGE, ensure_type, shared_typestore
 from hoid_bags.storage.chunks import unpack_at_most
 from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.viewer_bag import Converter, viewer_topic
+from hoid_common import topics
 from hoid_common.errors import InputError
 
 ROS1_SUFFIX = '.bag'
-_RENAMED = {'tf/msg/tfMessage': bag_types.TF_MESSAGE}
+_RENAMED = {'tf/msg/tfMessage': TF_MESSAGE}
 _HEADER = 'std_msgs/msg/Header'  # its field `seq` exists in ROS 1 only, and is left out
 # In the name of a topic: other characters, and the place before a digit that begins a part.
 _FORBIDDEN = re.compile(r'[^\w/]|(?<=/)(?=\d)', re.ASCII)
-_DEPTH_UNITS = struct.Struct('<f')
-_MM = 0.001
-
-Converter = Callable[[bytes], 'bytes | memoryview']
 
 
 class Ros1File(Reader):
@@ -57,16 +52,21 @@ class Ros1File(Reader):
         """
         super().open()
         for i, found in enumerate(self.connections):
-            connection = found._replace(
-                topic=_FORBIDDEN.sub('_', found.topic),
-                msgtype=_RENAMED.get(found.msgtype, found.msgtype),
+            viewer = viewer_topic(found.topic, found.msgtype)
+            name = viewer.name if viewer else found.topic
+            type_name = viewer.type_name if viewer else found.msgtype
+            extra = found.ext
+            is_latched = isinstance(extra, ConnectionExtRosbag1) and bool(extra.latching)
+            self.connections[i] = found._replace(
+                topic=_FORBIDDEN.sub('_', name),
+                msgtype=_RENAMED.get(type_name, type_name),
+                ext=ConnectionExtRosbag2(
+                    'cdr', [reliable_qos(latched=is_latched or name == topics.TF_STATIC)]
+                ),
             )
-            is_latched = isinstance(found.ext, ConnectionExtRosbag1) and bool(found.ext.latching)
-            self.connections[i] = connection._replace(
-                ext=ConnectionExtRosbag2('cdr', [reliable_qos(latched=is_latched)])
-            )
-            if (converter := _converter(connection)) is not None:
-                self._converters[connection.id] = converter
+            converter = viewer.convert if viewer else _converter(self.connections[i])
+            if converter is not None:
+                self._converters[found.id] = converter
 
     @property
     def metadata(self) -> Ros1File:
@@ -117,8 +117,6 @@ def _converter(connection: Connection) -> Converter | None:
         return None
     if not _is_equal(types, name):
         return None
-    if name == IMAGE:
-        return _image_to_cdr
     return partial(shared_typestore().ros1_to_cdr, typename=name)
 
 
@@ -133,29 +131,3 @@ def _is_equal(types: Mapping[str, Any], name: str) -> bool:
     if kinds != [kind for _, kind in store.fielddefs[name][1]]:
         return False
     return all(_is_equal(types, inner) for inner in bag_types.named_types(types[name][1]))
-
-
-def _image_to_cdr(data: bytes) -> bytes | memoryview:
-    """Return the CDR bytes of an image, also of one that librealsense 2.5x wrote.
-
-    librealsense appends the depth unit in meters (float32) to images, without changing the type's
-    definition. Other units than millimeters are applied: the image becomes 32FC1 in meters.
-
-    Raises:
-        SerdeError: The data is no image.
-    """
-    convert = shared_typestore().ros1_to_cdr
-    try:
-        return convert(data, IMAGE)
-    except SerdeError:
-        image = convert(data[: -_DEPTH_UNITS.size], IMAGE)
-    (unit_m,) = _DEPTH_UNITS.unpack(data[-_DEPTH_UNITS.size :])
-    if not 0 < unit_m < 1 or abs(unit_m - _MM) < 1e-3 * _MM:
-        return image
-    message = deserialize(image, IMAGE)
-    if message.encoding != 'mono16':
-        return image
-    depth_m = message.data.view('<u2').astype(np.float32) * np.float32(unit_m)
-    message.encoding, message.step = '32FC1', 2 * message.step
-    message.data = depth_m.view(np.uint8)
-    return bag_types.serialize(message, IMAGE)

@@ -21,6 +21,7 @@ from hoid_bags.images import (
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, camera_from_name
 from hoid_common.errors import ConfigError, InputError, MessageError
+from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.io.tum_text import NumberTable, read_numbers, sorted_rows
@@ -33,6 +34,7 @@ DEPTH_LIST = 'depth.txt'
 GROUND_TRUTH = 'groundtruth.txt'
 ACCELEROMETER = 'accelerometer.txt'
 GYRO = 'gyro.txt'
+REGISTER_FILES = 'register the files to color'
 
 
 class ListedImage(NamedTuple):
@@ -135,15 +137,15 @@ class TumFolder:
         return len(self.pairs)
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        unit = DepthUnitWarning('set --depth-factor')
+        unit, aligner = DepthUnitWarning('set --depth-factor'), DepthAligner(REGISTER_FILES)
         for color, depth in self.pairs:
             image_bgr = decode_color(read_image_bytes(color.path), color.path)
             check_size(image_bgr, self.camera, color.path)
             units = decode_depth(read_image_bytes(depth.path), depth.path)
-            check_size(units, self.camera, depth.path)
             depth_m = depth_m_from_units(units, self.depth_units_per_m)
             try:
                 check_depth_unit(depth_m, f'1/{self.depth_units_per_m:g} m; set --depth-factor')
+                depth_m = aligner.align(depth_m, '', '', self.camera.size_px)
             except MessageError as error:
                 raise InputError(f'{depth.path}: {error}') from error
             if warning := unit.warning_for(depth_m):

@@ -97,6 +97,18 @@ def is_compressed(topic: str) -> bool:
     return topic.endswith(COMPRESSED_SUFFIXES)
 
 
+def image_base(topic: str) -> str:
+    """Return the name of an image topic without image_transport's ending of compressed topics."""
+    for suffix in COMPRESSED_SUFFIXES:
+        topic = topic.removesuffix(suffix)
+    return topic
+
+
+def camera_info_beside(image_topic: str) -> str:
+    """Return the name that image_transport gives to the camera_info of an image topic."""
+    return f'{image_base(image_topic).rpartition("/")[0]}/camera_info'
+
+
 def camera_remappings(rgb: str, depth: str, camera_info: str) -> list[tuple[str, str]]:
     """Return the remappings (from, to) of the suite's camera topics to the topics of a driver.
 

@@ -126,6 +126,23 @@ class CameraModel:
         """Return the name that sensor_msgs/CameraInfo has for the distortion model."""
         return EQUIDISTANT if self.is_fisheye else DISTORTION_MODELS[len(self.distortion) > 5]
 
+    def scaled_to(self, size_px: tuple[int, int]) -> CameraModel | None:
+        """Return the camera of the same images at another size; None unless it is a multiple.
+
+        Args:
+            size_px: Width and height, both times or divided by the same whole number.
+        """
+        (width, height), (own_width, own_height) = size_px, self.size_px
+        is_whole = width > 0 and 0 in (width % own_width, own_width % width)
+        if not is_whole or width * own_height != height * own_width:
+            return None
+        scale = width / own_width
+        # The center of the first pixel is at 0, so that the image begins at -0.5.
+        cx_px, cy_px = (scale * (c + 0.5) - 0.5 for c in (self.cx_px, self.cy_px))
+        fx_px, fy_px = scale * self.fx_px, scale * self.fy_px
+        lens = self.distortion, self.is_fisheye
+        return CameraModel(width, height, fx_px, fy_px, cx_px, cy_px, *lens)
+
     @cached_property
     def matrix(self) -> FloatArray:
         """Return the intrinsic matrix K (3, 3), in pixels."""

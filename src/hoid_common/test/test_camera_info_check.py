@@ -10,6 +10,7 @@ from hoid_common.values import CameraModel
 
 RIGHT = CameraModel(640, 480, 500.0, 500.0, 320.0, 240.0)
 TWICE = CameraModel(1280, 960, 1000.0, 1000.0, 640.0, 480.0)
+LARGER = CameraModel(960, 720, 750.0, 750.0, 480.0, 360.0)  # by no whole number
 OTHER = replace(RIGHT, fx_px=700.0)
 SIZE = RIGHT.size_px
 REMEDY = 'begin anew'
@@ -33,12 +34,12 @@ def test_first_calibration_is_used_at_once_and_reported_once() -> None:
 
 def test_first_calibration_of_wrong_size_is_replaced() -> None:
     check = CameraInfoCheck(REMEDY)
-    assert check.update(TWICE)
+    assert check.update(LARGER)
     for _ in range(50):
-        with pytest.raises(MessageError, match='1280x960 px, images are of 640x480 px'):
+        with pytest.raises(MessageError, match='960x720 px, images are of 640x480 px'):
             check.check_image(SIZE)
-    assert '1280x960' in check.problem
-    assert not check.update(TWICE)
+    assert '960x720' in check.problem
+    assert not check.update(LARGER)
     assert check.problem
     assert check.update(RIGHT)
     check.check_image(SIZE)
@@ -80,3 +81,38 @@ def test_the_map_of_a_kept_calibration_outlives_images_of_another_size() -> None
     check.update(RIGHT)
     check.check_image(SIZE)
     assert (check.camera, check.problem) == (RIGHT, '')
+
+
+@pytest.mark.parametrize('is_first', [True, False])
+def test_a_calibration_of_a_multiple_size_is_scaled_and_said(is_first: bool) -> None:
+    check = CameraInfoCheck(REMEDY)
+    if is_first:
+        assert check.update(TWICE)
+        assert check.check_image(SIZE)  # the calibration in use has changed
+    else:
+        assert not check.check_image(SIZE)
+        assert check.update(TWICE)
+    expected = CameraModel(640, 480, 500.0, 500.0, 319.75, 239.75)
+    assert check.camera == expected
+    for _ in range(100):
+        assert not check.check_image(SIZE)
+        assert not check.update(TWICE)
+    assert check.camera == expected
+    assert 'camera_info is of 1280x960 px, images are of 640x480 px' in check.problem
+    assert 'it is scaled to them' in check.problem
+
+
+def test_a_calibration_of_the_right_size_replaces_a_scaled_one() -> None:
+    check = CameraInfoCheck(REMEDY)
+    check.update(TWICE)
+    check.check_image(SIZE)
+    assert check.update(RIGHT)
+    check.check_image(SIZE)
+    assert (check.camera, check.problem) == (RIGHT, '')
+
+
+def test_cameras_are_scaled_about_the_border_of_the_image() -> None:
+    third = CameraModel(213, 160, 170.0, 171.0, 106.0, 79.5)
+    assert third.scaled_to((639, 480)) == CameraModel(639, 480, 510.0, 513.0, 319.0, 239.5)
+    assert CameraModel(639, 480, 510.0, 513.0, 319.0, 239.5).scaled_to((213, 160)) == third
+    assert [third.scaled_to(size) for size in ((640, 480), (426, 480), (0, 0))] == [None] * 3

@@ -15,6 +15,7 @@ from hoid_common.config import did_you_mean
 from hoid_common.errors import MessageError
 from hoid_common.io.depth import DepthUnitWarning
 from hoid_common.ros import conversions
+from hoid_common.ros.frame_tree import LiveAlignment
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
@@ -23,7 +24,7 @@ from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import CameraModel, RgbdFrame
 from hoid_filter.config import HANDLED_CLASSES
-from hoid_filter.feature_filter import FeatureFilter, check_sizes
+from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.live_filter import LiveFilter
 from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.outputs import FilterOutputs
@@ -40,6 +41,7 @@ class FilterNode(ManagedNode):
         self._settings = Parameters(self, FilterNodeConfig(), self._reconfigure)
         config = self._settings.config
         self._filter = FeatureFilter(config)
+        self._camera: CameraModel | None = None  # of the newest camera_info
         self._size_px: tuple[int, int] | None = None  # of the newest image
         self._unit = DepthUnitWarning(_UNIT_REMEDY)
         # A guard condition runs after the messages that were ready in the same turn.
@@ -67,6 +69,7 @@ class FilterNode(ManagedNode):
         to_m = partial(conversions.depth_from_msg, units_per_m=config.input.depth_units_per_m)
         inputs.depth(images.input('depth', to_m))
         inputs.camera(self._on_camera)
+        self._alignment = LiveAlignment(self, inputs, self.diagnostics)
         if self._filter.needs_detections:
             type_, topic = DetectionArray, topics.DETECTIONS
             if config.detections.as_vision_msgs:
@@ -86,12 +89,13 @@ class FilterNode(ManagedNode):
 
     def _on_images(self, match: Match) -> None:
         """Filter a color image and the depth image that was matched with it."""
-        (header, image_bgr), (_, depth_m) = match.values
+        (header, image_bgr), (depth_header, depth_m) = match.values
+        size_px = image_bgr.shape[1], image_bgr.shape[0]
+        if size_px != self._size_px:
+            self._size_px = size_px
+            self._use_camera()
+        depth_m = self._alignment.align(depth_m, depth_header, header, size_px)
         frame = RgbdFrame(match.stamp_ns, image_bgr, depth_m)
-        check_sizes(frame)  # here, so that the error is reported for this message
-        if frame.size_px != self._size_px:
-            self._size_px = frame.size_px
-            self._check_camera()
         if warning := self._unit.warning_for(depth_m):
             self.diagnostics.set_problem('depth unit', warning)
         self._live.add_image(header, frame)
@@ -113,17 +117,20 @@ class FilterNode(ManagedNode):
         self._live.on_idle()
 
     def _on_camera(self, camera: CameraModel, _header: Header) -> None:
-        self._filter.camera = camera
-        self._check_camera()
+        self._camera = camera
+        self._use_camera()
 
-    def _check_camera(self) -> None:
-        """Report a camera_info whose size differs from that of the color images.
+    def _use_camera(self) -> None:
+        """Use the camera_info, scaled to the size of the color images if that is a multiple.
 
-        Such a camera_info is not used: as long as there is no other one, 3-D positions of objects
-        are unknown, and motion is not segmented.
+        A camera_info of any other size is reported. As long as there is no other one, 3-D
+        positions of objects are unknown, and motion is not segmented.
         """
-        camera, size_px = self._filter.camera, self._size_px
-        if camera is not None and size_px not in (None, camera.size_px):
+        camera, size_px = self._camera, self._size_px
+        if camera is None or size_px is None:
+            return
+        self._filter.camera = self._alignment.aligner.color = camera.scaled_to(size_px)
+        if self._filter.camera is None:
             error = MessageError(
                 f'camera_info is of a {camera.size_px} px image, color images have {size_px} px: '
                 'publish the camera_info of the color images'

@@ -1112,6 +1112,34 @@ def strongest_corners_per_cell(
             cells do not cover the image.
     """
 
+def register_depth(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    rays: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), writable=False)],
+    t_m: Annotated[NDArray[numpy.float32], dict(shape=(3), writable=False)],
+    side_px: Annotated[NDArray[numpy.float32], dict(shape=(2), writable=False)],
+    camera: Pinhole,
+    size_px: tuple[int, int],
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
+    """
+    Return the (H, W) depth image (m) that another camera sees; 0 = no reading.
+
+    A depth pixel covers as many pixels of the other camera as it is large. Of several depths at a
+    pixel, the nearest is kept.
+
+    Args:
+        depth_m: (h, w) float32 depth; 0, negative or NaN = no reading.
+        rays: (h, w, 3) float32 ray of each depth pixel in the frame of the other camera. A point at
+            depth z is at z times the ray plus `t_m`.
+        t_m: (3,) float32 position of the depth camera in the frame of the other camera.
+        side_px: (2,) float32 width and height of a depth pixel in pixels of the other camera, at
+            equal depth.
+        camera: the other camera, without distortion.
+        size_px: its width W and height H.
+
+    Raises:
+        ValueError: The rays are not as many as the pixels, or the size is not positive.
+    """
+
 def object_surfaces(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],

@@ -207,6 +207,14 @@ def motion() -> dict[str, Any]:
             rng.normal(0, 2, len(found.region)).astype(np.float32),
             3.5,
         ),
+        'register_depth': kernels.register_depth(
+            depth_m,
+            rng.uniform(-1, 1, (*depth_m.shape, 3)).astype(np.float32) + np.float32([0, 0, 1.5]),
+            T[:3, 3].astype(np.float32),
+            np.array([1.7, 2.3], np.float32),
+            camera,
+            (70, 50),
+        ),
         'score_poses': kernels.score_poses(
             stereo, 1.0, 3.0, poses, points, measured, rng.random((200, 2))
         ),

@@ -163,6 +163,8 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     played = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
         played.append(found.true_detections)
+    if found.depth_info is not None:  # with it, the nodes can map depth to color
+        played += [found.depth_info, found.static_frames]
     # SLAM subscribes to images only for the dense map and the objects.
     parts = (run.slam.dense, run.slam.objects, run.slam.object_map)
     slam_needs_images = any(part.enabled for part in parts)

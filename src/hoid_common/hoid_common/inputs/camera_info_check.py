@@ -26,6 +26,9 @@ class CameraInfoCheck:
     calibration in use is kept (decision 045): another calibration, and images of another size, are
     reported.
 
+    A calibration of another size than the images is scaled if one size is a whole multiple of the
+    other, as drivers that reduce images publish it. One of the right size is preferred.
+
     Args:
         remedy: What to do when the calibration changes after the trial.
     """
@@ -36,6 +39,7 @@ class CameraInfoCheck:
         # One line about a calibration that differs from the one in use, until the one in use is
         # received again; '' = none.
         self.change = ''
+        self.scaling = ''  # one line if the calibration in use is scaled to the size of the images
         self._size_problem = ''  # one line about a size that is not that of the images
         self._image_size_px: tuple[int, int] | None = None
         self._num_images = 0  # number of images that matched the calibration in use
@@ -45,13 +49,16 @@ class CameraInfoCheck:
     @property
     def problem(self) -> str:
         """Return the current contradiction, in one line; empty if there is none."""
-        return self.change or self._size_problem
+        return self.change or self._size_problem or self.scaling
 
     def update(self, camera: CameraModel) -> bool:
         """Process a camera_info; return whether its calibration has just come into use.
 
         Also updates `camera` and `problem`.
         """
+        scaling = ''
+        if camera != self.camera and (self.scaling or self._num_images < _TRIAL_IMAGES):
+            camera, scaling = self._scaled(camera)
         self._size_problem = self.size_mismatch(camera)
         if camera == self.camera:
             self._candidate, self.change = None, ''
@@ -63,8 +70,8 @@ class CameraInfoCheck:
             return False
         self._num_repeats = self._num_repeats + 1 if camera == self._candidate else 1
         self._candidate = camera
-        is_wrong_size = self.camera is not None and self.size_mismatch(self.camera)
-        if self.camera is not None and not is_wrong_size:
+        is_worse = self.scaling or (self.camera is not None and self.size_mismatch(self.camera))
+        if self.camera is not None and not is_worse:
             if self._num_repeats < _MIN_REPEATS:
                 self.change = self._change_text(self.camera, camera, 'until this is repeated')
                 return False
@@ -72,10 +79,22 @@ class CameraInfoCheck:
                 f'{_changed(self.camera, camera)}: the second is used for all images, since the '
                 f'first came with few; if it is wrong, {self._remedy}'
             )
-        self.camera, self._candidate, self._num_images = camera, None, 0
+        self._use(camera, scaling)
         return True
 
-    def check_image(self, size_px: tuple[int, int]) -> None:
+    def _use(self, camera: CameraModel, scaling: str) -> None:
+        self.camera, self.scaling = camera, scaling
+        self._candidate, self._num_images = None, 0
+
+    def _scaled(self, camera: CameraModel) -> tuple[CameraModel, str]:
+        """Return a calibration at the size of the images, and one line if it had to be scaled."""
+        mismatch = self.size_mismatch(camera)
+        scaled = camera.scaled_to(self._image_size_px or camera.size_px)
+        if not mismatch or scaled is None:
+            return camera, ''
+        return scaled, f'{mismatch}; it is scaled to them, which is wrong if they are cut out'
+
+    def check_image(self, size_px: tuple[int, int]) -> bool:
         """Count an image; raise MessageError if its size is not that of the calibration in use.
 
         Before the first calibration, the image is not counted, and its size is only stored. Also
@@ -83,12 +102,20 @@ class CameraInfoCheck:
 
         Args:
             size_px: Width and height of the image.
+
+        Returns:
+            Whether the calibration in use has just been scaled to the size of the first image.
         """
         self._image_size_px = size_px
+        camera, scaling = self._scaled(self.camera) if self.camera is not None else (None, '')
+        is_scaled = camera is not None and bool(scaling) and not self._num_images
+        if camera is not None and is_scaled:
+            self._use(camera, scaling)
         self._size_problem = self.size_mismatch(self.camera) if self.camera is not None else ''
         if self._size_problem:
             raise MessageError(self._size_problem)
         self._num_images += self.camera is not None
+        return is_scaled
 
     def _change_text(self, kept: CameraModel, other: CameraModel, why: str) -> str:
         return f'{_changed(kept, other)}: the first is kept, {why}; {self._remedy}'

@@ -11,17 +11,24 @@ from functools import partial
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from hoid_common import topics
 from hoid_common.errors import MessageError
+from hoid_common.inputs.registration import DepthAligner
 from hoid_common.poses.pose_buffer import PoseBuffer
 from hoid_common.poses.static_frames import StaticFrames
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg, transform_to_msg
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.inputs import checked_callback
-from hoid_common.values import FloatArray
+from hoid_common.ros.inputs import Inputs, checked_callback
+from hoid_common.values import CameraModel, Float32Array, FloatArray
+
+_REGISTER = (
+    'let the driver register it, or publish camera_info beside depth and the transform between '
+    'both frames on /tf_static'
+)
 
 
 class TransformPublisher:
@@ -89,6 +96,47 @@ class StaticFrameListener:
 
     def _add(self, edge: TransformStamped) -> None:
         self.frames.add(edge.header.frame_id, edge.child_frame_id, transform_from_msg(edge))
+
+
+class LiveAlignment:
+    """Brings the depth images of a node to the pixels of its color images.
+
+    Args:
+        node: Node that receives the images.
+        inputs: Inputs of the node.
+        diagnostics: Diagnostics of the node, which show whether depth may not be registered.
+    """
+
+    def __init__(self, node: Node, inputs: Inputs, diagnostics: Diagnostics) -> None:
+        self.aligner = DepthAligner(_REGISTER)
+        self.aligner.frames = StaticFrameListener(node, diagnostics).frames
+        self._logger, self._diagnostics, self._noted = node.get_logger(), diagnostics, ''
+        inputs.depth_camera(self._on_camera)
+
+    def _on_camera(self, camera: CameraModel) -> None:
+        self.aligner.depth = camera
+
+    def align(
+        self, depth_m: Float32Array, depth: Header, color: Header, size_px: tuple[int, int]
+    ) -> Float32Array:
+        """Return the (H, W) depth in m at the pixels of a color image; 0 = no reading.
+
+        Args:
+            depth_m: (h, w) depth in m; 0 = no reading.
+            depth: Header of the depth image.
+            color: Header of the color image.
+            size_px: Width and height of the color image.
+
+        Raises:
+            MessageError: Depth has another size, and is not known to be registered.
+        """
+        try:
+            return self.aligner.align(depth_m, depth.frame_id, color.frame_id, size_px)
+        finally:
+            self._diagnostics.report_problem('registration', self.aligner.doubt)
+            if self.aligner.note and self.aligner.note != self._noted:
+                self._logger.info(self.aligner.note)
+            self._noted = self.aligner.note
 
 
 class FrameListener:

@@ -105,6 +105,26 @@ class Inputs:
         named = self.with_frame(on_camera_info, 'camera infos')
         self.messages(CameraInfo, topics.CAMERA_INFO, named, 'camera infos', is_latched=True)
 
+    def depth_camera(self, callback: Callable[[CameraModel], None]) -> None:
+        """Subscribe to the camera_info beside the depth images, which drivers need not publish.
+
+        Args:
+            callback: Function that is called with the camera of each valid message.
+        """
+        images = self._node.resolve_topic_name(
+            self._image_topic(topics.DEPTH_IMAGE, topics.compressed_depth(topics.DEPTH_IMAGE))
+        )
+        topic = topics.camera_info_beside(images)
+        if topic != self._node.resolve_topic_name(topics.CAMERA_INFO):
+            self.messages(
+                CameraInfo,
+                topic,
+                lambda msg: callback(conversions.camera_from_msg(msg, images)),
+                'camera infos of depth',
+                is_occasional=True,
+                is_latched=True,
+            )
+
     def with_frame(self, callback: Callback, what: str) -> Callback:
         """Return a function that makes a message's frame name valid in TF and calls `callback`.
 

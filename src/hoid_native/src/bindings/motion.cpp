@@ -8,6 +8,7 @@
 #include "bindings/arrays.hpp"
 #include "bindings/checks.hpp"
 #include "bindings/module.hpp"
+#include "motion/registration.hpp"
 
 namespace hoid::bindings {
 
@@ -274,6 +275,25 @@ Raises:
         cells do not cover the image.)");
 }
 
+auto register_depth(
+  const ImageArray<float>& depth_m, const Array<float, -1, -1, 3>& rays,
+  const Array<float, 3>& t_m, const Array<float, 2>& side_px, const Pinhole& camera,
+  std::tuple<int, int> size_px)
+{
+  require_shape("rays", rays, depth_m);
+  const auto [width, height] = size_px;
+  require(width > 0 && height > 0, "size_px: must be positive");
+  std::vector<float> registered_m(static_cast<std::size_t>(width) * height);
+  unlocked([&] {
+    motion::register_depth(
+      {view(depth_m), rays.data(), t_m.data(), side_px.data()}, {camera, width, height},
+      registered_m.data());
+  });
+  const std::array<std::size_t, 2> shape{
+    static_cast<std::size_t>(height), static_cast<std::size_t>(width)};
+  return give(std::move(registered_m), shape);
+}
+
 }  // namespace
 
 void bind_motion(nb::module_& module)
@@ -319,6 +339,26 @@ Args:
 Raises:
     ValueError: Lengths differ, or an index is not below N.)");
   bind_corners(module);
+  module.def(
+    "register_depth", &register_depth, "depth_m"_a, "rays"_a, "t_m"_a, "side_px"_a, "camera"_a,
+    "size_px"_a, R"(
+Return the (H, W) depth image (m) that another camera sees; 0 = no reading.
+
+A depth pixel covers as many pixels of the other camera as it is large. Of several depths at a
+pixel, the nearest is kept.
+
+Args:
+    depth_m: (h, w) float32 depth; 0, negative or NaN = no reading.
+    rays: (h, w, 3) float32 ray of each depth pixel in the frame of the other camera. A point at
+        depth z is at z times the ray plus `t_m`.
+    t_m: (3,) float32 position of the depth camera in the frame of the other camera.
+    side_px: (2,) float32 width and height of a depth pixel in pixels of the other camera, at
+        equal depth.
+    camera: the other camera, without distortion.
+    size_px: its width W and height H.
+
+Raises:
+    ValueError: The rays are not as many as the pixels, or the size is not positive.)");
 }
 
 }  // namespace hoid::bindings

@@ -122,9 +122,13 @@ class SessionLifecycle:
         """
         self._last_camera = camera, header
         self._check_frame('camera_info', header.frame_id)
-        is_confirmed = self._cameras.update(camera)
+        is_new = self._cameras.update(camera)
         self._report_camera()
-        if is_confirmed and self.session is not None:
+        self._start_anew(is_new)
+
+    def _start_anew(self, is_new_camera: bool) -> None:
+        """Start the session if camera and base are known; end the one of another camera before."""
+        if is_new_camera and self.session is not None:
             self.checkpoints.keep()
             self._end()
             self._scene.clear()
@@ -140,10 +144,10 @@ class SessionLifecycle:
         """
         self._check_frame('color images', frame)
         try:
-            self._cameras.check_image(size_px)
+            is_new = self._cameras.check_image(size_px)
         finally:
             self._report_camera()
-        self._start_if_ready()
+        self._start_anew(is_new)
 
     def reset(self) -> None:
         """Keep the map under another name, and start a new session with the latest camera info.

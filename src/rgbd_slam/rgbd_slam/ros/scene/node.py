@@ -22,6 +22,7 @@ from hoid_common.errors import HoidError, MessageError
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.ros import conversions
 from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.frame_tree import LiveAlignment
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.run import run_node
@@ -101,6 +102,7 @@ class SceneNode(Node):
         inputs = Inputs(self, setup.input, self._diagnostics)
         inputs.depth(self._matched('depth'))
         inputs.color(self._matched('color'))
+        self._alignment = LiveAlignment(self, inputs, self._diagnostics)
         inputs.messages(
             DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._on_objects, 'dynamic objects'
         )
@@ -190,6 +192,7 @@ class SceneNode(Node):
             self._scene.ledger.clear()
             self._report_changes(self._scene)
         self._camera, self._scene, self._num_fused = camera, None, 0
+        self._alignment.aligner.color = camera
         if camera is not None:
             self._scene = SceneMapper(
                 camera,
@@ -228,10 +231,14 @@ class SceneNode(Node):
     def _map_image(self, match: Match) -> None:
         """Use an image for the maps for which it was requested; publish tracks and objects."""
         request, depth, color, objects_msg = match.values
-        if self._scene is None:
+        if self._scene is None or self._camera is None:
             return
-        depth_m = conversions.depth_from_msg(depth, self._setup.input.depth_units_per_m)
-        self._check_size(depth_m, 'depth')
+        depth_m = self._alignment.align(
+            conversions.depth_from_msg(depth, self._setup.input.depth_units_per_m),
+            depth.header,
+            color.header,
+            self._camera.size_px,
+        )
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
         self._stamp_ns = request.stamp_ns
         if self._setup.objects.enabled and request.track_objects:

@@ -1,0 +1,126 @@
+"""Recordings of RealSense Viewer and librealsense: what makes their messages those of ROS drivers.
+
+They have no frames. The place of each stream in the device is a message of its own; librealsense
+2.5x appends the unit of depth (m, float32) to images, without changing the type's definition.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from rosbags.serde.errors import SerdeError
+
+from hoid_bags.storage.bag_types import (
+    CAMERA_INFO,
+    IMAGE,
+    IMU,
+    TF_MESSAGE,
+    Message,
+    deserialize,
+    new_message,
+    serialize,
+    shared_typestore,
+)
+from hoid_common import se3, topics
+
+_STREAM = re.compile(r'/(?P<device>device_\d+)/sensor_\d+/(?P<stream>[^/]+)/.*')
+_PLACE = re.compile(r'.*/tf/(?P<group>\d+)')
+_TRANSFORM = 'geometry_msgs/msg/Transform'
+_DEPTH_UNIT = struct.Struct('<f')
+_MM = 0.001
+
+Converter = Callable[[bytes], 'bytes | memoryview']
+
+
+class ViewerTopic(NamedTuple):
+    """A topic of librealsense, as a ROS driver would publish it."""
+
+    name: str
+    type_name: str
+    convert: Converter  # from the bytes of ROS 1 to CDR
+
+
+def viewer_topic(topic: str, type_name: str) -> ViewerTopic | None:
+    """Return what a topic of librealsense becomes; None for other topics, which stay as they are.
+
+    Images, IMU and camera_info get a frame, and the places of the streams become /tf_static.
+
+    Args:
+        topic: Name of the topic in the bag.
+        type_name: Type of its messages.
+    """
+    stream = _STREAM.fullmatch(topic)
+    if stream is None:
+        return None
+    frame = f'{stream["device"]}_{stream["stream"]}'
+    place = _PLACE.fullmatch(topic)
+    if place is not None and type_name == _TRANSFORM:
+        parent = f'{stream["device"]}_{place["group"]}'
+        return ViewerTopic(
+            topics.TF_STATIC, TF_MESSAGE, lambda data: _static_transform(data, parent, frame)
+        )
+    if type_name == IMAGE:
+        return ViewerTopic(topic, IMAGE, lambda data: _image(data, frame))
+    if type_name in (CAMERA_INFO, IMU):
+        return ViewerTopic(topic, type_name, lambda data: _with_frame(data, type_name, frame))
+    return None
+
+
+def _from_ros1(data: bytes, type_name: str) -> Message:
+    return deserialize(shared_typestore().ros1_to_cdr(data, type_name), type_name)
+
+
+def _with_frame(data: bytes, type_name: str, frame: str) -> memoryview:
+    message = _from_ros1(data, type_name)
+    message.header.frame_id = frame
+    # "Brown Conrady", "Inverse Brown Conrady", ...: the driver of ROS calls all of them so.
+    if type_name == CAMERA_INFO and 'Brown Conrady' in message.distortion_model:
+        message.distortion_model = 'plumb_bob'
+    return serialize(message, type_name)
+
+
+def _image(data: bytes, frame: str) -> memoryview:
+    """Return the image with a frame; depth in another unit than millimeters becomes 32FC1 (m)."""
+    unit_m = 0.0
+    try:
+        message = _from_ros1(data, IMAGE)
+    except SerdeError:
+        message = _from_ros1(data[: -_DEPTH_UNIT.size], IMAGE)
+        (unit_m,) = _DEPTH_UNIT.unpack(data[-_DEPTH_UNIT.size :])
+    message.header.frame_id = frame
+    is_mm = not 0 < unit_m < 1 or abs(unit_m - _MM) < 1e-3 * _MM
+    if message.encoding == 'mono16' and not is_mm:
+        depth_m = message.data.view('<u2').astype(np.float32) * np.float32(unit_m)
+        message.encoding, message.step = '32FC1', 2 * message.step
+        message.data = depth_m.view(np.uint8)
+    return serialize(message, IMAGE)
+
+
+def _static_transform(data: bytes, parent: str, child: str) -> memoryview:
+    """Return the place of a stream as /tf_static.
+
+    librealsense records how points of the device come to the stream: T_stream_device.
+    """
+    place = _from_ros1(data, _TRANSFORM)
+    q, t = place.rotation, place.translation
+    T_parent_child = se3.inverse(
+        se3.from_quat_translation(np.array([q.x, q.y, q.z, q.w]), np.array([t.x, t.y, t.z]))
+    )
+    x, y, z = T_parent_child[:3, 3].tolist()
+    qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_parent_child[:3, :3]).tolist()
+    stamp = new_message('builtin_interfaces/msg/Time', sec=0, nanosec=0)
+    edge = new_message(
+        'geometry_msgs/msg/TransformStamped',
+        header=new_message('std_msgs/msg/Header', stamp=stamp, frame_id=parent),
+        child_frame_id=child,
+        transform=new_message(
+            _TRANSFORM,
+            translation=new_message('geometry_msgs/msg/Vector3', x=x, y=y, z=z),
+            rotation=new_message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
+        ),
+    )
+    return serialize(new_message(TF_MESSAGE, transforms=[edge]), TF_MESSAGE)
