@@ -6,6 +6,7 @@ Callers differ in the source of the images and in where their scene mapper runs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from rgbd_slam.robot_map import RobotMap
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.statistics import status_message
 from rgbd_slam.tracking.image_stream import DroppedFrameCounter
-from rgbd_slam.tracking.motion_sources import MotionLookup
+from rgbd_slam.tracking.motion_sources import MotionSource
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
 _LATE_S = 2.0  # chosen: many times the usual time of the mapper for a keyframe, 20 to 50 ms
@@ -61,8 +62,9 @@ class SlamSession:
         frames: The frames of the robot, which contain the mounting of the camera.
         background: Whether the mapper runs in a separate process, which `close` ends.
         scene_scheduler: Selects the images for the scene mapper; None: no image is selected.
-        wheels: External odometry (e.g. wheels), as motions of the camera; None if there is none.
         imu: An IMU, to which the caller adds samples as they arrive; None if there is none.
+        motion_sources: Sensors that predict the camera's motion and bridge images that cannot be
+            tracked, such as `ExternalOdometry` of the wheels.
 
     Raises:
         ConfigError: No place index has the configured name.
@@ -77,11 +79,17 @@ class SlamSession:
         *,
         background: bool = False,
         scene_scheduler: SceneScheduler | None = None,
-        wheels: MotionLookup | None = None,
         imu: Imu | None = None,
+        motion_sources: Sequence[MotionSource] = (),
     ) -> None:
         self.camera, self.imu = camera, imu
-        self.slam = RgbdSlam(camera, config, background=background, wheels=wheels, imu=imu)
+        self.slam = RgbdSlam(
+            camera,
+            config,
+            background=background,
+            imu=imu,
+            motion_sources=motion_sources,
+        )
         self.robot_map = RobotMap(self.slam, frames, camera, config.camera)
         self.is_paused = False  # True: images are ignored
         self.stamp_ns = 0  # of the latest image that was tracked

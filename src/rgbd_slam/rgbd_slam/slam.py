@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
 from rgbd_slam.tracking.loss import LossTimer, NewMapPolicy, OffMapWatch
-from rgbd_slam.tracking.motion_sources import MotionLookup
+from rgbd_slam.tracking.motion_sources import MotionSource
 from rgbd_slam.tracking.odometry import Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
 from rgbd_slam.tracking.rolling_shutter import RollingShutter
@@ -55,9 +55,9 @@ class RgbdSlam:
         background: True: the mapper runs in a separate process, as on a robot; call
             `map.mapper.close` in the end. False: each keyframe is mapped before `learn` returns,
             so that runs repeat bit for bit.
-        wheels: External odometry (e.g. wheels), which bridges images that cannot be tracked; None
-            if there is none.
         imu: An IMU, which predicts turns and bridges short losses; None if there is none.
+        motion_sources: Sensors that predict the camera's motion and bridge images that cannot be
+            tracked, such as `ExternalOdometry` of the wheels.
 
     Raises:
         ConfigError: No place index has the configured name.
@@ -70,8 +70,8 @@ class RgbdSlam:
         config: SlamConfig,
         *,
         background: bool = False,
-        wheels: MotionLookup | None = None,
         imu: Imu | None = None,
+        motion_sources: Sequence[MotionSource] = (),
     ) -> None:
         self._config = config
         self._model = camera
@@ -79,7 +79,8 @@ class RgbdSlam:
         atlas = self._atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
         self.trajectory = TrajectoryRecorder(atlas)
         self._warm_up = WarmUp(atlas, self.trajectory, config.tracking)
-        self.odometry = Odometry(atlas, wheels, None if imu is None else InertialMotion(imu))
+        gyro = None if imu is None else InertialMotion(imu)
+        self.odometry = Odometry(atlas, gyro, motion_sources)
         self.map = SlamMap(
             atlas, self._camera, config, self.trajectory.redirect, background=background
         )

@@ -23,6 +23,7 @@ from rgbd_slam.places.place_index import (
     make_place_index,
 )
 from rgbd_slam.slam import RgbdSlam
+from rgbd_slam.tracking.motion_sources import ExternalOdometry
 
 from .world import CAMERA, PERIOD_NS, World
 
@@ -93,7 +94,8 @@ def test_a_gyroscope_predicts_a_turn_that_otherwise_needs_relocalization(
     has_gyroscope: bool,
 ) -> None:
     sensor, world = gyroscope(), World()
-    slam = RgbdSlam(CAMERA, SlamConfig(), wheels=sensor.motion if has_gyroscope else None)
+    sources = [ExternalOdometry(sensor.motion)] if has_gyroscope else []
+    slam = RgbdSlam(CAMERA, SlamConfig(), motion_sources=sources)
     for n, T_world_camera in enumerate([np.eye(4)] * 3 + [TURNED]):
         velocity_radps = TURN / (S_PER_NS * PERIOD_NS) if T_world_camera is TURNED else np.zeros(3)
         sensor.add(n * PERIOD_NS, velocity_radps)

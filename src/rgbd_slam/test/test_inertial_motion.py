@@ -16,6 +16,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.tracking.inertial_motion import InertialMotion
+from rgbd_slam.tracking.motion_sources import ExternalOdometry
 from rgbd_slam.tracking.odometry import Odometry
 
 from .shaken_imu import IMAGE_NS, START_NS, ShakenImu, pose
@@ -168,14 +169,15 @@ def test_a_pose_with_few_inliers_is_accepted_where_the_gyro_agrees() -> None:
 def test_wheels_bridge_before_the_gyro() -> None:
     source, _, num = followed(4.0)
     step = se3.exp(np.array([0, 0, 0, 0.0, 0.0, 0.1]))
-    for wheels, note in ((lambda *_: step, 'the wheel odometry'), (None, 'the gyro')):
-        odometry = Odometry(Atlas(1.2, 8), wheels, source)
+    wheels = ExternalOdometry(lambda *_: step)
+    for sources, note in (([wheels], 'the wheel odometry'), ([], 'the gyro')):
+        odometry = Odometry(Atlas(1.2, 8), source, sources)
         odometry.restart_from(tracked(np.eye(4), START_NS + num * IMAGE_NS))
         odometry.follow(START_NS + (num + 1) * IMAGE_NS)
         bridge = odometry.bridge()
         assert bridge is not None
         assert note in bridge.note
-        assert bridge.is_short == (wheels is None)
+        assert bridge.is_short == (not sources)
 
 
 def test_a_mounting_between_parallel_axes_is_recognized() -> None:

@@ -8,7 +8,7 @@ from hoid_common.slam_status import SlamState
 from hoid_common.values import S_PER_NS, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.motion_sources import MOTION_SOURCES, ConstantVelocity
+from rgbd_slam.tracking.motion_sources import ConstantVelocity
 
 from .world import CAMERA, PERIOD_NS, World
 
@@ -57,13 +57,11 @@ class _Gyroscope(ConstantVelocity):
         return self.T_camera_last
 
 
-def test_a_further_source_needs_one_entry_in_the_registry(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_further_source_is_handed_to_the_slam() -> None:
     """With its prediction, a sudden motion is tracked that otherwise needs relocalization."""
-    for has_gyroscope in (False, True):
-        if has_gyroscope:
-            monkeypatch.setitem(MOTION_SOURCES, 'gyroscope', lambda _: _Gyroscope())
-        slam, world = RgbdSlam(CAMERA, SlamConfig()), World()
+    for sources in ([], [_Gyroscope()]):
+        slam, world = RgbdSlam(CAMERA, SlamConfig(), motion_sources=sources), World()
         for n, T in enumerate([np.eye(4)] * 3 + [se3.inverse(_Gyroscope.T_camera_last)]):
             result = slam.process(world.features(n * PERIOD_NS, T))
             assert result.state is SlamState.TRACKING
-        assert slam.stats.num_relocalizations == (0 if has_gyroscope else 1)
+        assert slam.stats.num_relocalizations == (0 if sources else 1)

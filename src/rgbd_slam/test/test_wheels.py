@@ -41,10 +41,11 @@ def wheels(truth: FloatArray, slip: FloatArray | None = None) -> MotionLookup:
 
 
 def run(
-    truth: FloatArray, source: MotionLookup | None, covered: int = COVERED
+    truth: FloatArray, lookup: MotionLookup | None, covered: int = COVERED
 ) -> tuple[RgbdSlam, list[TrackingResult]]:
     """Track images of which some have no features."""
-    slam, world = RgbdSlam(CAMERA, SlamConfig(), wheels=source), World()
+    sources = [] if lookup is None else [ExternalOdometry(lookup)]
+    slam, world = RgbdSlam(CAMERA, SlamConfig(), motion_sources=sources), World()
     results = []
     for n, T in enumerate(truth):
         features = world.features(n * PERIOD_NS, T)
@@ -110,8 +111,8 @@ def test_a_jerk_is_tracked_with_wheels() -> None:
     """The motion exceeds the search windows and the limits of descriptor matching."""
     T = np.repeat(np.eye(4)[None], 14, axis=0)
     T[10:] = se3.exp(np.array([0.0, 0.25, 0, 0.4, 0, 0]))
-    for source, num_relocalizations in ((None, 1), (wheels(T), 0)):
-        slam, world = RgbdSlam(CAMERA, SlamConfig(), wheels=source), World()
+    for sources, num_relocalizations in (([], 1), ([ExternalOdometry(wheels(T))], 0)):
+        slam, world = RgbdSlam(CAMERA, SlamConfig(), motion_sources=sources), World()
         for n in range(14):
             result = slam.process(world.features(n * PERIOD_NS, T[n]))
             assert result.state is SlamState.TRACKING

@@ -17,7 +17,7 @@ class IndexConfig(Config):
         'Name of the place index, which finds keyframes that resemble an image: `hash`, or the '
         'name of an entry point in the group rgbd_slam.place_indices of another installed '
         'package.',
-        internal=True,
+        expert=True,
     )
     num_tables: int = param(
         4,  # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words

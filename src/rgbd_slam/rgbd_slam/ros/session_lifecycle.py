@@ -29,6 +29,7 @@ from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.store.map_directory import MAP, path_in
 from rgbd_slam.store.map_file import MapFile
+from rgbd_slam.tracking.motion_sources import ExternalOdometry
 
 
 class SessionLifecycle:
@@ -259,8 +260,8 @@ class SessionLifecycle:
                 frames,
                 background=True,
                 scene_scheduler=scheduler,
-                wheels=camera_motion,
                 imu=self._start_imu(),
+                motion_sources=[ExternalOdometry(camera_motion)],
             )
         self._scene.start_map(camera)
         self._frame = header.frame_id

@@ -1,7 +1,6 @@
 """Motion sources, which predict the motion of the camera between images.
 
-A further source is a class that implements `MotionSource`, and an entry in `MOTION_SOURCES`. The
-gyro (`InertialMotion`) is not made there, because it needs an `Imu`; `Odometry` receives it.
+A further source is an object with the interface `MotionSource`, which `SlamSession` takes.
 """
 
 from __future__ import annotations
@@ -117,11 +116,10 @@ class ExternalOdometry:
     """Reads the motion from external odometry, such as that of the wheels, and learns its error.
 
     Args:
-        lookup: Returns the motion of the camera between two stamps; None: there is no external
-            odometry, and no motion is known.
+        lookup: Returns the motion of the camera between two stamps.
     """
 
-    def __init__(self, lookup: MotionLookup | None) -> None:
+    def __init__(self, lookup: MotionLookup) -> None:
         self._lookup = lookup
         self._variance_per_s2: FloatArray = np.square(_INITIAL_ERROR_PER_S)  # (6,) of the velocity
         self._start_ns = self._stamp_ns = self._step_ns = 0
@@ -139,7 +137,7 @@ class ExternalOdometry:
         """
         T = self._T_last_camera
         if T is not None:
-            step = None if self._lookup is None else self._lookup(self._stamp_ns, stamp_ns)
+            step = self._lookup(self._stamp_ns, stamp_ns)
             self._T_last_camera = None if step is None else T @ step
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
@@ -177,13 +175,3 @@ class ExternalOdometry:
     @property
     def _elapsed_s(self) -> float:
         return S_PER_NS * (self._stamp_ns - self._start_ns)
-
-
-MOTION_SOURCES: dict[str, Callable[[MotionLookup | None], MotionSource]] = {
-    'constant_velocity': lambda _: ConstantVelocity(),
-    'external_odometry': ExternalOdometry,
-}
-"""A factory of each motion source; while the camera is tracked, the first one is most reliable.
-
-The argument is the lookup of external odometry, or None if there is none.
-"""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,9 +17,9 @@ from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.optimize.pose_optimizer import UNKNOWN_COVARIANCE, PosePrior
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.motion_sources import (
-    MOTION_SOURCES,
     BridgedMotion,
-    MotionLookup,
+    ConstantVelocity,
+    MotionSource,
 )
 from rgbd_slam.tracking.pose_noise import PoseNoise
 from rgbd_slam.tracking.rolling_shutter import MovingView
@@ -47,22 +48,22 @@ class Bridge(NamedTuple):
 class Odometry:
     """Accumulates the motions between tracked frames, as the pose `T_odom_camera`.
 
-    Corrections of the map do not change this pose. Motion sources (the gyro, constant velocity and
-    external odometry, see `MOTION_SOURCES`) predict the motion up to the next image. The gyro, for
-    up to 1.5 s, and external odometry also replace the tracker while the camera is lost, which is
-    called bridging here.
+    Corrections of the map do not change this pose. Motion sources (the gyro, constant velocity
+    and those of the caller) predict the motion up to the next image. Those that
+    measure it, the gyro for up to 1.5 s, also replace the tracker while the camera is lost, which
+    is called bridging here.
 
     Args:
         atlas: The map, which determines the current pose of the last frame.
-        wheels: External odometry; None if there is none.
         gyro: The motion source of a gyro, whose predictions come first; None if there is none.
+        further_sources: Other sensors, such as external odometry, whose predictions come last.
     """
 
     def __init__(
         self,
         atlas: Atlas,
-        wheels: MotionLookup | None = None,
         gyro: InertialMotion | None = None,
+        further_sources: Sequence[MotionSource] = (),
     ) -> None:
         self.last: TrackedFrame | None = None
         self.T_odom_camera = np.eye(4)
@@ -74,9 +75,8 @@ class Odometry:
         self.covariance = self.image_covariance = np.zeros((6, 6))
         self._atlas = atlas
         self._gyro = gyro
-        self._sources = [make(wheels) for make in MOTION_SOURCES.values()]
-        if gyro is not None:
-            self._sources.insert(0, gyro)
+        self._sources: list[MotionSource] = [] if gyro is None else [gyro]
+        self._sources += [ConstantVelocity(), *further_sources]
         self._T_odom_last = np.eye(4)
         self._is_bridged = False  # True: a motion source has replaced the tracker since `last`
         self._pose_noise = PoseNoise()
