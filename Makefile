@@ -1,7 +1,7 @@
 # A test that ends its worker fails. Not in pyproject.toml: colcon runs pytest without these workers.
 WORKERS = --max-worker-restart=0
 
-.PHONY: reference demo test test-all lint check docs format stubs sanitize lock
+.PHONY: reference demo test test-all lint check docs format stubs sanitize arm lock
 
 demo:  ## Render a scene, replay it live through the three nodes, print the result
 	@./hoid demo
@@ -41,6 +41,9 @@ format:
 
 sanitize:  ## The kernels' tests under AddressSanitizer and UndefinedBehaviorSanitizer
 	@./hoid dev src/hoid_native/sanitize
+
+arm:  ## Compile the kernels for 64-bit ARM (apt: g++-aarch64-linux-gnu)
+	@./hoid dev src/hoid_native/compile_for_arm
 
 stubs:  ## Write the types of the compiled module anew, from what it says itself
 	@./hoid dev python -m nanobind.stubgen -q -m hoid_native._native -o src/hoid_native/hoid_native/_native.pyi
