@@ -16,10 +16,7 @@ _LAYOUTS = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
 
 @dataclass(frozen=True)
 class DetectorConfig(Config):
-    """Parameters of detection.
-
-    With the value `auto`, a parameter is determined from the model file (see `model/layouts.py`).
-    """
+    """Parameters of detection; `auto` takes the value from the model file (`model/layouts.py`)."""
 
     model: str = param(
         '',

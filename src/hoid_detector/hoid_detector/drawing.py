@@ -13,10 +13,7 @@ _TEXT_BGR = (255, 255, 255)
 
 
 def draw_detections(image_bgr: ByteArray, detections: Detections) -> ByteArray:
-    """Return a copy of the image (H, W, 3) with boxes labeled by class and score.
-
-    Boxes of people are red, all others green.
-    """
+    """Return a copy of the image (H, W, 3) with labeled boxes: people red, all others green."""
     picture = image_bgr.copy()
     for box, name, score in zip(
         np.rint(detections.boxes_xyxy_px).astype(int).tolist(),

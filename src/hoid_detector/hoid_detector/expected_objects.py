@@ -21,17 +21,10 @@ _MIN_IOU_SHIFTED = 0.1
 def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -> IntArray:
     """Return the rows (M,) of the weak boxes that show expected objects, at most one for each.
 
-    Because the camera may have moved since, the expected boxes are shifted by the median motion
-    between those that were detected and the strong boxes of their classes. The box of an expected
-    object is then the one of its class that overlaps it with an intersection over union of 0.5 or
-    more, and has the highest score. There is none if a strong box of any class overlaps the
-    expected one as much: the object was detected then.
-
-    Args:
-        weak: Boxes of low score.
-        strong: Boxes of the same image that are reported anyway.
-        expected: Where an image of about the same time should show known objects. Those of an
-            image that is a second or more away are not used.
+    The expected boxes are first shifted by the median motion of those that were detected, because
+    the camera may have moved. An expected object is shown by the box of its class of highest
+    score with an intersection over union of 0.5 or more, unless a strong box of any class
+    overlaps it as much: then it was detected already.
     """
     if abs(weak.stamp_ns - expected.stamp_ns) >= _MAX_AGE_NS or not len(weak):
         return np.empty(0, np.int64)
@@ -57,7 +50,7 @@ def _shift_px(expected: Detections, strong: Detections) -> Float32Array:
 
 
 def _are_alike(first: Detections, second: Detections) -> BoolArray:
-    """Return the (N, M) mask of the pairs of N and M boxes that have the same class."""
+    """Return (N, M) flags: whether two boxes have the same class."""
     names = np.array(first.class_names, str)[:, None] == np.array(second.class_names, str)
     return np.asarray(names)
 

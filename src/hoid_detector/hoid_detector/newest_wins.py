@@ -13,12 +13,8 @@ R = TypeVar('R')
 class NewestWins(Generic[T, R]):
     """Processes one item at a time in a worker thread, while only the newest other item waits.
 
-    All methods must be called by the same thread, so no state needs a lock.
-
-    Args:
-        work: Function that processes an item. It runs in the worker thread.
-        wake: Function that is called after each item, usually in the worker thread. It must make
-            the owner call `finish` in the owner's thread.
+    All methods must be called by one thread, so no state needs a lock. The worker calls `work`
+    with an item, then `wake`, which must make the owner call `finish` in the owner's thread.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -30,10 +26,9 @@ class NewestWins(Generic[T, R]):
         self.num_dropped = 0  # items that a newer one replaced
 
     def offer(self, item: T) -> None:
-        """Start to process an item, or let it wait while another one is processed.
+        """Process an item now, or after the running one.
 
-        An item counts as processed once `finish` has returned its result or raised its error. If
-        another item waits already, the new one replaces it, which `num_dropped` counts.
+        It replaces an item that waits already.
         """
         if self._running is None:
             self._start(item)
@@ -43,9 +38,9 @@ class NewestWins(Generic[T, R]):
             self._waiting = item
 
     def finish(self) -> R | None:
-        """Return the result of the finished item and start the waiting item, if there is one.
+        """Return the result of the finished item or None, and start the waiting one.
 
-        The result is None if no item has finished. An exception of `work` is raised here.
+        An exception of `work` is raised here.
         """
         if self._running is None or not self._running.done():
             return None
@@ -63,10 +58,7 @@ class NewestWins(Generic[T, R]):
             self._running = None
 
     def close(self) -> None:
-        """Discard the waiting item, wait for the running item to end, and end the thread.
-
-        No item may be offered afterwards.
-        """
+        """Discard the waiting item, wait for the running one, and end the thread."""
         self._waiting = None
         self._pool.shutdown()
 

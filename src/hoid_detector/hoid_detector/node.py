@@ -77,7 +77,6 @@ class DetectorNode(ManagedNode):
         super().destroy_node()
 
     def configure(self) -> None:
-        """Load the model, and report its description and a warning about its provider."""
         config = self._settings.config
         self._detector = OnnxDetector(find_model(config.model), config)
         self.diagnostics.set_value('model', self._detector.description)
@@ -85,29 +84,20 @@ class DetectorNode(ManagedNode):
             self.diagnostics.set_problem('provider', warning)
 
     def pause(self) -> None:
-        """Discard the waiting image, and wait for the running detection, which is still published.
-
-        That image gets no debug image and is not counted.
-        """
+        """Discard the waiting image, and wait for the running detection, which is published."""
         self._worker.clear()
 
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:
-        """Update the roll, and give an image to the worker thread, unless detection is stopped."""
         if self._enabled:
             self._find_roll(msg.header.frame_id)
             self._worker.offer(msg)
 
     def _expect(self, msg: DetectionArray) -> None:
-        """Use where the object map expects objects for the next images."""
         if self._detector is not None:
             self._detector.expected = conversions.detections_from_msg(msg)
 
     def _find_roll(self, camera_frame: str) -> None:
-        """Set the roll of the camera from /tf_static, if `base_frame` is given.
-
-        A roll that the user has set (`camera_roll_deg`) takes precedence. If /tf_static does not
-        connect the base frame with the camera's optical frame, this is shown as a problem.
-        """
+        """Set the roll of the camera from /tf_static, unless `camera_roll_deg` is given."""
         config = self._settings.config
         if self._static is None or self._detector is None:
             return
@@ -131,7 +121,6 @@ class DetectorNode(ManagedNode):
             self._reconfigure(config)
 
     def _detect(self, msg: conversions.ReceivedImage | CompressedImage) -> _Result:
-        """Detect objects in an image, publish them, and return what the diagnostics need."""
         assert self._detector is not None
         image_bgr = conversions.color_from_msg(msg)
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
@@ -147,7 +136,6 @@ class DetectorNode(ManagedNode):
         return _Result(msg.header, image_bgr, detections, detect_ms, is_watched)
 
     def _finish(self) -> None:
-        """Publish the debug image and update the diagnostics after a detection."""
         try:
             result = self._worker.finish()
         except HoidError as error:
@@ -164,7 +152,6 @@ class DetectorNode(ManagedNode):
         self.diagnostics.set_value('time per image', f'{result.detect_ms:.1f} ms')
 
     def _report_non_finite_outputs(self) -> None:
-        """Set or clear the diagnostic problem of a network whose outputs are NaN or Inf."""
         assert self._detector is not None
         number = self._detector.num_non_finite
         self.diagnostics.set_count('images with non-finite network outputs', number)
@@ -180,17 +167,14 @@ class DetectorNode(ManagedNode):
         return response
 
     def _approve(self, config: DetectorNodeConfig) -> None:
-        """Raise ConfigError for classes that the model does not have."""
         if self._detector is not None:
             self._detector.check_classes(config.classes)
 
     def _reconfigure(self, config: DetectorNodeConfig) -> None:
-        """Apply parameters; if `camera_roll_deg` is 0, the roll by /tf_static is used."""
         if self._detector is not None:
             roll_deg = config.camera_roll_deg or self._mounted_roll_deg
             self._detector.reconfigure(replace(config, camera_roll_deg=roll_deg))
 
 
 def main() -> int:
-    """Run the node until it is shut down, and return the exit status of the process."""
     return run_node(DetectorNode)

@@ -42,14 +42,9 @@ class OnnxDetector:
     The constructor loads the model and runs it once on noise. The caller should report
     `network.provider_warning` if this text is not empty.
 
-    Args:
-        model: ONNX file.
-        config: Parameters of the detector.
-
     Raises:
         ModelError: The model cannot be read or run, one of its outputs contains no finite number,
-            its layout is unknown, its class names are unknown or contain no name of people, or the
-            file `class_names_file` cannot be read.
+            its layout or its class names are unknown, or no class is one of people.
         ConfigError: `classes` contains a class that the model lacks, or `providers` an unknown
             provider.
     """
@@ -72,7 +67,6 @@ class OnnxDetector:
 
     @property
     def config(self) -> DetectorConfig:
-        """Return the current configuration."""
         return self._config
 
     @property
@@ -87,10 +81,9 @@ class OnnxDetector:
         )
 
     def reconfigure(self, config: DetectorConfig) -> None:
-        """Apply new parameters. Those for loading the model, such as `layout`, have no effect.
+        """Apply new parameters, except those for loading the model.
 
-        Raises:
-            ConfigError: The model lacks one of the classes.
+        ConfigError for an unknown class.
         """
         self.check_classes(config.classes)
         names = np.array(self.class_names)
@@ -98,20 +91,15 @@ class OnnxDetector:
         self._config = config
 
     def check_classes(self, classes: tuple[str, ...]) -> None:
-        """Raise ConfigError if the model lacks one of the classes."""
         for name in classes:
             if name not in self.class_names:
                 known = ', '.join(self.class_names)
                 raise ConfigError(f'classes: the model knows no "{name}"; it knows {known}')
 
     def detect(self, image_bgr: ByteArray, stamp_ns: int) -> Detections:
-        """Return the detections in an image, highest score first, with boxes inside the image.
+        """Return the detections in an image (H, W, 3), highest score first, clipped to the image.
 
-        It must not be called by two threads at the same time.
-
-        Args:
-            image_bgr: (H, W, 3) uint8 image.
-            stamp_ns: Stamp of the image.
+        Not for two threads at the same time.
 
         Raises:
             MessageError: The image has another shape, or no pixels.
@@ -150,14 +138,7 @@ class OnnxDetector:
     def _decode(
         self, outputs: Sequence[NDArray[Any]], size_wh: Size
     ) -> tuple[Candidates, Candidates | None]:
-        """Return the candidates of any class whose score is at least `score_threshold`.
-
-        The second value contains those below it whose score is at least
-        `expected_score_threshold`; None: this is 0, or not less than `score_threshold`.
-
-        Raises:
-            ModelError: The outputs do not have the layout, or a score is above 1.1.
-        """
+        """Return the candidates from `score_threshold` on, and weaker ones; None: not used."""
         with _named(self.network):
             least, weakest = self._config.score_threshold, self._config.expected_score_threshold
             has_weak = 0 < weakest < least
@@ -176,21 +157,15 @@ class OnnxDetector:
     def _with_expected(
         self, found: Candidates, weak: Candidates, expected: Detections, stamp_ns: int
     ) -> Candidates:
-        """Return the candidates to report, with those weak ones that show expected objects."""
         strong = self._with_names(found, stamp_ns)
         rows = confirmed_rows(self._with_names(weak, stamp_ns), strong, expected)
         return _joined(found, weak.select(rows), self._config.max_detections)
 
     def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
-        """Count boxes whose center is inside and outside the image.
-
-        Args:
-            boxes_xyxy_px: (N, 4) in pixels of the image, which may exceed it.
-            place: Placement of the image.
+        """Count boxes (N, 4) by whether their center is in the image.
 
         Raises:
-            ModelError: Of all boxes so far, more are outside their images than inside, and at
-                least three.
+            ModelError: Of all boxes so far, more are outside than inside, and at least three.
         """
         center = (boxes_xyxy_px[:, :2] + boxes_xyxy_px[:, 2:]) / 2
         size_px = (place.image_width_px, place.image_height_px)
@@ -205,7 +180,7 @@ class OnnxDetector:
             )
 
     def _report_silence(self, *, has_boxes: bool) -> None:
-        """Count an image, and log a warning once if none of the first 300 images had a box.
+        """Log a warning once if none of the first 300 images had a box.
 
         A wrong input format (color order, value range or placement) has this effect.
         """
@@ -221,15 +196,7 @@ class OnnxDetector:
             )  # fmt: skip
 
     def _count_non_finite(self, outputs: Sequence[NDArray[Any]], *, has_candidates: bool) -> None:
-        """Count an image without a finite box if one of the outputs contains NaN and Inf only.
-
-        `has_finite_outputs` is set to False for such an image, and to True for any other. A
-        warning is logged at the first such image.
-
-        Args:
-            outputs: Outputs of the network for an image.
-            has_candidates: Whether finite boxes were decoded from them.
-        """
+        """Count an image without a finite box if one of the outputs contains NaN and Inf only."""
         self.has_finite_outputs = has_candidates or _are_finite(outputs)
         if not self.has_finite_outputs:
             self.num_non_finite += 1
@@ -238,7 +205,6 @@ class OnnxDetector:
 
     @property
     def non_finite_warning(self) -> str:
-        """Return the warning to show while `has_finite_outputs` is False."""
         return f'{self.network.path}: all outputs are NaN or Inf, so nothing is detected'
 
     def _infer(self, blob: NDArray[np.number[Any]]) -> list[NDArray[Any]]:
@@ -248,7 +214,6 @@ class OnnxDetector:
         return outputs
 
     def _is_reported(self, found: Candidates) -> BoolArray:
-        """Return (N,) flags: whether the class of each candidate is to be reported."""
         if self._reported is None:
             return np.ones(len(found.scores), np.bool_)
         is_reported: BoolArray = self._reported[found.class_ids]
@@ -266,13 +231,7 @@ class OnnxDetector:
 def _layout_and_class_names(
     network: Network, config: DetectorConfig
 ) -> tuple[Layout, tuple[str, ...]]:
-    """Return the layout and the class names of a model.
-
-    The network is run once on noise to recognize the layout, which also warms it up.
-
-    Raises:
-        ModelError: An output contains no finite number, or the layout or the names are unknown.
-    """
+    """Run the network once on noise, and return its layout and class names."""
     names = known_names(config.class_names_file, network.metadata)
     size_wh = _input_size(network, (640, 480), config)
     noise = np.random.default_rng(0).integers(0, 256, (size_wh[1], size_wh[0], 3), np.uint8)
@@ -296,7 +255,6 @@ def _layout_and_class_names(
 
 @contextmanager
 def _named(network: Network) -> Iterator[None]:
-    """Begin the text of a ModelError with the path of the model."""
     try:
         yield
     except ModelError as error:
@@ -304,7 +262,6 @@ def _named(network: Network) -> Iterator[None]:
 
 
 def _overridden(preprocessing: Preprocessing, config: DetectorConfig) -> Preprocessing:
-    """Return the preprocessing, changed by those parameters of the user that are not `auto`."""
     if config.color_order != AUTO:
         preprocessing = preprocessing._replace(rgb=config.color_order == 'rgb')
     if config.value_range != AUTO:
@@ -319,7 +276,6 @@ def _input_size(network: Network, image_wh: Size, config: DetectorConfig) -> Siz
 
 
 def _are_finite(outputs: Sequence[NDArray[Any]]) -> bool:
-    """Return whether every output contains at least one finite number or is empty."""
     return all(output.size == 0 or bool(np.isfinite(output).any()) for output in outputs)
 
 
@@ -330,17 +286,13 @@ def _is_finite(found: Candidates) -> BoolArray:
 
 
 def _in_image(found: Candidates, place: Placement) -> Candidates:
-    """Return the candidates with boxes in image pixels, clipped to the image.
-
-    Candidates whose part inside the image is less than a pixel wide or high are dropped.
-    """
+    """Return the candidates in image pixels, clipped; those less than a pixel wide are dropped."""
     boxes = place.boxes_to_image(found.boxes_xyxy_px)
     is_visible = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)
     return found._replace(boxes_xyxy_px=boxes).select(is_visible)
 
 
 def _joined(strong: Candidates, weak: Candidates, max_detections: int) -> Candidates:
-    """Return strong and weak candidates together, highest score first."""
     weak = weak.select(np.argsort(-weak.scores, kind='stable'))
     both = Candidates(
         np.concatenate([strong.boxes_xyxy_px, weak.boxes_xyxy_px]),
@@ -355,11 +307,7 @@ def _text(boxes: Float32Array) -> str:
 
 
 def _strongest(found: Candidates, layout: Layout, config: DetectorConfig) -> IntArray:
-    """Return the indices of the candidates to report, highest score first.
-
-    Overlapping boxes of one class are removed if the layout needs it. At most `max_detections`
-    candidates remain.
-    """
+    """Return the indices of the candidates to report, highest score first."""
     if layout.needs_nms:
         return nms(*found, config.nms_iou)[: config.max_detections]
     return np.argsort(-found.scores, kind='stable')[: config.max_detections]

@@ -17,12 +17,9 @@ _CODES = (None, cv2.ROTATE_90_CLOCKWISE, cv2.ROTATE_180, cv2.ROTATE_90_COUNTERCL
 
 
 def mounted_roll_deg(T_base_camera: FloatArray) -> float:
-    """Return the angle [deg] by which a camera is mounted rolled, clockwise as seen from behind.
+    """Return the angle [deg] by which a camera is rolled, clockwise as seen from behind.
 
-    It is 0 for a camera that looks more than 60 degrees up or down.
-
-    Args:
-        T_base_camera: (4, 4) pose of the optical frame in a base frame whose z axis is up.
+    It is 0 for a camera that looks more than 60 degrees up or down. The z axis of the base is up.
     """
     right, down = T_base_camera[2, :2]  # how far x and y of the image point upwards
     if np.hypot(right, down) < _MIN_UP:
@@ -31,19 +28,12 @@ def mounted_roll_deg(T_base_camera: FloatArray) -> float:
 
 
 def nearest_quarter(camera_roll_deg: float) -> int:
-    """Return the number of clockwise quarter turns, 0 to 3, that make the images upright.
-
-    Args:
-        camera_roll_deg: Angle by which the camera is rolled, clockwise as seen from behind.
-    """
+    """Return the number of clockwise quarter turns, 0 to 3, that make the images upright."""
     return round(camera_roll_deg / _QUARTER_DEG) % len(_CODES)
 
 
 def turned(image_bgr: ByteArray, quarters: int) -> ByteArray:
-    """Return an image (H, W, 3) turned clockwise by 0 to 3 quarter turns.
-
-    Without a turn, it is the argument itself.
-    """
+    """Return an image (H, W, 3) turned clockwise by 0 to 3 quarter turns; 0: itself."""
     code = _CODES[quarters]
     return image_bgr if code is None else cv2.rotate(image_bgr, code).astype(np.uint8, copy=False)
 

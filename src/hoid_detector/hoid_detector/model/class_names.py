@@ -21,12 +21,7 @@ _BACKGROUND = ('background', '__background__', 'bg', 'n/a', '???', 'none', 'unla
 
 
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names of a model; None if no file is given and the metadata have none.
-
-    Args:
-        file: Path of a text file with the names, `~` for the home folder; if it is empty, the
-            metadata are used.
-        metadata: Metadata of the model.
+    """Return the class names in a file or, if `file` is empty, in the metadata; None without any.
 
     Raises:
         ConfigError: The home folder in the path is unknown.
@@ -40,14 +35,9 @@ def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | Non
 def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[str, ...]:
     """Return the names of classes, with `person` in place of every synonym of it.
 
-    Args:
-        names: Names of the classes of a model.
-        person_names: Synonyms of `person`, in upper or lower case; empty if no class of people
-            is required.
-
     Raises:
-        ModelError: No class has one of these names or is called `person`, although a class of
-            people is required.
+        ModelError: No class has one of these names or is called `person`, although synonyms are
+            given, so that a class of people is required.
     """
     synonyms = {name.casefold() for name in person_names}
     found = tuple(PERSON if name.strip().casefold() in synonyms else name for name in names)
@@ -65,9 +55,7 @@ def is_background(name: str) -> bool:
 
 
 def names_in_file(path: Path) -> tuple[str, ...]:
-    """Return the names in a text file, whose n-th line is the name of the n-th class.
-
-    Empty lines at the end are ignored.
+    """Return the names in a text file, one a line; empty lines at its end are ignored.
 
     Raises:
         ModelError: The file cannot be read, contains no name, or has an empty line before a name.
@@ -88,7 +76,7 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 
 
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names in a model's metadata; None if the metadata have no key for names.
+    """Return the class names in a model's metadata; None if no key is one of names.
 
     The value may be a dict or list literal, or names separated by commas, semicolons or line
     breaks.
@@ -117,10 +105,7 @@ def _parse(key: str, text: str) -> tuple[str, ...]:
 
 
 def _literal(text: str) -> object:
-    """Return the value of a Python, JSON or YAML literal.
-
-    For a text that is none, it returns the parts between commas, semicolons and line breaks.
-    """
+    """Return the value of a Python, JSON or YAML literal, else the parts between commas."""
     try:
         return ast.literal_eval(text)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):

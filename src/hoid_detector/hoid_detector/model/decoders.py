@@ -28,7 +28,6 @@ class Candidates(NamedTuple):
     class_ids: IntArray  # (N,) indices of class names; negative: no class
 
     def select(self, keep: BoolArray | IntArray) -> Candidates:
-        """Return the candidates that a mask (N,) or an array of indices selects."""
         return Candidates(self.boxes_xyxy_px[keep], self.scores[keep], self.class_ids[keep])
 
 
@@ -38,19 +37,13 @@ class Decoder(Protocol):
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold.
 
-        Args:
-            outputs: Outputs of the network.
-            size_wh: Width and height of the network input.
-            score_threshold: Lowest score of a returned candidate.
+        `size_wh` is the network input.
         """
 
 
 @dataclass(frozen=True)
 class AnchorDecoder:
-    """Decodes a table of N anchors, as of YOLO 5 to 11 and YOLOX.
-
-    Each anchor has C channels: the box, for some models the objectness, and class scores.
-    """
+    """Decodes a table of N anchors (YOLO 5 to 11, YOLOX): box, objectness, class scores."""
 
     anchors_last: bool  # True: the output is (C, N); False: (N, C)
     objectness: bool  # True: there is a channel objectness; scores are multiplied by it
@@ -60,7 +53,6 @@ class AnchorDecoder:
     cell_strides_px: tuple[int, ...] = ()
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
-        """Return the candidates whose score is at least the threshold."""
         table = float32(outputs[0])[0]
         channels = table if self.anchors_last else table.T
         if self.objectness:
@@ -90,7 +82,6 @@ class LogitsDecoder:
     softmax: bool  # the last column is "no object"; else each class has a sigmoid of its own
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
-        """Return the candidates whose score is at least the threshold."""
         # exp(80) is finite in float32, exp(90) is not.
         logits = np.clip(float32(outputs[self.logits])[0], -80, 80)
         if self.softmax:
@@ -112,7 +103,6 @@ class BoxesScoresDecoder:
     normalized: bool  # whether boxes are fractions of the network input, else pixels
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
-        """Return the candidates whose score is at least the threshold."""
         boxes, scores = float32(outputs[self.boxes])[0], float32(outputs[self.scores])[0]
         best = _best_class(boxes, scores, score_threshold)
         return in_pixels(best, size_wh, normalized=self.normalized)
@@ -120,12 +110,7 @@ class BoxesScoresDecoder:
 
 @lru_cache(maxsize=8)
 def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Float32Array]:
-    """Return the column and row (2, N) and the stride in pixels (N,) of the cells of all grids.
-
-    Args:
-        size_wh: Width and height of the network input.
-        strides_px: Side of the cells of each grid.
-    """
+    """Return column and row (2, N) and stride in pixels (N,) of the cells of all grids."""
     grids = [
         np.mgrid[: size_wh[1] // s, : size_wh[0] // s][::-1].reshape(2, -1) for s in strides_px
     ]
@@ -136,11 +121,8 @@ def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Flo
 def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array) -> Float32Array:
     """Return boxes (4, N) as cx, cy, w, h in pixels (Ge et al., YOLOX, 2021).
 
-    Args:
-        boxes: (4, N) offset of the center from the cell's top left corner (positive: right and
-            down), in cells; logarithm of width and height in cells.
-        cell: (2, N) column and row of the cell.
-        stride_px: (N,) side of the cell.
+    `boxes` has the offset of the center from the cell's top left corner, in cells, and the
+    logarithm of width and height in cells; `cell` (2, N) has column and row.
     """
     return np.concatenate([boxes[:2] + cell, np.exp(boxes[2:])]) * stride_px
 
@@ -148,13 +130,7 @@ def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array
 def _best_class(
     boxes_xyxy: Float32Array, class_scores: Float32Array, threshold: float
 ) -> Candidates:
-    """Return the boxes whose best class score is at least the threshold, with class and score.
-
-    Args:
-        boxes_xyxy: (N, 4) boxes.
-        class_scores: (N, C) scores of all classes.
-        threshold: Lowest score of a returned box.
-    """
+    """Return the boxes (N, 4) whose best of C class scores (N, C) is at least the threshold."""
     class_ids = class_scores.argmax(axis=1)
     scores = np.take_along_axis(class_scores, class_ids[:, None], axis=1)[:, 0]
     return Candidates(boxes_xyxy, scores, class_ids).select(scores >= threshold)
@@ -166,19 +142,11 @@ def _xyxy_from_cxcywh(boxes: Float32Array) -> Float32Array:
 
 
 def in_pixels(found: Candidates, size_wh: Size, *, normalized: bool) -> Candidates:
-    """Return candidates in pixels of the network input.
-
-    Args:
-        found: Candidates.
-        size_wh: Width and height of the network input.
-        normalized: Whether the boxes of `found` are fractions of the network input; False if
-            they are in pixels already.
-    """
+    """Return candidates in pixels of the network input; `normalized` ones are fractions of it."""
     if not normalized:
         return found
     return found._replace(boxes_xyxy_px=found.boxes_xyxy_px * np.array(size_wh * 2, np.float32))
 
 
 def float32(output: NDArray[Any]) -> Float32Array:
-    """Return an output of any type as float32."""
     return np.asarray(output, np.float32)

@@ -91,10 +91,9 @@ def class_ids(name: str, num_classes: int) -> ClassIds:
 
 
 def order_in_name(name: str, num_columns: int) -> Order | None:
-    """Return the order of columns that the name of an output states.
+    """Return the order of columns that the name of an output states; None if it does not.
 
-    The result is None if the name does not state box, score and class, or if its order has another
-    number of columns. For the output of YOLO-NAS, the number of columns is not checked.
+    It is None too if its order has another number of columns, which is not checked for YOLO-NAS.
     """
     if name.endswith(_YOLO_NAS):
         return ('batch', 'xyxy', 'score', 'class')
@@ -113,7 +112,6 @@ def known_orders(num_columns: int) -> tuple[Order, ...]:
 
 
 def num_columns_of(order: Order) -> int:
-    """Return the number of columns of a table with this order; a box has 4."""
     return len(order) + 3
 
 
@@ -144,7 +142,7 @@ class Columns(NamedTuple):
 
 
 def columns(table: Float32Array, order: Order) -> Columns:
-    """Split an (N, C) table into its columns, given their order; boxes become x1, y1, x2, y2."""
+    """Split an (N, C) table into its columns; boxes become x1, y1, x2, y2."""
     at, found = 0, {}
     for word in order:
         width = 4 if word in _BOXES else 1
@@ -165,10 +163,10 @@ class Reading(NamedTuple):
         return f'columns {"_".join(self.order)}, class ids {self.ids.name}'
 
     def candidates(self, table: Float32Array, threshold: float) -> Candidates:
-        """Return the boxes in a (N, C) table whose score is at least the threshold.
+        """Return the boxes in an (N, C) table whose score is at least the threshold.
 
-        Rows with a negative class id or without a positive score are left out, since they mark no
-        object. Their class ids may be beyond the class names.
+        Rows with a negative class id or without a positive score mark no object; they are left
+        out.
         """
         found = columns(table, self.order)
         keep = (found.scores >= threshold) & (found.scores > 0) & (found.ids >= 0)
@@ -199,19 +197,14 @@ class FinishedDecoder:
         return in_pixels(found, size_wh, normalized=bool(self.normalized))
 
     def rows(self, outputs: Outputs) -> Float32Array:
-        """Return the rows of the table that are finite and are no padding.
-
-        In padding, all values from the second column on are equal.
-        """
+        """Return the finite rows; padding, equal from the second column on, is left out."""
         table = self.table_of(outputs)
         table = table[np.isfinite(table).all(axis=1)]
         rows: Float32Array = table[(table[:, 1:] != table[:, -1:]).any(axis=1)]
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude the readings that do not fit the rows of one table, and note the unit of boxes.
-
-        A warning is logged if the first reading has changed since an image with boxes.
+        """Exclude the readings that do not fit a table, and find the unit of boxes.
 
         Raises:
             ModelError: No reading is left.
@@ -244,7 +237,6 @@ class FinishedDecoder:
             self.normalized = _are_normalized(found, threshold)
 
     def _report_doubt(self, table: Float32Array, found: Candidates, threshold: float) -> None:
-        """Log a warning, once for each, about other readings that fit but give other boxes."""
         for other in self.readings[1:]:
             if str(other) not in self.reported and not _are_equal(
                 found, other.candidates(table, threshold)
@@ -258,10 +250,7 @@ class FinishedDecoder:
 
 
 def _are_normalized(found: Columns, threshold: float) -> bool | None:
-    """Return whether boxes are fractions of the input, or None if there are too few to decide.
-
-    Only boxes with a score of at least the threshold are considered, if there are any.
-    """
+    """Return whether boxes are fractions of the input, or None if there are too few to decide."""
     is_strong = found.scores >= threshold
     if is_strong.any():
         boxes = found.boxes[is_strong]

@@ -34,13 +34,9 @@ _PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.p
 
 
 def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[Decoder, int | None]:
-    """Return the decoder of boxes, labels and scores that are separate outputs.
+    """Return the decoder of separate boxes, labels and scores; None (number of classes).
 
-    The second value, the number of classes, is None, since the outputs do not show it.
-
-    Args:
-        probe: Outputs of the network for a test image.
-        y_first: True: boxes are y1, x1, y2, x2. False: this follows from the names of the outputs.
+    With `y_first`, boxes are y1, x1, y2, x2; else this follows from the names of the outputs.
 
     Raises:
         ModelError: The outputs are not of this kind.
@@ -69,10 +65,7 @@ def _num_valid_rows(output: NDArray[Any]) -> int:
 
 
 def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
-    """Return the decoder of finished boxes whose columns are in several outputs.
-
-    The names of the outputs state the order of the columns. The second value, the number of
-    classes, is None, since the outputs do not show it.
+    """Return the decoder of boxes with columns in several outputs; None (number of classes).
 
     Raises:
         ModelError: The names do not state an order, or the test image does not fit it.
@@ -88,12 +81,10 @@ def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
 
 
 def has_named_columns(probe: Probe) -> bool:
-    """Return whether the names of several outputs state the columns of finished boxes."""
     return _order_in_names(probe) is not None
 
 
 def _order_in_names(probe: Probe) -> Order | None:
-    """Return the order of columns that the names of several outputs state together, or None."""
     shapes = [output.shape for output in probe.outputs]
     if {len(shape) for shape in shapes} != {2} or len({rows for rows, _ in shapes}) != 1:
         return None
@@ -101,12 +92,10 @@ def _order_in_names(probe: Probe) -> Order | None:
 
 
 def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, int | None]:
-    """Return the decoder of a table of finished boxes.
+    """Return the decoder of a table of finished boxes; None (number of classes).
 
-    If no order of columns is given, the one that the name of the output or the metadata state is
-    taken. Without either, all known orders with this number of columns are possible, and the
-    decoder excludes those that do not fit. The second value, the number of classes, is None, since
-    the outputs do not show it.
+    Without `order`, the one that the name of the output or the metadata state is taken, else all
+    known orders are possible, and the decoder excludes those that do not fit.
 
     Raises:
         ModelError: The output is no table, or no order fits the outputs for the test image.
@@ -123,7 +112,6 @@ def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, in
 def _finished(
     probe: Probe, table_of: Callable[[Outputs], Float32Array], orders: Sequence[Order]
 ) -> FinishedDecoder:
-    """Return a decoder that has excluded the readings that do not fit the test image."""
     normalized = None if probe.box_units == AUTO else probe.box_units == 'normalized'
     readings = [Reading(order, ids) for order in orders for ids in _conventions(probe)]
     decoder = FinishedDecoder(table_of, readings, normalized)
@@ -133,12 +121,11 @@ def _finished(
 
 
 def _conventions(probe: Probe) -> list[ClassIds]:
-    """Return the conventions that class ids may have, the most probable one first.
+    """Return the possible conventions of class ids, the most probable one first.
 
-    Where nothing states the convention of a model with several outputs, `from_0` comes last. If
-    the ids do count from 0, the first person, whose id is 0, excludes the others. If `from_0` came
-    first and the ids counted from 1, hardly any id would exclude it, and a person, whose id is
-    then 1, would be reported as a bicycle.
+    `from_0` comes last if nothing states the convention of several outputs: a person's id 0 then
+    excludes the others, while from ids that count from 1 hardly any would exclude `from_0`, and
+    people would be reported as bicycles.
     """
     num_classes = probe.num_classes or len(COCO)
     from_1 = [COCO_91, FROM_1] if num_classes == len(COCO) else [FROM_1]
@@ -166,14 +153,12 @@ def _is_tensorflow(probe: Probe) -> bool:
 
 
 def is_stretched(probe: Probe) -> bool:
-    """Return whether boxes, labels and scores are those of networks that stretch the image."""
     labels = probe.find(is_labels)
     is_batched = labels is not None and probe.outputs[labels].ndim > 1
     return _is_tensorflow(probe) or (is_batched and probe.find(is_count) is None)
 
 
 def is_finished_table(probe: Probe) -> bool:
-    """Return whether the output is a table of boxes after non-maximum suppression."""
     strides_px, num_columns = probe.grid.strides_px, probe.outputs[0].shape[-1]
     if strides_px and probe.metadata.get('end2end') != 'True':
         return False

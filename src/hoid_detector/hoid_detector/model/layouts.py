@@ -93,11 +93,8 @@ class LayoutEntry:
 def recognize(probe: Probe, requested: str = AUTO) -> Layout:
     """Return the layout of a network.
 
-    Args:
-        probe: Outputs of the network for a test image.
-        requested: Name of a layout, or AUTO for any. Of the entries of `LAYOUTS` with this name
-            and number of outputs (one or several), the first that matches is taken; if none
-            matches a given name, the first of them.
+    Of the entries of `LAYOUTS` with the requested name and this number of outputs (one or
+    several), the first that matches is taken; if none matches a given name, the first of them.
 
     Raises:
         ModelError: The outputs have no known layout, or not the requested one, or the metadata
@@ -186,7 +183,6 @@ def _anchor_decoder(
 
 
 def _are_corners(probe: Probe, *, normalized: bool) -> bool:
-    """Return whether boxes are x1, y1, x2, y2, and not cx, cy, w, h."""
     if probe.grid.anchors_per_cell != 1:
         return False
     boxes = probe.grid.channels[:4] * (np.array(probe.size_wh * 2)[:, None] if normalized else 1)
@@ -209,10 +205,7 @@ def _is_query_table(probe: Probe) -> bool:
 
 
 def _is_yolov5(probe: Probe) -> bool:
-    """Return whether a table with objectness has 3 anchors per cell (YOLOv5) or is of YOLOv6.
-
-    In YOLOv6, the objectness of every anchor is 1.
-    """
+    """Return whether a table has 3 anchors per cell (YOLOv5) or no objectness (YOLOv6)."""
     grid = probe.grid
     return probe.num_before_classes == 5 and (
         grid.anchors_per_cell == 3 or bool((grid.channels[4] == 1).all())

@@ -48,10 +48,7 @@ class Placement(NamedTuple):
     height_px: int
 
     def boxes_to_image(self, boxes_xyxy_px: Float32Array, *, clip: bool = True) -> Float32Array:
-        """Return boxes (N, 4), given in pixels of the network input, in pixels of the image.
-
-        With `clip`, they are limited to the image.
-        """
+        """Convert boxes (N, 4) from pixels of the network input to pixels of the image."""
         offset = np.array([self.left_px, self.top_px] * 2, np.float32)
         scale = np.array([self.scale_x, self.scale_y] * 2, np.float32)
         limit = np.array([self.image_width_px, self.image_height_px] * 2, np.float32)
@@ -72,10 +69,7 @@ class Letterbox:
     def __call__(
         self, image_bgr: ByteArray, size_wh: tuple[int, int]
     ) -> tuple[NDArray[np.number[Any]], Placement]:
-        """Return the network input (1, 3, H, W) and the placement of the image in it.
-
-        A later call may overwrite the returned array.
-        """
+        """Return the network input (1, 3, H, W) and the placement of the image in it."""
         height, width = image_bgr.shape[:2]
         place = placement((width, height), size_wh, self._preprocessing.placement)
         if self._padded_for != (place, size_wh):
@@ -95,10 +89,7 @@ class Letterbox:
     def _fill(
         self, plane: Any, values: NDArray[np.number[Any]], out: NDArray[np.number[Any]]
     ) -> None:
-        """Write the network input for the bytes of a color plane (H, W) into `out`.
-
-        `values` are the 256 input values of the bytes in this channel.
-        """
+        """Write a color plane (H, W) into `out`, by the input values of its 256 bytes."""
         if self._dtype is np.float32:
             np.multiply(plane, values[1] - values[0], out=out)
             if values[0]:
@@ -123,13 +114,7 @@ def _values_of_bytes(
 
 @lru_cache(maxsize=8)
 def placement(image_wh: tuple[int, int], network_wh: tuple[int, int], mode: str) -> Placement:
-    """Return the placement of an image in the network input.
-
-    Args:
-        image_wh: Width and height of the image.
-        network_wh: Width and height of the network input.
-        mode: 'centered', 'top_left' or 'stretch', as in `Preprocessing.placement`.
-    """
+    """Return the placement of an image by a mode of `Preprocessing.placement`."""
     scales = (network_wh[0] / image_wh[0], network_wh[1] / image_wh[1])
     if mode == 'stretch':
         return Placement(*image_wh, *scales, 0, 0, *network_wh)
@@ -144,12 +129,8 @@ def placement(image_wh: tuple[int, int], network_wh: tuple[int, int], mode: str)
 def open_size(image_wh: tuple[int, int], longest_px: int, stride_px: int = 32) -> tuple[int, int]:
     """Return the input size (width, height) for a model that accepts any size.
 
-    Each side is the smallest multiple of the stride that holds the scaled image.
-
-    Args:
-        image_wh: Width and height of the image.
-        longest_px: Longer side of the scaled image.
-        stride_px: Stride of the model; 32 is the coarsest stride of the YOLO family.
+    Each side is the smallest multiple of the stride that holds the image, whose longer side is
+    scaled to `longest_px`. 32 is the coarsest stride of the YOLO family.
     """
     scale = longest_px / max(image_wh)
     width, height = (max(1, -(-round(side * scale) // stride_px)) * stride_px for side in image_wh)

@@ -55,16 +55,12 @@ def known_models() -> tuple[str, ...]:
 def find_model(requested: str | None = None) -> Path:
     """Return the ONNX file of the requested model or, without a request, of the default model.
 
-    A known model that is not found may be downloaded into the user's cache.
-
-    Args:
-        requested: Path of an ONNX file or name of a known model; None or empty for the default.
+    `requested` is the path of an ONNX file or the name of a known model, which may be downloaded
+    into the user's cache.
 
     Raises:
-        ModelError: The model that is requested, or named by HOID_MODEL, does not exist, or a
-            downloaded file has another digest than the known model.
-        NoModelError: The default model, or a requested known model, is not found and cannot be
-            downloaded.
+        ModelError: The requested model does not exist, or a downloaded file has a wrong digest.
+        NoModelError: The default or a known model is not found and cannot be downloaded.
         ConfigError: A path begins with `~`, and the home folder is not known.
     """
     if requested:
@@ -79,7 +75,6 @@ def find_model(requested: str | None = None) -> Path:
 
 
 def _named(name: str, origin: str) -> Path:
-    """Return the file of a model that is given by path or name; an error begins with `origin`."""
     path = expand_home(name, origin.rstrip(':'))
     if path.is_file():
         return path
@@ -95,7 +90,6 @@ def _named(name: str, origin: str) -> Path:
 
 
 def _folders() -> list[Path]:
-    """Return the folders to search: two in or beside the workspace, then the user's cache."""
     here = Path(__file__).resolve()
     root = next((f for f in here.parents if (f / _WORKSPACE_MARK).is_file()), None)
     in_workspace = (
@@ -110,12 +104,7 @@ def _cache() -> Path:
 
 
 def _downloaded(name: str) -> Path:
-    """Download a known model into the user's cache, check its digest, and return the file.
-
-    Raises:
-        ModelError: The digest is not that of the known model.
-        NoModelError: The file cannot be downloaded or stored.
-    """
+    """Download a known model into the user's cache, check its digest, and return the file."""
     model, target = _KNOWN[name], _cache() / f'{name}.onnx'
     partial = target.with_suffix(f'.{os.getpid()}.part')
     _LOG.info('downloading %s to %s', model.url, target)

@@ -45,12 +45,8 @@ class Network:
     """An ONNX model with an image input and, in some models, a second input for its size.
 
     The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow. The second input gets the
-    width and height of the network input.
-
-    Args:
-        path: ONNX file.
-        providers: Short names in order of preference; empty takes the best installed one.
-        threads: Number of CPU threads; 0 takes one per core.
+    width and height of the network input. Without `providers` (in order of preference), the best
+    installed one is taken; 0 `threads` are one per core.
 
     Raises:
         ModelError: The file is missing or no ONNX model, it has other inputs than a detector, or
@@ -87,11 +83,7 @@ class Network:
         self.size_wh: tuple[int, int] | None = (width, height) if fixed else None  # None: any size
 
     def run(self, blob: NDArray[np.number[Any]]) -> list[NDArray[Any]]:
-        """Return the outputs of the network for an input (1, 3, H, W).
-
-        Raises:
-            ModelError: The inference fails.
-        """
+        """Return the outputs for an input (1, 3, H, W); ModelError if the inference fails."""
         size = 'x'.join(map(str, blob.shape))
         with _model_errors(f'{self.path}: inference fails on input {size}'):
             image = blob.transpose(0, 2, 3, 1) if self._has_channels_last else blob
@@ -105,7 +97,6 @@ class Network:
 
 
 def _provider_order(providers: Sequence[str]) -> list[str]:
-    """Return the full names of the providers to try; raise ConfigError for an unknown one."""
     for name in providers:
         if name not in _PROVIDERS:
             known = ', '.join(_PROVIDERS)
@@ -114,7 +105,6 @@ def _provider_order(providers: Sequence[str]) -> list[str]:
 
 
 def _provider_warning(wanted: str, running: str, installed: Sequence[str]) -> str:
-    """Return a warning if the network does not run on the wanted provider, else an empty text."""
     if wanted == running:
         return ''
     names = ', '.join(_NAMES[name] for name in installed if name in _NAMES)
@@ -135,12 +125,7 @@ def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSessio
 
 
 def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort.NodeArg | None]:
-    """Return the image input of a model, and the input for the image size or None.
-
-    Raises:
-        ModelError: The model does not have exactly one image input, or it has more than one
-            further input or one of another kind.
-    """
+    """Return the image input of a model, and the input for the image size or None."""
     images = [i for i in inputs if _takes_one_image(i.shape) and i.type in _DTYPES]
     sizes = [
         i for i in inputs if len(i.shape) == 2 and i.type in ('tensor(int64)', 'tensor(int32)')
@@ -155,16 +140,12 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
 
 
 def _takes_one_image(shape: Sequence[int | str | None]) -> bool:
-    """Return whether an input shape is that of one color image.
-
-    A name or None in the shape stands for any length.
-    """
+    """Return whether an input is one color image; names and None stand for any length."""
     return len(shape) == 4 and 3 in shape[1::2] and (shape[0] == 1 or type(shape[0]) is not int)
 
 
 @contextmanager
 def _model_errors(what: str) -> Iterator[None]:
-    """Turn errors of onnxruntime in the block into a ModelError that starts with `what`."""
     try:
         yield
     except _ORT_ERRORS as error:

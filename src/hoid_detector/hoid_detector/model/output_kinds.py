@@ -25,29 +25,24 @@ def is_boxes(name: str, output: NDArray[Any]) -> bool:
 
 
 def is_logits(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output contains a logit for each box and class."""
     return _is_class_table(name, output) and ('logit' in name or bool((output < 0).any()))
 
 
 def is_class_scores(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output contains a score for each box and class."""
     return _is_class_table(name, output) and bool(((output >= 0) & (output <= 1)).all())
 
 
 def is_count(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output is the number of boxes."""
     return 'num' in name and output.size == 1
 
 
 def is_labels(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output contains a class id for each box."""
     if is_count(name, output) or is_boxes(name, output) or output.ndim > 2:
         return False
     return output.dtype.kind == 'i' or any(word in name for word in ('label', 'class', 'cls'))
 
 
 def is_scores(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output contains a score for each box."""
     taken = is_count(name, output) or is_boxes(name, output) or is_labels(name, output)
     return not taken and output.ndim <= 2 and output.dtype.kind == 'f'
 
@@ -57,14 +52,10 @@ def _is_class_table(name: str, output: NDArray[Any]) -> bool:
 
 
 def is_no_object_last(logits: NDArray[Any]) -> bool:
-    """Return whether a network has a softmax over its classes, with "no object" as the last one.
+    """Return whether logits (1, N, C) of noise are of a softmax that ends with "no object".
 
-    The test image is noise. A network with such a softmax finds "no object" in it: the last class
-    has the highest logit in most boxes. A network with a sigmoid per class has no strong class in
-    noise, even if its last class is "no object".
-
-    Args:
-        logits: (1, N, C) for the test image.
+    Such a network finds "no object" in noise: its last class has the highest logit in most boxes.
+    A network with a sigmoid per class has no strong class in noise.
     """
     is_last = logits.argmax(axis=-1) == logits.shape[-1] - 1
     return 2 * int(np.count_nonzero(is_last)) > int(is_last.size)

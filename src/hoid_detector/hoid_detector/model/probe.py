@@ -51,16 +51,11 @@ class Probe:
 
     @property
     def num_classes(self) -> int | None:
-        """Return the number of class names; None if they are unknown."""
         return None if self.class_names is None else len(self.class_names)
 
     @property
     def table(self) -> NDArray[Any]:
-        """Return the single output, (rows, columns) or (1, rows, columns).
-
-        Raises:
-            ModelError: It has another shape.
-        """
+        """Return the single output, a table or a batch of one; ModelError for another shape."""
         output = self.outputs[0]
         self.require(output.ndim == 2 or (output.ndim == 3 and output.shape[0] == 1))
         return output
@@ -82,11 +77,10 @@ class Probe:
     def num_before_classes(self) -> int | None:
         """Return the number of channels before the class scores; None if the output is no grid.
 
-        It is 4 for a box alone, and 5 for a box and objectness. If the class names give another
-        number, the result is None too.
-
-        Without class names, models with COCO's 80 classes are recognized. Others are assumed to
-        have no objectness where the channels come before the anchors, as YOLOv8 exports them.
+        It is 4 for a box alone, and 5 for a box and objectness; None if the class names give
+        another number. Without class names, models with COCO's 80 classes are recognized. Others
+        are assumed to have no objectness where the channels come before the anchors, as YOLOv8
+        exports them.
         """
         channels, anchors_last, strides_px, _ = self.grid
         num, with_box = len(channels), 4 if anchors_last else 5
@@ -98,30 +92,22 @@ class Probe:
         return before if strides_px and before in (4, 5) else None
 
     def find(self, matches: Callable[[str, NDArray[Any]], bool], word: str = '') -> int | None:
-        """Return the index of the first output that matches by its lower-case name and values.
-
-        Outputs with `word` in their names come first. None is returned if no output matches.
-        """
+        """Return the index of the first output that matches; names with `word` come first."""
         named = enumerate(zip(self.names, self.outputs, strict=True))
         found = [i for i, (name, a) in named if matches(name.lower(), a)]
         return min(found, key=lambda i: word not in self.names[i].lower(), default=None)
 
     def is_normalized(self, boxes: NDArray[Any]) -> bool:
-        """Return whether boxes are fractions of the input, by `box_units` or by their values.
-
-        With AUTO, the result is False if there is no box.
-        """
+        """Return whether boxes are fractions of the input, by `box_units` or by their values."""
         if self.box_units != AUTO:
             return self.box_units == 'normalized'
         return 0 < float(np.abs(boxes).max(initial=0)) <= LARGEST_NORMALIZED
 
     def require(self, condition: bool) -> None:
-        """Raise the ModelError of an unknown layout unless the condition holds."""
         if not condition:
             raise self.unknown()
 
     def unknown(self) -> ModelError:
-        """Return the error that states that the model's layout is unknown."""
         width, height = self.size_wh
         names = '' if self.num_classes is None else f' and {self.num_classes} class names'
         task = f', task {self.metadata["task"]}' if 'task' in self.metadata else ''
