@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from hoid_msgs.msg import SlamStatus as SlamStatusMsg
 from hoid_msgs.srv import LoadMap, SaveMap, SetMode
 
 from hoid_bags.live.ros_session import ros_session
-from hoid_bringup.live.node_specs import SLAM
+from hoid_bringup.live.node_specs import NODE_CONFIGS, SLAM
 from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.ros import qos
@@ -19,6 +22,7 @@ from hoid_common.ros.conversions.slam import slam_status_from_msg
 from hoid_common.ros.execution.executor import SteadyExecutor
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 
+_NODES = (*NODE_CONFIGS, f'{SLAM}_scene')
 _WAIT_S = 10.0  # chosen: discovery takes about a second, on a busy computer several
 _RESPONSE_S = 600.0  # chosen: a map of a building takes minutes to save or load
 _MEASURED_S = 2.0  # chosen: time during which the rate of images is measured
@@ -97,55 +101,103 @@ def add_status_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def status_command(args: argparse.Namespace) -> None:
-    """Print the state of the running SLAM node, the rate of its images and the size of its map.
+    """Print which nodes run and what they lack, and the state, images and map of the SLAM node.
 
-    The rate is measured for two seconds after the first status.
+    For two seconds after the first message of a node, others are awaited, and the rate of images
+    is measured.
 
     Raises:
-        InputError: No status arrives within the time of `--wait`.
+        InputError: No node reports within the time of `--wait`.
         MessageError: The status has a state or mode that is unknown here.
     """
-    received: list[SlamStatusMsg] = []
+    statuses: list[SlamStatusMsg] = []
+    reports: list[DiagnosticArray] = []
     with ros_session('hoid_status', args.namespace) as node:
-        subscription = node.create_subscription(
-            SlamStatusMsg, topics.SLAM_STATUS, received.append, qos.LATCHED
+        subscriptions = (
+            node.create_subscription(
+                SlamStatusMsg, topics.SLAM_STATUS, statuses.append, qos.LATCHED
+            ),
+            node.create_subscription(
+                DiagnosticArray, topics.DIAGNOSTICS, reports.append, qos.OUTPUT
+            ),
         )
+        prefix = node.resolve_topic_name('x').removesuffix('x')
         executor = SteadyExecutor()
         executor.add_node(node)
         end_s = time.monotonic() + args.wait
-        while not received and time.monotonic() < end_s:
+        while not _messages_by_node(reports, prefix) and time.monotonic() < end_s:
             executor.spin_once(timeout_sec=0.1)
-        if not received:
-            raise InputError(
-                f'topic "{subscription.topic_name}": no status in {args.wait:g} s: start '
-                '"./hoid nodes", and give its --namespace if it has one'
-            )
-        first = slam_status_from_msg(received[0])
-        start_s, end_s = time.monotonic(), time.monotonic() + _MEASURED_S
-        while time.monotonic() < end_s:
+        num_before, start_s = len(statuses), time.monotonic()
+        while time.monotonic() < start_s + _MEASURED_S:
             executor.spin_once(timeout_sec=0.1)
-        last = slam_status_from_msg(received[-1])
-        num_images = last.frames_processed - first.frames_processed
-        rate_hz = num_images / (time.monotonic() - start_s)
-        sys.stdout.write(f'{status_report(last, rate_hz)}\n')
+        nodes = _messages_by_node(reports, prefix)
+        if not nodes:
+            raise InputError(_nobody(node.get_node_names_and_namespaces(), prefix, args.wait))
+        rate_hz = (len(statuses) - max(num_before, 1)) / _MEASURED_S
+        last = slam_status_from_msg(statuses[-1]) if statuses else None
+        sys.stdout.write(f'{status_report(nodes, last, rate_hz)}\n')
+        for subscription in subscriptions:
+            node.destroy_subscription(subscription)
 
 
-def status_report(status: SlamStatus, rate_hz: float) -> str:
-    """Return the state of the SLAM node as lines of text.
+def _messages_by_node(reports: Sequence[DiagnosticArray], prefix: str) -> dict[str, str]:
+    """Return the last message of each node of the suite in a namespace, by the node's name."""
+    return {
+        status.name.removeprefix(prefix): status.message
+        for report in reports
+        for status in report.status
+        if status.name.startswith(prefix) and status.name.removeprefix(prefix) in _NODES
+    }
+
+
+def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str:
+    """Return an error text: no node of the suite reports in a namespace.
 
     Args:
-        status: The last status.
+        names: Name and namespace of each node of the graph.
+        prefix: The namespace, with slashes around.
+        wait_s: For how long reports were awaited.
+    """
+    domain = os.environ.get('ROS_DOMAIN_ID', '0')
+    where = sorted({space for name, space in names if name in _NODES})
+    text = f'no node of the suite reports in namespace {prefix} of ROS domain {domain}'
+    if others := ', '.join(space for space in where if f'{space.rstrip("/")}/' != prefix):
+        return f'{text}, but there are some in {others}: give that as --namespace'
+    return f'{text} in {wait_s:g} s: start "./hoid nodes"'
+
+
+def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: float) -> str:
+    """Return the nodes and the state of the SLAM node as lines of text.
+
+    Args:
+        nodes: What each node reports in its diagnostics, by its name.
+        status: The last status; None: the SLAM node has sent none yet.
         rate_hz: Measured rate of processed images in Hz.
     """
+    lines = [
+        f'{"" if n else "nodes":7s} {name}: {text}' for n, (name, text) in enumerate(nodes.items())
+    ]
+    if any('no publisher' in text for text in nodes.values()):
+        lines.append(
+            'to do   start the camera driver or play a bag; if its topics have other names, '
+            'restart "./hoid nodes" with --camera'
+        )
+    elif any(', silent' in text or 'requests' in text for text in nodes.values()):
+        lines.append('to do   see docs/howto/nothing_is_tracked.md')
+    if status is None:
+        return '\n'.join([*lines, 'state   no image was processed yet'])
     s = status
-    state = s.state.name.lower().replace('_', ' ')
-    lines = [f'state   {state}, {s.mode.name.lower()}' + (f': {s.message}' if s.message else '')]
+    state = f'{s.state.name.lower().replace("_", " ")}, {s.mode.name.lower()}'
+    if rate_hz <= 0 and s.state is not SlamState.PAUSED:
+        state = f'no image arrives; before that: {state}'
+    lines.append(f'state   {state}' + (f': {s.message}' if s.message else ''))
     times_ms = ''.join(f', {name} {ms:.1f} ms' for name, ms in s.stage_ms.items())
-    lines.append(f'images  {s.frames_processed} processed, {s.frames_dropped} missing')
+    lines.append(
+        f'images  {s.frames_processed} processed, {s.frames_dropped} missing (by gaps between the '
+        'stamps of those received)'
+    )
     if rate_hz > 0:
         lines.append(f'now     {rate_hz:.1f} images per second{times_ms}')
-    elif s.state is not SlamState.PAUSED:
-        lines.append('now     no image arrives: see docs/howto/nothing_is_tracked.md')
     lines.append(f'pose    {s.inliers} of {s.tracked_points} matched map points agree with it')
     lines.append(
         f'map     {s.keyframes} keyframes, {s.map_points} points, {s.loops} loops'

@@ -6,8 +6,8 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from hoid_common.topics import IMU, NAMESPACED_TF
 
 _TICK_S = 0.05  # chosen: longest delay until the end of a node is noticed
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
+_PROGRESS = re.compile(r'\]: tracking, |\[DEBUG\]')
 _ALL = (DETECTOR, FILTER, SLAM)
 
 
@@ -108,7 +109,13 @@ def nodes_command(args: argparse.Namespace) -> None:
     specs = node_specs(without_detector(node_options(args)))
     try:
         with suppress(KeyboardInterrupt):
-            _supervise(Supervisor(specs, restart=args.restart, log_dir=args.log_dir))
+            where = '' if args.log_dir is None else f', with their logs in {args.log_dir}'
+            _say(f'starting {", ".join(spec.name for spec in specs)}{where}; Ctrl-C ends them')
+            supervisor = Supervisor(specs, restart=args.restart, log_dir=args.log_dir)
+            try:
+                _supervise(supervisor)
+            finally:
+                _show_logs(supervisor)
     finally:
         clean_shared_memory()
 
@@ -120,16 +127,38 @@ def _supervise(supervisor: Supervisor) -> None:
         InputError: A node refused its first start, a node ended without `--restart`, or the log
             folder cannot be written.
     """
-    with supervisor:
+    with supervisor, _saying_the_end():
         while True:
+            _show_logs(supervisor)
             for ended in supervisor.poll():
                 if ended.restart_s is None:
                     raise InputError(f'{ended}; see its last lines of output')
                 what = 'restarting it'
                 if ended.refused_to_start:
                     what = f'the other nodes run on; trying again in {ended.restart_s:.0f} s'
-                sys.stderr.write(f'hoid nodes: {ended}; {what}\n')
+                _say(f'{ended}; {what}')
             time.sleep(_TICK_S)
+
+
+@contextmanager
+def _saying_the_end() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        _say('ending the nodes, which keep their map')
+        raise
+
+
+def _show_logs(supervisor: Supervisor) -> None:
+    """Print what the nodes have written to log files, without reports of progress."""
+    for line in supervisor.new_log_lines():
+        if not _PROGRESS.search(line):
+            sys.stderr.write(f'{line}\n')
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f'hoid nodes: {text}\n')
+    sys.stderr.flush()
 
 
 def node_options(args: argparse.Namespace) -> NodeOptions:
@@ -209,7 +238,7 @@ def without_detector(options: NodeOptions) -> NodeOptions:
     whole_suite = DETECTOR in options.nodes and FILTER in options.nodes
     if not whole_suite or given & {(DETECTOR, 'model'), (FILTER, 'strategy')} or has_model():
         return options
-    sys.stderr.write(f'hoid nodes: {NO_DETECTOR}\n')
+    _say(NO_DETECTOR)
     filter_parameters = {**options.parameters[FILTER], 'strategy': MOTION}
     return replace(
         options,

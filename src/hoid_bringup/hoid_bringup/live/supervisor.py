@@ -107,6 +107,7 @@ class Supervisor:
         self._pauses_s: dict[str, float] = {}  # pause after the next refusal, which then doubles
         self._has_run: set[str] = set()  # children of which a start succeeded
         self._peak_rss_mb: dict[str, float] = {}
+        self._read_bytes: dict[str, int] = {}  # of each log file, up to which it has been read
         self._next_measurement_s = 0.0  # monotonic
 
     def __enter__(self) -> Self:
@@ -132,6 +133,17 @@ class Supervisor:
         It includes the descendants of a child.
         """
         return dict(self._peak_rss_mb)
+
+    def new_log_lines(self) -> list[str]:
+        """Return the lines that the children have written to log files since the last call."""
+        lines: list[str] = []
+        for name, first in self._read_bytes.items():
+            with contextlib.suppress(OSError), self._log_path(name).open('rb') as log:
+                log.seek(first)
+                complete, end, _ = log.read().rpartition(b'\n')
+                self._read_bytes[name] += len(complete + end)
+                lines += complete.decode(errors='replace').splitlines()
+        return lines
 
     def cpu_s(self) -> dict[str, float]:
         """Return the processor time [s] by running child, including its running descendants."""
@@ -238,9 +250,14 @@ class Supervisor:
             return contextlib.nullcontext()
         try:
             self._log_dir.mkdir(parents=True, exist_ok=True)
-            return (self._log_dir / f'{name}.log').open('ab')
+            log = self._log_path(name).open('ab')
+            self._read_bytes.setdefault(name, log.tell())
+            return log
         except OSError as error:
             raise write_error(self._log_dir, error) from error
+
+    def _log_path(self, name: str) -> Path:
+        return (self._log_dir or Path()) / f'{name}.log'
 
     def _signal_all(self, sign: signal.Signals) -> None:
         for pid in self.pids.values():

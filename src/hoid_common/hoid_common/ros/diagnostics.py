@@ -93,6 +93,11 @@ class Diagnostics:
         self._watches.append(watch)
         return watch
 
+    @property
+    def awaited(self) -> str:
+        """Return the inputs that the node cannot do without, with their topics, in one line."""
+        return ', '.join(f'{w.what} on {w.topic}' for w in self._watches if not w.is_occasional)
+
     def count(self, name: str, number: int = 1) -> None:
         """Add a number to a counter, which begins at 0 and is published with the status."""
         self._counts[name] += number

@@ -87,6 +87,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Start processing messages, and call the functions in `on_activation`."""
         self.is_active = True
+        self.get_logger().info(f'active, waiting for {self.diagnostics.awaited}')
         for function in self.on_activation:
             function()
         return TransitionCallbackReturn.SUCCESS
