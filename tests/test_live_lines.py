@@ -71,7 +71,7 @@ def drive(probe: Probe) -> int:
     assert 'state   no image arrives; before that: tracking, mapping' in text
     assert re.search(r'rgbd_slam: no features for [\d.]+ s on /features', text)
     assert 'images  30 processed, 0 missing (by gaps between the stamps' in text
-    return camera.status[-1].keyframes
+    return int(camera.status[-1].keyframes)
 
 
 @pytest.mark.usefixtures('domain_id')

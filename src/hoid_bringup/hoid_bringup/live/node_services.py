@@ -113,31 +113,23 @@ def status_command(args: argparse.Namespace) -> None:
     statuses: list[SlamStatusMsg] = []
     reports: list[DiagnosticArray] = []
     with ros_session('hoid_status', args.namespace) as node:
-        subscriptions = (
-            node.create_subscription(
-                SlamStatusMsg, topics.SLAM_STATUS, statuses.append, qos.LATCHED
-            ),
-            node.create_subscription(
-                DiagnosticArray, topics.DIAGNOSTICS, reports.append, qos.OUTPUT
-            ),
-        )
+        node.create_subscription(SlamStatusMsg, topics.SLAM_STATUS, statuses.append, qos.LATCHED)
+        node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS, reports.append, qos.OUTPUT)
         prefix = node.resolve_topic_name('x').removesuffix('x')
         executor = SteadyExecutor()
         executor.add_node(node)
         end_s = time.monotonic() + args.wait
         while not _messages_by_node(reports, prefix) and time.monotonic() < end_s:
             executor.spin_once(timeout_sec=0.1)
-        num_before, start_s = len(statuses), time.monotonic()
-        while time.monotonic() < start_s + _MEASURED_S:
+        num_before, end_s = len(statuses), time.monotonic() + _MEASURED_S
+        while time.monotonic() < end_s:
             executor.spin_once(timeout_sec=0.1)
         nodes = _messages_by_node(reports, prefix)
         if not nodes:
             raise InputError(_nobody(node.get_node_names_and_namespaces(), prefix, args.wait))
-        rate_hz = (len(statuses) - max(num_before, 1)) / _MEASURED_S
-        last = slam_status_from_msg(statuses[-1]) if statuses else None
-        sys.stdout.write(f'{status_report(nodes, last, rate_hz)}\n')
-        for subscription in subscriptions:
-            node.destroy_subscription(subscription)
+    rate_hz = (len(statuses) - max(num_before, 1)) / _MEASURED_S
+    last = slam_status_from_msg(statuses[-1]) if statuses else None
+    sys.stdout.write(f'{status_report(nodes, last, rate_hz)}\n')
 
 
 def _messages_by_node(reports: Sequence[DiagnosticArray], prefix: str) -> dict[str, str]:
@@ -184,13 +176,17 @@ def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: 
         )
     elif any(', silent' in text or 'requests' in text for text in nodes.values()):
         lines.append('to do   see docs/howto/nothing_is_tracked.md')
+    return '\n'.join([*lines, *_slam_lines(status, rate_hz)])
+
+
+def _slam_lines(status: SlamStatus | None, rate_hz: float) -> list[str]:
     if status is None:
-        return '\n'.join([*lines, 'state   no image was processed yet'])
+        return ['state   no image was processed yet']
     s = status
     state = f'{s.state.name.lower().replace("_", " ")}, {s.mode.name.lower()}'
     if rate_hz <= 0 and s.state is not SlamState.PAUSED:
         state = f'no image arrives; before that: {state}'
-    lines.append(f'state   {state}' + (f': {s.message}' if s.message else ''))
+    lines = [f'state   {state}' + (f': {s.message}' if s.message else '')]
     times_ms = ''.join(f', {name} {ms:.1f} ms' for name, ms in s.stage_ms.items())
     lines.append(
         f'images  {s.frames_processed} processed, {s.frames_dropped} missing (by gaps between the '
@@ -203,7 +199,7 @@ def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: 
         f'map     {s.keyframes} keyframes, {s.map_points} points, {s.loops} loops'
         + (f', {s.maps} maps that are not merged yet' if s.maps > 1 else '')
     )
-    return '\n'.join(lines)
+    return lines
 
 
 def _call(args: argparse.Namespace, kind: type[Any], service: str, request: Any) -> None:
