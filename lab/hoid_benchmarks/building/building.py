@@ -11,6 +11,7 @@ from hoid_benchmarks.building.large_map import large_maps
 from hoid_benchmarks.building.merge import SIZE as MERGED
 from hoid_benchmarks.building.merge import merge
 from hoid_benchmarks.building.report import Outcome
+from hoid_benchmarks.building.tours.alike import alike
 from hoid_benchmarks.building.tours.floor import SMALL, floor
 from hoid_benchmarks.building.tours.slow import SIZES as SLOW_SIZES
 from hoid_benchmarks.building.tours.slow import slow
@@ -20,7 +21,7 @@ from hoid_common.errors import InputError
 
 _QUICK_STALL_S = 4.0
 _QUICK_SIZES = (100, 1000)
-SCENARIOS = ('lag', 'growth', 'loop', 'tour', 'slow', 'merge', 'floor')
+SCENARIOS = ('lag', 'growth', 'loop', 'tour', 'alike', 'slow', 'merge', 'floor')
 
 
 def building_report(
@@ -64,6 +65,7 @@ def building_report(
         'growth': lambda: growth(seed, sizes or usual_sizes),
         'loop': lambda: large_maps(seed, sizes or usual_sizes),
         'tour': lambda: tour(seed, num_floors, way_m),
+        'alike': lambda: alike(seed),
         'slow': lambda: slow(seed, sizes or (_QUICK_SIZES if quick else SLOW_SIZES)),
         'merge': lambda: merge(seed, (sizes or usual_merge)[0]),
         'floor': lambda: floor(seed, num_rooms, out.parent.absolute() / 'sequences', out),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,7 +64,7 @@ def test_maps_of_one_place_are_joined(
     out = tmp_path / 'new' / 'folder' / 'joined.hoidmap'
     assert main(['map', 'merge', maps[0], maps[0], '--out', str(out)]) == 0
     first = capsys.readouterr().out.splitlines()[0]
-    assert first.startswith(f'{maps[0]}: joined at a place of ')
+    assert first.startswith(f'{maps[0]}: joined with {maps[0]}')
     joined, single = map_file.load(out).map, map_file.load(Path(maps[0])).map
     assert len(joined) == 2 * len(single)
     assert (joined.map_id == 0).all()
@@ -79,6 +80,20 @@ def test_maps_of_different_places_are_not_joined(
     assert f'{maps[1]}: not joined' in printed.out
     assert 'nothing is written' in printed.err
     assert not out.parent.exists()
+
+
+def test_a_pair_that_must_stay_apart_is_not_joined(
+    maps: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy, out = tmp_path / 'copy.hoidmap', str(tmp_path / 'joined.hoidmap')
+    shutil.copy(maps[0], copy)
+    pair = [maps[0], str(copy)]
+    assert main(['map', 'merge', *pair, '--out', out, '--apart', *pair]) == 1
+    assert f'{copy}: not joined' in capsys.readouterr().out
+    assert main(['map', 'merge', *pair, '--out', out, '--join', *pair]) == 0
+    assert '% of the points that are expected there' in capsys.readouterr().out
+    assert main(['map', 'merge', *pair, '--out', out, '--join', maps[0], maps[1]]) == 1
+    assert '--join and --apart take two of the maps' in capsys.readouterr().err
 
 
 def test_a_merge_without_output_is_refused(

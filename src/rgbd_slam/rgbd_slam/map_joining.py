@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,8 @@ from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
+from rgbd_slam.loops.loop_closer import Join, LoopCloser
+from rgbd_slam.loops.map_fit import MapFit, map_fits
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_state import restore, snapshot
@@ -25,23 +26,24 @@ _LINK_EVERY = 10
 
 
 class MapJoin(NamedTuple):
-    """The links by which one map was joined with the other maps."""
+    """What became of one map: the maps that it was joined with, and the evidence."""
 
-    # Recognized places of the other maps; the first one joined the maps. Without any link, the map
-    # shows none of their places and is not joined.
+    joined_with: tuple[int, ...]  # numbers of the maps that it is one map with now, by any places
+    fits: tuple[MapFit, ...]  # to the other maps whose places its keyframes show, joined or not
+    # Recognized places after its first join; they show how well the maps agree.
     links: tuple[Join, ...]
 
     @property
     def is_joined(self) -> bool:
         """Return whether the map was joined with another one."""
-        return bool(self.links)
+        return bool(self.joined_with)
 
     @property
     def disagreement_m(self) -> float | None:
-        """Return the median distance [m] of the later links from the joined map.
+        """Return the median distance [m] of the links from the joined map.
 
         It is the distance between a keyframe's pose in the map and its pose by the link. None is
-        returned if there are no later links.
+        returned if there are no links.
         """
         distances = [link.correction[0] for link in self.links if link.correction is not None]
         return float(np.median(distances)) if distances else None
@@ -58,12 +60,23 @@ class JoinedMaps(NamedTuple):
     keeps_dense: tuple[bool, ...]
 
 
-def join_maps(contents: Sequence[MapFile], config: SlamConfig) -> JoinedMaps:
+def join_maps(
+    contents: Sequence[MapFile],
+    config: SlamConfig,
+    *,
+    same: Collection[tuple[int, int]] = (),
+    apart: Collection[tuple[int, int]] = (),
+) -> JoinedMaps:
     """Join saved maps; the result is in the map frame of the first one.
+
+    Two maps are joined if several places fit, and if hardly any of the points expected there are
+    missing (`MapFit.doubt`).
 
     Args:
         contents: At least two maps; their cameras may differ.
         config: Parameters of the core.
+        same: Numbers of pairs of maps that show the same places: one place is enough for these.
+        apart: Numbers of pairs of maps that are never joined.
 
     Raises:
         MapFileError: The maps differ in the number or the scale of the octaves of their features.
@@ -72,18 +85,96 @@ def join_maps(contents: Sequence[MapFile], config: SlamConfig) -> JoinedMaps:
     octaves = first.scale_factor, first.num_octaves
     camera = StereoCamera.from_model(first.camera, config.camera)
     atlas = Atlas(*octaves)
-    rows: list[IntArray] = []
-    # Of two maps that are joined, the one that was restored later keeps its frame.
-    for content in reversed(contents):
-        state = content.seen_by(first.camera, *octaves, extend=False).map
-        rows.append(restore(atlas, state, camera, keep=bool(rows)))
-    rows.reverse()
-    closer = LoopCloser(atlas, camera, config)
-    joins = [MapJoin(tuple(_links(atlas, closer, own))) for own in rows[1:]]
-    dense, keeps_dense = _joined_dense(contents, [atlas.keyframes.uid[own] for own in rows])
-    objects = _joined_objects(contents, [atlas.keyframes.uid[own] for own in rows], atlas)
+    rows = list(_restored(atlas, camera, contents))[::-1]
+    joiner = _Joiner(atlas, LoopCloser(atlas, camera, config), rows, same, apart)
+    found = [joiner.join(n) for n in range(1, len(rows))]
+    joins = [join._replace(joined_with=joiner.group(n)) for n, join in enumerate(found, 1)]
+    uids = [atlas.keyframes.uid[own] for own in rows]
+    dense, keeps_dense = _joined_dense(contents, uids)
+    objects = _joined_objects(contents, uids, atlas)
     content = MapFile(first.camera, *octaves, snapshot(atlas), dense, objects)
     return JoinedMaps(content, tuple(joins), keeps_dense)
+
+
+def _restored(
+    atlas: Atlas, camera: StereoCamera, contents: Sequence[MapFile]
+) -> Iterator[IntArray]:
+    """Load the maps, the last one first, and yield the (K,) rows of the keyframes of each.
+
+    Of two maps that are joined, the one that was restored later keeps its frame.
+    """
+    first = contents[0]
+    for n, content in enumerate(reversed(contents)):
+        seen = content.seen_by(first.camera, first.scale_factor, first.num_octaves, extend=False)
+        yield restore(atlas, seen.map, camera, keep=n > 0)
+
+
+class _Joiner:
+    """Joins the maps in an atlas; see `join_maps`.
+
+    Args:
+        atlas: The maps.
+        closer: Finds places and joins maps.
+        rows: The (K,) rows of the keyframes of each map.
+        same: Pairs of maps that show the same places.
+        apart: Pairs of maps that are never joined.
+    """
+
+    def __init__(
+        self,
+        atlas: Atlas,
+        closer: LoopCloser,
+        rows: Sequence[IntArray],
+        same: Collection[tuple[int, int]],
+        apart: Collection[tuple[int, int]],
+    ) -> None:
+        self._map_id, self._closer, self._rows = atlas.keyframes.map_id, closer, rows
+        self._atlas = atlas
+        self._same, self._apart = same, apart
+
+    def group(self, n: int) -> tuple[int, ...]:
+        """Return the numbers of the other maps that are one map with map `n` by now."""
+        return tuple(m for m in self._maps(self._map_id[self._rows[n]]) if m != n)
+
+    def join(self, n: int) -> MapJoin:
+        """Join map `n` with all others that it fits to; `joined_with` is still empty."""
+        own, numbers = self._rows[n], range(len(self._rows))
+        group = self._maps(self._map_id[own])
+        excluded = [m for m in numbers if m in group or self._is_forbidden(n, m)]
+        fits = map_fits(
+            self._atlas, self._closer, own, np.concatenate([self._rows[m] for m in excluded])
+        )
+        links: list[Join] = []
+        for fit in fits:
+            others = self._maps(self._map_id[[fit.place.keyframe]])
+            is_told = any({n, m} == {*pair} for m in others for pair in self._same)
+            if (is_told or not fit.doubt) and not self._is_forbidden(n, min(others)):
+                self._closer.close_at(fit.i, fit.place)
+                links += self._links(own)
+        return MapJoin((), tuple(fits), tuple(links))
+
+    def _maps(self, map_ids: IntArray) -> set[int]:
+        """Return the numbers of the maps of which a part has one of the ids (N,) by now."""
+        return {
+            m for m, rows in enumerate(self._rows) if np.isin(self._map_id[rows], map_ids).any()
+        }
+
+    def _is_forbidden(self, n: int, m: int) -> bool:
+        """Return whether two maps that must stay apart would be one if `n` and `m` were joined."""
+        both = self._maps(self._map_id[np.concatenate([self._rows[n], self._rows[m]])])
+        return any(both.issuperset(pair) for pair in self._apart)
+
+    def _links(self, own: IntArray) -> Iterator[Join]:
+        """Close loops at every tenth keyframe of a joined map, and yield those to other maps."""
+        uids = set(self._atlas.keyframes.uid[own].tolist())
+        for i in own[::_LINK_EVERY].tolist():
+            place = self._closer.find(i, np.flatnonzero(self._map_id != self._map_id[i]))
+            if place is None:
+                continue
+            self._closer.close_at(i, place)
+            join = self._closer.last_join
+            if join is not None and join.place_uid not in uids:
+                yield join
 
 
 def _joined_dense(
@@ -126,32 +217,3 @@ def _joined_objects(
             objects.load(content.objects, own)
     objects.join()
     return objects.export(keyframes.uids) if len(objects) else None
-
-
-def _links(atlas: Atlas, closer: LoopCloser, rows: IntArray) -> Iterator[Join]:
-    """Join the map of keyframes (K,) with others, and yield the places that link them.
-
-    Nothing is yielded if no keyframe shows a place of another map.
-    """
-    own = set(atlas.keyframes.uid[rows].tolist())
-    first = next((i for i in _spread(rows) if closer.process(i) is LoopEvent.MERGED), None)
-    if first is None:
-        return
-    assert closer.last_join is not None
-    yield closer.last_join
-    for i in rows[::_LINK_EVERY].tolist():
-        closer.process(i)
-        if closer.last_join is not None and closer.last_join.place_uid not in own:
-            yield closer.last_join
-
-
-def _spread(rows: IntArray) -> Iterator[int]:
-    """Yield all rows once: first a few that are spread evenly, then those between them."""
-    step = 1 << max(len(rows) - 1, 0).bit_length()
-    seen: set[int] = set()
-    while step >= 1:
-        for i in rows[::step].tolist():
-            if i not in seen:
-                seen.add(i)
-                yield i
-        step //= 2

@@ -79,8 +79,11 @@ class Cell:
     key: CellKey
     low_m: FloatArray  # (3,)
     high_m: FloatArray  # (3,)
-    # Rooms with the same number look almost alike. None: the cell looks like no other.
-    template: int | None = None
+    # Cells with the same numbers look almost alike. None: the cell looks like no other.
+    template: tuple[int, ...] | None = None
+    # Landmarks of its own that a cell with a template has in addition, per landmark of this.
+    own_share: float = 0.15
+    period_m: float | None = None  # distance after which a corridor along x looks the same again
     neighbors: list[tuple[CellKey, Opening]] = field(default_factory=list)
 
     @property
@@ -105,6 +108,9 @@ class Building:
         seed: Determines which rooms look alike, and the landmarks.
         alike_share: Share of the rooms that look like others.
         num_templates: Number of different looks of those rooms.
+        floors_alike: Landmarks of its own that each floor has in addition to those that all floors
+            have in common, per common landmark; None: the floors have nothing in common.
+        period_m: Distance after which corridors along x look the same again; None: nowhere.
     """
 
     def __init__(
@@ -117,6 +123,8 @@ class Building:
         seed: int = 0,
         alike_share: float = 0.3,
         num_templates: int = 2,
+        floors_alike: float | None = None,
+        period_m: float | None = None,
     ) -> None:
         self.columns, self.rows, self.floors = columns, rows, floors
         self.block_m = block_m
@@ -126,6 +134,12 @@ class Building:
         for floor in range(floors):
             self._add_corridors(floor)
             self._add_rooms(floor, alike_share, num_templates, rng)
+        for cell in self.cells.values():
+            if floors_alike is not None:
+                cell.template = tuple(cell.key._replace(floor=0))
+                cell.own_share = floors_alike
+            if cell.key.kind is CellKind.CORRIDOR_X:
+                cell.period_m = period_m
         for floor in range(floors - 1):
             self._add_stairs(floor)
 
@@ -183,7 +197,7 @@ class Building:
             y = r * self.block_m[1] + half + north * depth_m
             cell = self._add(key, (x, y), (x + width_m, y + depth_m))
             if rng.random() < alike_share:
-                cell.template = int(rng.integers(num_templates))
+                cell.template = (int(rng.integers(num_templates)),)
             middle, door_y = float(cell.center_m[0]), (cell.low_m, cell.high_m)[north][1]
             door = Opening(
                 1,

@@ -23,7 +23,6 @@ _POSTER_SIGMA_M = 0.3
 # Distance up to which a landmark can be detected: the least, and the most.
 _MIN_RANGE_M, _MAX_RANGE_M = 1.2, 20.0
 _BOXES_PER_ROOM = 3
-_OWN_SHARE = 0.15  # of the landmarks of a look-alike room that its twins do not have
 _CACHED_CELLS = 40
 _ON_WALL_M = 1e-3
 _LANDMARKS_SEED, _TEMPLATE_SEED = 7, 11
@@ -83,9 +82,11 @@ class LandmarkStore:
         size_m = cell.high_m - cell.low_m
         is_room = cell.key.kind is CellKind.ROOM
         surface = _surface(rng, size_m, is_room)
+        if cell.period_m is not None:
+            surface = _repeated(surface, cell.period_m, float(size_m[0]))
         if cell.template is not None:
-            common = np.random.default_rng([seed, _TEMPLATE_SEED, cell.template])
-            own = rng.random(len(surface.max_range_m)) < _OWN_SHARE
+            common = np.random.default_rng([seed, _TEMPLATE_SEED, *cell.template])
+            own = rng.random(len(surface.max_range_m)) < cell.own_share
             surface = _joined(_surface(common, size_m, is_room), surface, own)
         position_m, normal = surface.position_m, surface.normal
         if cell.key.north:  # turned by 180 degrees, because its door is in the northern wall
@@ -108,6 +109,19 @@ def _joined(a: _Surface, b: _Surface, of_b: object) -> _Surface:
     return _Surface(
         *(np.concatenate([getattr(a, f.name), getattr(b, f.name)[of_b]]) for f in fields(_Surface))
     )
+
+
+def _repeated(surface: _Surface, period_m: float, length_m: float) -> _Surface:
+    """Return the first period of a surface along x over and over, without walls across it."""
+    first = (surface.position_m[:, 0] < period_m) & (surface.normal[:, 0] == 0)
+    count = int(np.ceil(length_m / period_m))
+    copies = _Surface(
+        *(np.concatenate([getattr(surface, f.name)[first]] * count) for f in fields(_Surface))
+    )
+    start_m = np.repeat(np.arange(count, dtype=np.float32) * np.float32(period_m), first.sum())
+    copies.position_m[:, 0] += start_m
+    inside = copies.position_m[:, 0] < length_m
+    return _Surface(*(getattr(copies, f.name)[inside] for f in fields(_Surface)))
 
 
 def _surface(rng: np.random.Generator, size_m: FloatArray, is_furnished: bool) -> _Surface:

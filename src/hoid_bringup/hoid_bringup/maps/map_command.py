@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,19 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('maps', type=Path, nargs='+', metavar='FILE', help=f'saved {SUFFIX} files')
     parser.add_argument('--out', type=Path, metavar='FILE', help='merge: file of the joined map')
+    for option, text in (
+        ('--join', 'merge: these two show the same places: one place that fits is enough'),
+        ('--apart', 'merge: never join these two, even if they look the same'),
+    ):
+        parser.add_argument(
+            option,
+            type=Path,
+            nargs=2,
+            action='append',
+            default=[],
+            metavar='FILE',
+            help=f'{text}; can be repeated',
+        )
 
 
 def map_command(args: argparse.Namespace) -> None:
@@ -53,9 +66,10 @@ def map_command(args: argparse.Namespace) -> None:
         raise ConfigError('merge needs at least two maps, and --out for the joined one')
     check_writable(args.out.parent)
     contents = [checkpoint_folder.load_map(path) for path in args.maps]
-    joined = join_maps(contents, SlamConfig())
+    same, apart = _numbers(args.join, args.maps), _numbers(args.apart, args.maps)
+    joined = join_maps(contents, SlamConfig(), same=same, apart=apart)
     for path, join in zip(args.maps[1:], joined.joins, strict=True):
-        _print(_joined(path, join))
+        _print(*_joined(path, join, args.maps))
     for path, keeps_dense in zip(args.maps, joined.keeps_dense, strict=True):
         if not keeps_dense:
             _print(f'{path}: its dense map is left out: {_OTHER_VOXELS}')
@@ -94,15 +108,41 @@ def _described(path: Path, content: MapFile) -> Sequence[str]:
     return lines
 
 
-def _joined(path: Path, join: MapJoin) -> str:
-    """Return the line of `map merge` that says whether and where a map was joined."""
-    if not join.is_joined:
-        return f'{path}: not joined, as none of its keyframes shows a place of another map'
-    first = join.links[0]
-    line = f'{path}: joined at a place of {first.num_points} points'
-    if join.disagreement_m is None:
-        return line
-    return (
-        f'{line}; {len(join.links) - 1} more places agree within '
-        f'{1e3 * join.disagreement_m:.0f} mm in the median'
-    )
+def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tuple[int, int]]:
+    """Return the numbers of the maps of each pair.
+
+    Raises:
+        ConfigError: A map of a pair is not among the maps, or a pair has one map twice.
+    """
+    for pair in pairs:
+        for path in pair:
+            if path not in maps:
+                raise ConfigError(f'{path}: --join and --apart take two of the maps to be merged')
+        if pair[0] == pair[1]:
+            raise ConfigError(f'{pair[0]}: --join and --apart take two different maps')
+    return [(maps.index(one), maps.index(other)) for one, other in pairs]
+
+
+def _joined(path: Path, join: MapJoin, maps: Sequence[Path]) -> Iterator[str]:
+    """Yield the lines of `map merge` about one map: what it was joined with, and by what."""
+    names = ', '.join(str(maps[n]) for n in join.joined_with)
+    line = f'{path}: joined with {names}' if names else f'{path}: not joined'
+    if not names and not join.fits:
+        line += ', as none of its keyframes shows a place of another map'
+    if join.disagreement_m is not None:
+        line += (
+            f'; {len(join.links)} places agree within {1e3 * join.disagreement_m:.0f} mm in the '
+            'median'
+        )
+    yield line
+    for fit in join.fits:
+        found = f'{fit.num_places} place(s) with {100 * fit.found_share:.0f} % of the points'
+        if not fit.doubt:
+            yield f'  by {found} that are expected there'
+        elif names:
+            yield f'  {found} fit, though {fit.doubt}'
+        else:
+            yield (
+                f'  {found} fit, but {fit.doubt}: if the places are the same and do not only look '
+                'alike, name the two maps with --join'
+            )

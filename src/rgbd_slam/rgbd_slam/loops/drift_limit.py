@@ -18,7 +18,7 @@ _USUAL_SHARE = 0.005
 _USUAL_RAD_PER_M = np.deg2rad(0.05)  # chosen: the same for the rotation
 # Chosen: places that look alike, such as rooms along a corridor or above each other, are farther
 # apart than this, so that a longer path does not explain such a correction by itself.
-_APART_M = 2.0
+APART_M = 2.0
 
 
 class DriftLimit:
@@ -48,19 +48,18 @@ class DriftLimit:
     def is_usual(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
         """Return whether a drift is usual, compared with the loops closed so far.
 
-        Every drift is usual before three loops with a path of 20 m or more have been closed. After
-        these, a drift of more than 2 m never is.
+        Before three loops with a path of 20 m or more have been closed, only what is usual for
+        every camera is. A drift of more than 2 m never is.
 
         Args:
             path_m: Length of the path.
             turn_rad: Rotation of the drift.
             distance_m: Distance of the drift.
         """
-        if len(self._shares) < _MIN_LOOPS:
-            return True
-        share = max(_USUAL_SHARE, _FACTOR * max(self._shares))
-        rad_per_m = max(_USUAL_RAD_PER_M, _FACTOR * max(self._turns_rad_per_m))
-        max_m = min(self._config.drift_m + share * path_m, _APART_M)
+        factor = _FACTOR if len(self._shares) >= _MIN_LOOPS else 0.0
+        share = max(_USUAL_SHARE, factor * max(self._shares, default=0.0))
+        rad_per_m = max(_USUAL_RAD_PER_M, factor * max(self._turns_rad_per_m, default=0.0))
+        max_m = min(self._config.drift_m + share * path_m, APART_M)
         max_rad = np.deg2rad(self._config.drift_deg) + rad_per_m * path_m
         return bool(distance_m <= max_m and turn_rad <= max_rad)
 

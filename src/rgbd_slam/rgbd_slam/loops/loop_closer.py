@@ -26,9 +26,11 @@ from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.places.geometric_verification import PlaceMatch
+from rgbd_slam.places.place_finder import FoundPlace
 
 _AROUND = 10  # not tuned: neighbors of each of the two keyframes of a loop whose points are fused
 _NO_MAP = -1
+_NOTHING = np.empty(0, np.int64)
 # Chosen: largest number of keyframes whose poses are corrected around a loop with hardly any
 # drift. No recording of a room has as many; in a building, the limit keeps the time of such a loop
 # independent of the size of the map.
@@ -61,6 +63,7 @@ class Join(NamedTuple):
     # Distance [m] and rotation [rad] between the keyframe's pose in the map before the correction
     # and its pose by the recognized place; None between two maps, whose relative pose was unknown.
     correction: tuple[float, float] | None
+    found_share: float  # share of the map points expected at the place that were found
 
     def __str__(self) -> str:
         ago_s = S_PER_NS * (self.stamp_ns - self.place_stamp_ns)
@@ -122,10 +125,21 @@ class LoopCloser:
         self.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
         self.last_join = None
-        found = self._detector.detect(i) if self._config.enabled else None
-        if found is None:
-            return LoopEvent.NOTHING
-        c, match = found
+        found = self.find(i) if self._config.enabled else None
+        return LoopEvent.NOTHING if found is None else self.close_at(i, found)
+
+    def find(self, i: int, excluded: IntArray | None = None) -> FoundPlace | None:
+        """Return the known place that the keyframe in row `i` shows; None if there is none.
+
+        Args:
+            i: Row of the keyframe.
+            excluded: (N,) rows of keyframes whose places are not searched; None: none.
+        """
+        return self._detector.detect(i, _NOTHING if excluded is None else excluded)
+
+    def close_at(self, i: int, place: FoundPlace) -> LoopEvent:
+        """Correct the map by a place that `find` has found; store the join in `last_join`."""
+        c, match, found_share = place
         keyframes, correction = self._atlas.keyframes, None
         stamp_ns, place_stamp_ns = keyframes.stamp_ns[[i, c]].tolist()
         place_uid = int(keyframes.uid[c])
@@ -136,9 +150,8 @@ class LoopCloser:
             event = self._close(i, c, match, T_c_i)
         else:
             event = self._merge(i, c, T_c_i)
-        self.last_join = Join(
-            event, stamp_ns, place_stamp_ns, T_c_i, place_uid, len(match.k), correction
-        )
+        evidence = len(match.k), correction, found_share
+        self.last_join = Join(event, stamp_ns, place_stamp_ns, T_c_i, place_uid, *evidence)
         _logger.info('%s', self.last_join)
         return event
 

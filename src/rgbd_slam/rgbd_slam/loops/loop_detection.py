@@ -15,9 +15,9 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.drift_limit import DriftLimit
+from rgbd_slam.loops.drift_limit import APART_M, DriftLimit
 from rgbd_slam.loops.essential_graph import path_length_m
-from rgbd_slam.loops.surroundings import Surroundings
+from rgbd_slam.loops.surroundings import Present, Surroundings
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
@@ -39,6 +39,7 @@ _RECENT = 10
 # compared.
 _FAR_M = 0.5
 _FAR_RAD = 0.5
+_NOTHING = np.empty(0, np.int64)
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
@@ -61,26 +62,34 @@ class LoopDetector:
         self._drift = DriftLimit(self._config)
         self._detections: list[_Detection] = []
 
-    def detect(self, i: int) -> FoundPlace | None:
+    def detect(self, i: int, excluded: IntArray = _NOTHING) -> FoundPlace | None:
         """Return the confirmed place that the keyframe in row `i` shows again, or None.
 
         The place is outside the neighborhood of the keyframe, or in another map. Places that are
         verified but not confirmed are remembered, so that later keyframes may confirm them; they
         are all forgotten once a place is confirmed. The drift of a confirmed loop within a map is
         remembered as well.
+
+        Args:
+            i: Row of the keyframe.
+            excluded: (N,) rows of other keyframes whose places are not searched.
         """
         keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
-        for c in self._finder.candidates(keyframes.descriptors[i, seeing], self._neighborhood(i)):
+        excluded = np.r_[self._neighborhood(i), excluded]
+        for c in self._finder.candidates(keyframes.descriptors[i, seeing], excluded):
             match = self._finder.verifier.verify(keyframes.frame(i), c)
             if match is None or not self._atlas.guard.is_valid(match.T_camera_map, 'places'):
                 continue
             support = self._support_in_time(i, c, match)
             self._remember(i, c, match)
             support += self._support_around(i, c, match)
-            if support >= self._config.min_support and self._is_place(i, c, match):
+            if support < self._config.min_support:
+                continue
+            found_share = self._found_share(i, c, match)
+            if found_share is not None:
                 self._detections = []
-                return FoundPlace(c, match)
+                return FoundPlace(c, match, found_share)
         return None
 
     def index_places(self) -> None:
@@ -164,31 +173,43 @@ class LoopDetector:
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
 
-    def _is_place(self, i: int, c: int, match: PlaceMatch) -> bool:
-        """Return whether the drift and the surroundings allow that `i` shows the place of `c`.
+    def _found_share(self, i: int, c: int, match: PlaceMatch) -> float | None:
+        """Return the share of the expected points that were found; None if `i` is elsewhere.
 
-        `i` and `c` are rows. The drift between different maps is unknown: two maps are merged only
+        None is returned if the drift or the surroundings exclude that `i` shows the place of `c`.
+        The share is that of the surroundings if these were compared, else that of the view. `i`
+        and `c` are rows. The drift between different maps is unknown: two maps are merged only
         if more points are found, and if their surroundings do not differ. Within a map, the
-        surroundings are compared before a keyframe is moved by 0.5 m or turned by 0.5 rad or more.
-        If such a drift is unusual (`DriftLimit.is_usual`), agreeing views must also be farther
-        apart than a room is long. The drift of an accepted loop within a map is added to the drift
+        surroundings are compared before a keyframe is moved by 0.5 m or turned by 0.5 rad or more,
+        and the keyframes must not fit into the map where they are now. If such a drift is unusual
+        (`DriftLimit.is_usual`), the map must also contradict the present poses, and agreeing views
+        must be farther apart than a room is long, unless the correction is smaller than 2 m. Until
+        then, the loop waits. The drift of an accepted loop within a map is added to the drift
         limit.
         """
         keyframes = self._atlas.keyframes
         if keyframes.map_id[i] != keyframes.map_id[c]:
-            has_enough = len(match.k) >= self._config.merge_inliers
-            return has_enough and not self._surroundings.compare(i, c, match).are_others
+            if len(match.k) < self._config.merge_inliers:
+                return None
+            seen = self._surroundings.compare(i, c, match)
+            return None if seen.are_others else seen.found_share
         turn_rad, distance_m = self.correction(i, match)
         path_m = path_length_m(self._atlas, c, i)
         if not self._drift.explains(path_m, turn_rad, distance_m):
-            return False
+            return None
+        found_share = match.found_share
         if distance_m >= _FAR_M or turn_rad >= _FAR_RAD:
             seen = self._surroundings.compare(i, c, match)
-            is_usual = self._drift.is_usual(path_m, turn_rad, distance_m)
-            if seen.are_others or not (is_usual or seen.agree_beyond_a_room):
-                return False
+            present = Present.FITS if seen.are_others else self._surroundings.present(i, c)
+            if present is Present.FITS:
+                return None
+            is_alone = seen.agree_beyond_a_room or distance_m < APART_M
+            is_known = is_alone and present is Present.CONTRADICTED
+            if not (is_known or self._drift.is_usual(path_m, turn_rad, distance_m)):
+                return None
+            found_share = seen.found_share
         self._drift.add(path_m, turn_rad, distance_m)
-        return True
+        return found_share
 
 
 def motion_size(T: FloatArray) -> tuple[float, float]:

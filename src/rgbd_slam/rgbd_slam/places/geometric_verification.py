@@ -33,6 +33,7 @@ from rgbd_slam.places.visibility import detection_probability, visibility
 # Not tuned: factors on the search windows of ORB-SLAM3, in the first search for the error of a
 # RANSAC pose, and in the second search for that of an optimized pose.
 _SEARCH_RADII = (4.0, 2.0)
+_KNOWN_FRAMES = 10  # chosen: their share tells how often a point is found to about 0.1
 _MIN_MATCHES = 10  # not tuned: number of matches below which no pose is optimized
 
 
@@ -43,6 +44,7 @@ class PlaceMatch(NamedTuple):
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
     k: IntArray  # (M,) features of the image that fit the pose
     j: IntArray  # (M,) rows of the map points that they observe
+    found_share: float = 0.0  # found points divided by expected ones; see `PlaceEvidence`
 
     @property
     def T_map_camera(self) -> FloatArray:  # noqa: N802
@@ -65,6 +67,11 @@ class PlaceEvidence(NamedTuple):
     # Share of the points in view that were not found and behind which all depth readings near them
     # lie.
     contradicted_share: float
+    # Number of the observable points that at least 10 frames should have shown, each weighted by
+    # the share of these frames that did; and how many of these points were found. Their ratio is 1
+    # at the same place, while `found_share` may exceed 1.
+    num_known: float
+    num_known_found: int
 
 
 class PlaceVerifier:
@@ -123,7 +130,7 @@ class PlaceVerifier:
         evidence = self._evidence(frame, found.T_camera_map, found.j, points)
         is_same = evidence.found_share >= self._config.min_found_share
         is_same &= evidence.contradicted_share <= self._config.max_contradicted_share
-        return found if is_same else None
+        return found._replace(found_share=min(evidence.found_share, 1.0)) if is_same else None
 
     def compare(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
@@ -181,11 +188,20 @@ class PlaceVerifier:
         depth_m = to_camera(T_camera_map, table.position_m[view.points].T)[2]
         seen = visibility(view.queries.projection_px, depth_m, frame)
         is_found = np.isin(view.points, found)
-        expected = float(detection_probability(table, view.points[seen.observable]).sum())
-        found_share = np.count_nonzero(is_found & seen.observable) / max(expected, 1.0)
+        j, j_found = view.points[seen.observable], is_found[seen.observable]
+        expected = float(detection_probability(table, j).sum())
+        found_share = np.count_nonzero(j_found) / max(expected, 1.0)
+        is_known = table.num_visible[j] >= _KNOWN_FRAMES
+        known = table.num_found[j[is_known]] / table.num_visible[j[is_known]]
         num_contradicted = np.count_nonzero(seen.contradicted & ~is_found)
         contradicted_share = num_contradicted / max(len(view.points), 1)
-        return PlaceEvidence(expected, found_share, contradicted_share)
+        return PlaceEvidence(
+            expected,
+            found_share,
+            contradicted_share,
+            float(known.sum()),
+            int(np.count_nonzero(j_found[is_known])),
+        )
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
         """Match the O observations of a keyframe with the features of a frame, by descriptor.
