@@ -86,6 +86,7 @@ README_TESTS = {
     'make test': 'test_project_files.py: test_make_targets_that_documents_name_exist',
     'make docs': 'test_site.py: test_tables_of_results_sort_by_mouse_and_by_keyboard',
     './hoid run': 'test_documented_commands.py: test_the_command_runs_and_prints_the_shown_output',
+    './hoid synth': 'test_documented_commands.py: test_a_rendered_bag_can_be_run',
     './hoid nodes': 'test_replay_nodes.py: test_ctrl_c_ends_all_nodes_of_a_namespace',
     './hoid status': RUNNING_NODES,
     './hoid save-map': RUNNING_NODES,
@@ -238,3 +239,10 @@ def test_the_command_runs_and_prints_the_shown_output(
         assert status == 0, f'{shown.command}: {errors}'
         if shown.output:
             assert shape(printed.splitlines()) == shape(shown.output)
+
+
+def test_a_rendered_bag_can_be_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = str(tmp_path / 'room')
+    assert main(['synth', bag, '--frames', '3']) == 0
+    assert main(['run', bag, '--out', str(tmp_path / 'out'), '--filter', 'motion']) == 0
+    assert 'tracked    3 of 3 frames' in capsys.readouterr().out

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from hoid_benchmarks.publish.results_file import read_kept
 from hoid_bringup.run.summary import Summary
 from hoid_common.camera_topics import CAMERA_TOPICS
 
@@ -32,6 +33,17 @@ def anchors(page: Path) -> set[str]:
     """Return the anchors of a page's headings, as GitHub and MkDocs make them."""
     headings = re.findall(r'^#+ (.+)$', page.read_text(), re.MULTILINE)
     return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
+
+
+def test_readme_has_the_measured_errors_of_the_real_camera() -> None:
+    kept = read_kept(ROOT / 'docs/results/hand_held.json')['office']
+    errors = {row.cells[1]: row.cells[3:5] for row in kept.rows}
+    (none, _), (plus, change) = errors['none'], errors['hoid+']
+    shown = (
+        f'`hoid+` is {change[1:]} worse than no filter ({plus.split()[0]}, {none.split()[0]} m)'
+    )
+    assert shown in (ROOT / 'README.md').read_text()
+    assert errors['motion'][1] == 'equal'
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
