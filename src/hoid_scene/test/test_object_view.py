@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hoid_common.values import CameraModel, DynamicObject, Float32Array, Reason
-from hoid_scene.objects.object_view import ObjectCamera
+from hoid_scene.objects.object_view import ObjectCamera, Views
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 BOX = (200.0, 120.0, 360.0, 240.0)
@@ -51,3 +51,20 @@ def test_a_box_with_few_holes_stays_as_it_is() -> None:
     before = view.depth_m.copy()
     view.fill_screens(depth_m, [SCREEN])
     assert np.array_equal(view.depth_m, before)
+
+
+def direction(angle_deg: float) -> Float32Array:
+    return np.array([np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg)), 0.0])
+
+
+def test_repeated_detections_from_one_direction_count_less_and_less() -> None:
+    views = Views()
+    weights = [views.weight(direction(angle)) for angle in (0, 4, -4, 2, 0, 3, 0, 0, 0, 0)]
+    assert weights[:5] == [1.0, 1.0, 1.0, 0.5, 0.25]
+    assert sum(weights) < 4.0
+
+
+def test_detections_from_other_directions_count_fully() -> None:
+    views = Views()
+    assert sum(views.weight(direction(angle)) for angle in range(0, 360, 12)) == 30.0
+    assert [views.weight(direction(120)) for _ in range(3)] == [1.0, 1.0, 0.5]

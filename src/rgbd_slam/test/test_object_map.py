@@ -273,3 +273,21 @@ def test_objects_of_a_removed_map_are_forgotten() -> None:
     world.look(TABLE, CUP, times=5)
     world.map.correct(keyframes(np.eye(4), version=2, uid=5))
     assert world.map.objects() == ()
+
+
+def test_a_fixed_camera_does_not_make_a_doubtful_thing_sure_by_repetition() -> None:
+    doubtful, sure = BEAR._replace(score=0.35), BEAR._replace(score=0.7)
+    assert ObjectWorld().look(TABLE, doubtful, times=30) == ()
+    found = only(ObjectWorld().look(TABLE, sure, times=4), 'teddy bear')
+    assert found.num_sightings == 4
+
+
+def test_a_table_does_not_become_a_part_of_the_thing_on_it() -> None:
+    """On a real desk, detections of the table made a screen grow over it."""
+    world = ObjectWorld()
+    before = only(world.look(TABLE, BEAR, times=6), 'teddy bear')
+    table = TABLE._replace(class_name='dining table')
+    after = only(world.look(table, BEAR, times=8), 'teddy bear')
+    assert after.class_scores[0][0] == 'teddy bear'
+    assert len(after.class_scores) == 1
+    np.testing.assert_allclose(after.size_m, before.size_m, atol=0.03)

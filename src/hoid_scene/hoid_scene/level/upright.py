@@ -68,18 +68,9 @@ def find_upright(
             then says only how far the surfaces agree, and where the walls are.
         seed: Seed of the choice among too many points.
     """
-    rng = np.random.default_rng(seed)
-    if len(points_m) > _MAX_POINTS:
-        points_m = points_m[rng.choice(len(points_m), _MAX_POINTS, replace=False)]
-    if len(points_m) < _MIN_CELLS * _MIN_POINTS:
-        return None
-    normals, weights = _planes(points_m)
+    normals, weights = _planes(points_m, np.random.default_rng(seed))
     if len(normals) < _MIN_CELLS:
         return None
-    if len(normals) > _MAX_CELLS:
-        chosen = rng.choice(len(normals), _MAX_CELLS, replace=False)
-        normals, weights = normals[chosen], weights[chosen]
-    weights = weights / weights.sum()
     if known_up is not None:
         return _judged(known_up, normals, weights)
     directions = _directions(_NUM_DIRECTIONS)
@@ -90,11 +81,22 @@ def find_upright(
     return _judged(up, normals, weights)
 
 
-def _planes(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the unit normals (M, 3) of the planar cells of a cloud, and their numbers of points.
+def _planes(points_m: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return unit normals (M, 3) of planar cells of a cloud, and their ratios of the points (M,).
 
-    The sign of a normal is arbitrary.
+    The sign of a normal is arbitrary. Of too many points and cells, some are chosen at random.
     """
+    if len(points_m) > _MAX_POINTS:
+        points_m = points_m[rng.choice(len(points_m), _MAX_POINTS, replace=False)]
+    normals, weights = _plane_cells(points_m) if len(points_m) else (points_m, points_m[:, 0])
+    if len(normals) > _MAX_CELLS:
+        chosen = rng.choice(len(normals), _MAX_CELLS, replace=False)
+        normals, weights = normals[chosen], weights[chosen]
+    return normals, weights / max(weights.sum(), 1.0)
+
+
+def _plane_cells(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the unit normals (M, 3) of all planar cells, and their numbers of points (M,)."""
     index = np.floor(points_m / _CELL_M).astype(np.int64)
     index -= index.min(axis=0)
     key = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))

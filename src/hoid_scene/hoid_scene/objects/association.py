@@ -20,6 +20,10 @@ from hoid_scene.objects.segmentation import KnownBox, Prior, Segment
 # classes that detectors confuse, or other classes. From a trial on six rendered rooms, before this
 # code.
 _SAME, _CONFUSABLE, _OTHER = 0.35, 0.5, 0.6
+# Ratio of radii from which on a segment does not show an object of a class that detectors do not
+# confuse with its own: a table is not the screen on it. Chosen; on `fr1_xyz`, a screen grew over
+# the table on which it stands.
+_SIZE_RATIO = 1.6
 _MARGIN_M = 0.04  # around the box of an object; not tuned
 # Smallest intersection over union of a detected box and the bounding box of an object's visible
 # voxels with which the box shows this object; not tuned.
@@ -176,7 +180,10 @@ def _scores(
         _may_touch(segments, objects),
     )
     for s, o in np.argwhere(score > 0).tolist():  # some tens
-        if score[s, o] < _least(segments[s].detection.class_name, objects[o]):
+        name, item = segments[s].detection.class_name, objects[o]
+        small, large = sorted((segments[s].radius_m(), item.radius_m()))
+        is_other_size = large > _SIZE_RATIO * small and not is_confusable(name, item.class_name)
+        if is_other_size or score[s, o] < _least(name, item):
             score[s, o] = 0
     return score
 

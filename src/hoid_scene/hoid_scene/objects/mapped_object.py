@@ -12,7 +12,7 @@ from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray
 from hoid_native import cells_of, pixels_on_surface, share_in_box, share_on_surface, trimmed_box
 from hoid_scene.grid.floor import Floor
 from hoid_scene.level.upright_box import Level, UprightBox, extended_back, on_floor, upright_box
-from hoid_scene.objects.object_view import NOISE_PER_M2, ObjectView
+from hoid_scene.objects.object_view import NOISE_PER_M2, ObjectView, Views
 from hoid_scene.objects.place import Place
 from hoid_scene.objects.segmentation import BoxPx, KnownBox, Segment
 from hoid_scene.objects.voxel_set import BITS, VoxelSet
@@ -21,6 +21,8 @@ from hoid_scene.objects.voxel_set import BITS, VoxelSet
 # object may be seen, a sighting one in which it was detected. A published object has at least so
 # many sightings, and at least this time between the first and the last one.
 _MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5
+# Sum of scores from which on an object is sure (`Views`); most wrong ones on real clips have less.
+_SURE = 1.9
 _MIN_SEEN_SHARE = 0.5  # of the looks that show its surface, in which it must have been detected
 # An object with at least so many sightings is kept, as one that is gone, after it was not detected
 # in so many successive looks at its place and in more than half of all looks.
@@ -102,11 +104,12 @@ class MappedObject:
         self.num_absent = 0  # successive looks at its place, empty or not, without a detection
         self.was_carried = False  # whether its track shows that a person carried it to its place
         self.probability = 0.5  # that it is still at its place
-        self.place = place
-        self.voxels = VoxelSet()
+        self.place, self.voxels = place, VoxelSet()
         # Sum over the sightings of the unit vectors from the camera to it, in the object frame.
         self.direction_m: FloatArray = np.zeros(3)
         self.distance_m = 0.0  # sum over the sightings of its distance from the camera
+        self.evidence = 0.0  # sum of the scores of detections that are independent (`Views`)
+        self._views = Views()
         self.track_id = -1  # of its track in the object tracker; -1: none
         self.holder_id = -1  # track of the person who handles or moved it; -1: unknown
         self.moved_from_m: FloatArray | None = None  # (3,) center before, in the object frame
@@ -118,8 +121,7 @@ class MappedObject:
         self._class_name: str | None = None
         self._center_map: tuple[FloatArray, FloatArray] | None = None  # with the pose it is for
         self._box: tuple[FloatArray, FloatArray] | None = None
-        self._center_m: FloatArray = np.zeros(3)
-        self._radius_m = 0.0
+        self._center_m, self._radius_m = np.zeros(3), 0.0
         self._upright: tuple[Level, UprightBox] | None = None  # with the vertical it is for
         self._solid: BoolArray | None = None
         self._cells: IntArray | None = None
@@ -140,7 +142,7 @@ class MappedObject:
     def is_confirmed(self) -> bool:
         """Return whether the object was detected often and long enough to be published."""
         is_old = self.last_ns - self.first_ns >= _MIN_AGE_NS
-        is_often = self.num_sightings >= _MIN_SIGHTINGS
+        is_often = self.num_sightings >= _MIN_SIGHTINGS and self.evidence >= _SURE
         share = self.num_sightings / max(self.num_visible, 1)
         return is_old and is_often and share >= _MIN_SEEN_SHARE
 
@@ -148,8 +150,7 @@ class MappedObject:
     def _is_missing(self) -> bool:
         """Return whether a known object was not detected for long where a surface was seen.
 
-        A flat object leaves no empty place behind when it is taken: the surface below it is too
-        near to where its own was.
+        The place of a flat object that was taken does not look empty.
         """
         is_known = self.num_sightings >= _MANY_SIGHTINGS and self.num_absent >= _MISSING_LOOKS
         return is_known and self.num_sightings <= _MIN_SEEN_SHARE * self.num_visible
@@ -219,10 +220,7 @@ class MappedObject:
         return share_in_box(points_map_m, self.place.T_object_map, low - margin_m, high + margin_m)
 
     def surface_pixels(self, view: ObjectView, box_px: BoxPx) -> IntArray:
-        """Return the flat strided pixels (M,) in a box whose readings are near its surface.
-
-        These are the readings in the 5 cm cells that contain solid voxels of the object.
-        """
+        """Return the flat strided pixels (M,) in a box within 5 cm cells of its solid voxels."""
         return pixels_on_surface(view.depth_m, view.points_map_m, box_px, *self._surface())
 
     def surface_share(self, points_map_m: FloatArray) -> float:
@@ -253,6 +251,7 @@ class MappedObject:
         distance_m = max(float(np.linalg.norm(way)), _MIN_DISTANCE_M)
         self.direction_m = self.direction_m + way / distance_m
         self.distance_m += distance_m
+        self.evidence += self._views.weight(way / distance_m) * segment.detection.score
         self.note_seen(stamp_ns)
         self._changed()
 
@@ -278,8 +277,7 @@ class MappedObject:
     def note_missed(self, stamp_ns: int) -> None:
         """Count a look that shows a surface at its place, but in which it was not detected.
 
-        An object with many sightings is GONE when more such looks would make it unconfirmed; they
-        are not counted in `num_visible`.
+        An object with many sightings is GONE when more such looks would make it unconfirmed.
         """
         self.num_through = 0
         self.num_absent += 1
@@ -309,6 +307,7 @@ class MappedObject:
         for name, score in other.scores.items():
             self.scores[name] = self.scores.get(name, 0.0) + score
         self.num_sightings += other.num_sightings
+        self.evidence += other.evidence
         self.num_visible += other.num_visible
         self.first_ns = min(self.first_ns, other.first_ns)
         self.last_ns = max(self.last_ns, other.last_ns)
@@ -335,6 +334,7 @@ class MappedObject:
         self.distance_m = other.distance_m * (1 + self.num_sightings / other.num_sightings)
         self.direction_m *= 1 + self.num_sightings / other.num_sightings
         self.num_sightings += other.num_sightings
+        self.evidence += other.evidence
         self.num_visible += other.num_visible
         self.last_ns, self.track_id = other.last_ns, other.track_id
         self.probability, self.num_through, self.num_absent = other.probability, 0, 0

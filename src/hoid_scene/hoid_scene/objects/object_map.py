@@ -95,7 +95,7 @@ class ObjectMap:
         return len(self._objects)
 
     def objects(self, floor: Floor | None = None, level: Level = _Z) -> tuple[MapObject, ...]:
-        """Return the confirmed objects of the main map by id; furniture reaches down to `floor`."""
+        """Return the confirmed objects of the main map by id; furniture stands on `floor`."""
         return tuple(
             item.value(
                 level, floor, is_new=self._is_reused and not (item.is_loaded or is_brief(item))

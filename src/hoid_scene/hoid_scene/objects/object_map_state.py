@@ -20,7 +20,7 @@ CLASS_BYTES = 64  # chosen: the longest name of COCO has 14
 # Columns with the same name in `MappedObject`.
 _COPIED = (
     'object_id', 'num_sightings', 'num_visible', 'num_through', 'first_ns', 'last_ns', 'left_ns',
-    'probability', 'direction_m', 'distance_m', 'holder_id', 'moved_ns',
+    'probability', 'evidence', 'direction_m', 'distance_m', 'holder_id', 'moved_ns',
 )  # fmt: skip
 _OF_VOXELS = ('means_m', 'readings', 'hits', 'misses')
 _CLASSES, _VOXELS = ('class_name', 'class_score'), ('key', *_OF_VOXELS)
@@ -44,6 +44,7 @@ class ObjectMapState(Record):
     last_ns: Annotated[IntArray, column('i8', 'objects')]
     left_ns: Annotated[IntArray, column('i8', 'objects')]
     probability: Annotated[FloatArray, column('f8', 'objects')]
+    evidence: Annotated[FloatArray, column('f8', 'objects')]
     direction_m: Annotated[FloatArray, column('f8', 'objects', 3)]
     distance_m: Annotated[FloatArray, column('f8', 'objects')]
     holder_id: Annotated[IntArray, column('i8', 'objects')]

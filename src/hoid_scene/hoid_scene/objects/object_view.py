@@ -38,10 +38,39 @@ _FRAME_M = 0.03
 STRIDE = 4  # step between the pixels used [px]: 2.3 cm at 3 m, about a voxel; not tuned
 # Standard deviation of depth at 1 m [m], which grows with the square of the depth (as in
 # `depth_view`, after Khoshelham and Elberink, Sensors 2012).
+_SAME_VIEW = np.cos(np.deg2rad(10.0))  # chosen: 17 cm to the side at a distance of 1 m
+_PER_VIEW, _MAX_VIEWS = 3, 64  # chosen: detections that count fully from a direction; bound
 NOISE_PER_M2 = 0.003
 # A measured surface contains a point if their depths differ by at most this length plus two
 # standard deviations.
 _SURFACE_M = 0.06
+
+
+class Views:
+    """The directions from which an object was detected.
+
+    Detections from one direction are not independent: a detector repeats its errors on images that
+    are alike.
+    """
+
+    def __init__(self) -> None:
+        self._directions: FloatArray = np.empty((0, 3))
+        self._counts: list[int] = []
+
+    def weight(self, direction: FloatArray) -> float:
+        """Count a detection from a direction (3,), a unit vector; return how much it counts.
+
+        The first three from a direction count 1, each later one half as much as the one before.
+        Two directions are the same if they differ by less than 10 degrees.
+        """
+        cosine = self._directions @ direction
+        if len(cosine) == 0 or (cosine.max() < _SAME_VIEW and len(cosine) < _MAX_VIEWS):
+            self._directions = np.concatenate([self._directions, direction[None]])
+            self._counts.append(1)
+            return 1.0
+        nearest = int(np.argmax(cosine))
+        self._counts[nearest] += 1
+        return float(0.5 ** max(0, self._counts[nearest] - _PER_VIEW))
 
 
 class ObjectView:
