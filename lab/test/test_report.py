@@ -104,6 +104,7 @@ def test_the_origin_of_the_images_is_named() -> None:
         'Rendered: crowd, synth-3; recorded: fr1_xyz; recorded, with people pasted in: '
         'fr1_xyz_people.'
     )
+    assert kinds_text(['crowd', 'synth-3']) == 'Rendered.'
     assert kinds_text([]) == ''
 
 

@@ -19,6 +19,8 @@ def kind_of(sequence: str) -> str:
 def kinds_text(sequences: Iterable[str], quote: str = '') -> str:
     """Return a sentence with the origin of the images of each sequence; empty without sequences.
 
+    Names are left out where all sequences are of one kind.
+
     Args:
         sequences: Names of sequences, which may repeat.
         quote: Text before and after each name.
@@ -26,5 +28,7 @@ def kinds_text(sequences: Iterable[str], quote: str = '') -> str:
     names: dict[str, list[str]] = {}
     for sequence in dict.fromkeys(sequences):
         names.setdefault(kind_of(sequence), []).append(f'{quote}{sequence}{quote}')
+    if len(names) == 1:
+        return f'{next(iter(names)).capitalize()}.'
     text = '; '.join(f'{kind}: {", ".join(each)}' for kind, each in names.items())
     return f'{text[0].upper()}{text[1:]}.' if text else ''

@@ -66,4 +66,4 @@ def _cell(columns: Sequence[str], row: Row, error_at: int) -> str:
 def _marks(columns: Sequence[str]) -> str:
     if _BETTER not in columns:
         return ''
-    return '; bold: better than no filter beyond the range of the runs; slanted: worse'
+    return '; bold: better than no filter, slanted: worse'
