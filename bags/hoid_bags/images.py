@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import InputError, MessageError
-from hoid_common.io.images import COLOR_READ_FLAGS, decode_image
+from hoid_common.io.compression.compressed_images import COLOR_READ_FLAGS, decode_image
 from hoid_common.io.untrusted import read_bytes
 from hoid_common.values import ByteArray, CameraModel, Float32Array
 

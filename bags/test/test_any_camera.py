@@ -168,7 +168,11 @@ def encoded(encoding: str) -> NDArray[Any]:
     """Return the pixels of a gray image of value 120 in an encoding of color."""
     if encoding == 'mono16':
         return np.full((120, 160), 120 << 8, np.uint16)
-    if encoding == 'nv12':
+    if encoding == 'nv24':
+        return np.vstack(
+            [np.full((120, 160), 120 * 219 // 255 + 16), np.full((240, 160), 128)]
+        ).astype(np.uint8)
+    if encoding in ('nv12', 'i420'):
         planes = cv2.cvtColor(np.full((120, 160, 3), 120, np.uint8), cv2.COLOR_BGR2YUV_I420)
         return planes.astype(np.uint8)  # gray: U and V are all 128, in any order
     if encoding == 'yuv422':
@@ -178,7 +182,9 @@ def encoded(encoding: str) -> NDArray[Any]:
 
 
 @pytest.mark.parametrize('depth_encoding', ['64FC1', '16SC1'])
-@pytest.mark.parametrize('encoding', ['mono16', 'bayer_rggb8', 'bayer_gbrg8', 'yuv422', 'nv12'])
+@pytest.mark.parametrize(
+    'encoding', ['mono16', 'bayer_rggb8', 'bayer_gbrg8', 'yuv422', 'nv12', 'i420', 'nv24']
+)
 def test_unusual_encodings_are_read(encoding: str, depth_encoding: str, tmp_path: Path) -> None:
     color, depth = '/camera/color/image_raw', '/camera/aligned_depth_to_color/image_raw'
     depth_of = {'64FC1': np.full((120, 160), 1.5), '16SC1': np.full((120, 160), 1500, np.int16)}

@@ -18,7 +18,7 @@ from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.storage.bag_types import deserialize
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common.errors import InputError
-from hoid_common.io.images import decode_compressed_depth
+from hoid_common.io.compression.compressed_images import decode_compressed_depth
 from hoid_common.values import CameraModel
 
 FolderMaker = Callable[..., Path]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import pytest
+from backports import zstd
 from numpy.typing import NDArray
 
 from hoid_bags.bag import bag_messages
@@ -127,19 +129,47 @@ def choice(path: Path) -> tuple[str, ...]:
     return found.color.name, found.depth.name, found.camera_info.name
 
 
-@pytest.mark.parametrize('suffix', ['/compressed', '/compressedDepth'])
-def test_depth_is_found_in_each_encoding_of_image_transport(suffix: str, tmp_path: Path) -> None:
-    packed = PNG if suffix == '/compressed' else images.compressed_depth_of_png(PNG)
-    text = '16UC1; png compressed ' if suffix == '/compressed' else images.COMPRESSED_DEPTH_FORMAT
+RVL = '16UC1; compressedDepth rvl'
+# A size, then 0 zeros, 768 other pixels, the first of them 1500, and 767 differences of 0.
+RVL_OF_DEPTH = bytes.fromhex('2000000018000000fe188c0800000050') + bytes(380)
+
+
+def zstd_image(pixels: NDArray[Any], encoding: str) -> bytes:
+    """Return the data of zstd_image_transport."""
+    step, name = pixels.nbytes // len(pixels), encoding.encode()
+    head = struct.pack('<IIBII', *pixels.shape[:2], 0, step, len(name))
+    return head + name + zstd.compress(pixels.tobytes())
+
+
+TIFF = cv2.imencode('.tiff', DEPTH)[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ('suffix', 'text', 'packed'),
+    [
+        ('/compressed', '16UC1; png compressed ', PNG),
+        ('/compressed', '16UC1; tiff compressed ', TIFF),
+        ('/compressedDepth', images.COMPRESSED_DEPTH_FORMAT, images.compressed_depth_of_png(PNG)),
+        ('/compressedDepth', RVL, bytes(12) + RVL_OF_DEPTH),
+        ('/zstd', 'zstd', zstd_image(DEPTH, '16UC1')),
+    ],
+)
+def test_depth_is_found_in_each_encoding_of_image_transport(
+    suffix: str, text: str, packed: bytes, tmp_path: Path
+) -> None:
     with BagWriter(tmp_path / 'bag') as writer:
-        writer.add_topic('rgb/image/compressed', bag_types.COMPRESSED_IMAGE)
+        color_name = 'rgb/image/zstd' if suffix == '/zstd' else 'rgb/image/compressed'
+        writer.add_topic(color_name, bag_types.COMPRESSED_IMAGE)
         writer.add_topic(f'depth/image{suffix}', bag_types.COMPRESSED_IMAGE)
         color = bag_messages.compressed_image(10**9, JPEG, 'rgb8; jpeg compressed bgr8')
-        writer.write('rgb/image/compressed', 10**9, color)
+        if suffix == '/zstd':
+            color = bag_messages.compressed_image(10**9, zstd_image(COLOR, 'bgr8'), 'zstd')
+        writer.write(color_name, 10**9, color)
         depth = bag_messages.compressed_image(10**9, packed, text)
         writer.write(f'depth/image{suffix}', 10**9, depth)
     frame = next(iter(open_sequence(tmp_path / 'bag', CAMERA)))
     assert (frame.depth_m == 1.5).all()
+    assert np.abs(frame.image_bgr.astype(int) - 90).max() <= 2
 
 
 def test_two_cameras_need_an_option_and_the_rest_follows_it(tmp_path: Path) -> None:

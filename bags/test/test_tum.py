@@ -140,7 +140,9 @@ def test_image_of_other_bytes(make_folder: FolderMaker, camera: CameraModel) -> 
     folder = make_folder(2)
     path = image(folder, 'rgb')
     path.write_text('<html>not found</html>')
-    assert f'{path}: image of 22 bytes is not a readable JPEG or PNG' in fault_of(folder, camera)
+    assert f'{path}: image of 22 bytes is not a readable JPEG, PNG or TIFF' in fault_of(
+        folder, camera
+    )
 
 
 @pytest.mark.parametrize('kind', ['rgb', 'depth'])

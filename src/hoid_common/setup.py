@@ -17,7 +17,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', glob('config/*.xml')),
     ],
-    install_requires=['numpy', 'opencv-python-headless', 'pyyaml', 'rosbags'],
+    install_requires=['backports-zstd', 'numpy', 'opencv-python-headless', 'pyyaml', 'rosbags'],
     # Without pytest here `colcon test` runs no test at all.
     extras_require={'test': ['hypothesis', 'pytest']},
     zip_safe=True,

@@ -9,7 +9,11 @@ from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.images import check_complete
 from hoid_bags.storage.bag_types import IMAGE, deserialize
 from hoid_common.io import images
-from hoid_common.io.image_size import image_size_px
+from hoid_common.io.compression.compressed_images import (
+    compressed_head,
+    decode_compressed_color,
+    decode_compressed_depth,
+)
 from hoid_common.values import ByteArray, Float32Array
 
 _DEPTH_NAME = re.compile('depth|stereo|disparity', re.IGNORECASE)
@@ -27,7 +31,7 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
     if topic.type_name == IMAGE:
         return images.decode_color(message)
     check_complete(message.data.tobytes(), topic.name)
-    return images.decode_compressed_color(message.data)
+    return decode_compressed_color(message.data, message.format)
 
 
 def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Float32Array:
@@ -46,7 +50,7 @@ def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Floa
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
         return images.decode_depth(message, units_per_m)
-    return images.decode_compressed_depth(message.format, message.data, units_per_m)
+    return decode_compressed_depth(message.format, message.data, units_per_m)
 
 
 class ImageHead(NamedTuple):
@@ -69,9 +73,6 @@ def image_head(data: bytes, topic: BagTopic) -> ImageHead:
         is_gray = message.encoding == 'mono16' and not _DEPTH_NAME.search(topic.name)
         is_depth = message.encoding in images.DEPTH_ENCODINGS and not is_gray
         return ImageHead(is_depth, (message.width, message.height))
-    is_packed = 'compressedDepth' in message.format
-    encoding = message.format.partition(';')[0].strip()
-    content = message.data[images.COMPRESSED_DEPTH_HEADER_BYTES if is_packed else 0 :]
-    return ImageHead(
-        is_packed or encoding in images.DEPTH_ENCODINGS, image_size_px(content.tobytes())
-    )
+    encoding, size_px = compressed_head(message.format, message.data)
+    is_gray = encoding == 'mono16' and not _DEPTH_NAME.search(topic.name)
+    return ImageHead(encoding in images.DEPTH_ENCODINGS and not is_gray, size_px)

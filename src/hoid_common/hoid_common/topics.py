@@ -88,7 +88,7 @@ def compressed_depth(topic: str) -> str:
     return f'{topic}/compressedDepth'
 
 
-COMPRESSED_SUFFIXES = ('/compressedDepth', '/compressed')
+COMPRESSED_SUFFIXES = ('/compressedDepth', '/compressed', '/zstd')
 """Endings that image_transport appends to the name of an image topic for compressed topics."""
 
 

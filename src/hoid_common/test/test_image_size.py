@@ -11,8 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common.errors import MessageError
+from hoid_common.io.compression.compressed_images import (
+    decode_compressed_color,
+    decode_compressed_depth,
+)
 from hoid_common.io.image_size import check_image_size, image_size_px, is_safe_to_decode
-from hoid_common.io.images import decode_compressed_color, decode_compressed_depth
 from hoid_common.values import MAX_PIXELS
 
 
@@ -101,7 +104,7 @@ def test_images_of_usual_encoders_are_safe_to_decode() -> None:
 @pytest.mark.parametrize('says', [1_000_000, 2**31 - 1, 2**32 - 1])
 def test_a_chunk_with_a_false_length_is_refused(says: int) -> None:
     png = after_header(encoded('.png', 64, 48), chunk(b'IDAT', b'', says))
-    with pytest.raises(MessageError, match='is not a readable JPEG or PNG'):
+    with pytest.raises(MessageError, match='is not a readable JPEG, PNG or TIFF'):
         decode_compressed_color(png)
 
 
@@ -113,7 +116,7 @@ def test_many_compressed_texts_are_refused() -> None:
 def test_a_jpeg_of_many_scans_is_refused() -> None:
     jpeg = encoded('.jpg', 64, 48)
     scan = jpeg.index(b'\xff\xda')
-    with pytest.raises(MessageError, match='is not a readable JPEG or PNG'):
+    with pytest.raises(MessageError, match='is not a readable JPEG, PNG or TIFF'):
         decode_compressed_color(jpeg[:scan] + jpeg[scan:-2] * 200 + jpeg[-2:])
 
 

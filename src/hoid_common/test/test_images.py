@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
 from hoid_common.io import images
+from hoid_common.io.compression import compressed_images
 from hoid_common.io.depth import MAX_DEPTH_M, MIN_DEPTH_M
 
 COLOR = np.array([[[10, 20, 30], [40, 50, 60]], [[70, 80, 90], [5, 6, 7]]], np.uint8)
@@ -168,7 +169,7 @@ def test_float_depth_in_millimeters_is_refused() -> None:
 
 def test_a_depth_png_without_header_is_decoded() -> None:
     png = cv2.imencode('.png', np.array([[1500, 0]], np.uint16))[1].tobytes()
-    depth_m = images.decode_compressed_depth('16UC1; png compressed ', png)
+    depth_m = compressed_images.decode_compressed_depth('16UC1; png compressed ', png)
     assert depth_m.tolist() == [[1.5, 0]]
 
 
@@ -180,7 +181,7 @@ def test_color_encodings_are_no_depth() -> None:
 @given(arrays(np.uint16, (4, 5)))
 def test_compressed_depth_is_lossless(depth_mm: NDArray[np.uint16]) -> None:
     data = images.encode_compressed_depth(depth_mm)
-    depth_m = images.decode_compressed_depth(images.COMPRESSED_DEPTH_FORMAT, data)
+    depth_m = compressed_images.decode_compressed_depth(images.COMPRESSED_DEPTH_FORMAT, data)
     expected_mm = np.where(depth_mm >= MIN_DEPTH_M * 1000, depth_mm, 0)
     np.testing.assert_array_equal(images.depth_mm_or_none(depth_m), expected_mm)
 
@@ -192,39 +193,39 @@ def test_quantized_inverse_depth_is_decoded() -> None:
     png = cv2.imencode(
         '.png', np.append(np.rint(quant_a / truth + quant_b), 0)[None].astype(np.uint16)
     )[1]
-    data = images._COMPRESSED_DEPTH_HEADER.pack(0, quant_a, quant_b) + png.tobytes()
-    depth_m = images.decode_compressed_depth('32FC1; compressedDepth png', data)
+    data = images.COMPRESSED_DEPTH_HEADER.pack(0, quant_a, quant_b) + png.tobytes()
+    depth_m = compressed_images.decode_compressed_depth('32FC1; compressedDepth png', data)
     np.testing.assert_allclose(depth_m, [[1, 2, 5, 0]], rtol=2e-3)
 
 
 @pytest.mark.parametrize(
     ('format_', 'data', 'expected'),
     [
-        ('16UC1; compressedDepth rvl', b'x' * 20, 'rvl'),
+        ('16UC1; compressedDepth rvl', b'x' * 20, 'RVL image claims to be'),
         ('jpeg', b'x' * 20, '"jpeg"'),
         ('16UC1; compressedDepth png', b'x' * 12, '12 bytes, too few'),
         ('16UC1; compressedDepth png', b'x' * 40, '28 bytes is not a readable'),
         (
             '16UC1; compressedDepth png',
             bytes(12) + cv2.imencode('.png', COLOR)[1].tobytes(),
-            'not one 16-bit channel',
+            'not one channel of 16 bits',
         ),
     ],
 )
 def test_errors_name_bad_compressed_depth(format_: str, data: bytes, expected: str) -> None:
     with pytest.raises(MessageError, match=expected):
-        images.decode_compressed_depth(format_, data)
+        compressed_images.decode_compressed_depth(format_, data)
 
 
 def test_jpeg_round_trip_is_close() -> None:
     picture = np.full((16, 16, 3), (50, 100, 150), np.uint8)
-    decoded = images.decode_compressed_color(images.encode_jpeg(picture, 95))
+    decoded = compressed_images.decode_compressed_color(images.encode_jpeg(picture, 95))
     assert np.abs(decoded.astype(int) - picture).max() <= 2
 
 
 def test_an_empty_jpeg_is_an_error() -> None:
     with pytest.raises(MessageError, match='compressed color image of 0 bytes'):
-        images.decode_compressed_color(b'')
+        compressed_images.decode_compressed_color(b'')
 
 
 def png_said_to_be_of(side_px: int, pixels: NDArray[Any]) -> bytes:
@@ -237,10 +238,10 @@ def png_said_to_be_of(side_px: int, pixels: NDArray[Any]) -> bytes:
 def test_images_beyond_max_pixels_are_refused() -> None:
     expected = 'claims to be 60000x60000 px, more than 33 megapixels$'
     with pytest.raises(MessageError, match=rf'^compressed color image .* {expected}'):
-        images.decode_compressed_color(png_said_to_be_of(60_000, COLOR))
+        compressed_images.decode_compressed_color(png_said_to_be_of(60_000, COLOR))
     depth = bytes(12) + png_said_to_be_of(60_000, np.ones((2, 2), np.uint16))
     with pytest.raises(MessageError, match=rf'^compressed depth .* {expected}'):
-        images.decode_compressed_depth(images.COMPRESSED_DEPTH_FORMAT, depth)
+        compressed_images.decode_compressed_depth(images.COMPRESSED_DEPTH_FORMAT, depth)
 
 
 @given(st.integers(0, 65535))

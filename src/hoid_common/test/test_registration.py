@@ -44,7 +44,7 @@ def seen(camera: CameraModel, T_color_camera: FloatArray) -> Float32Array:
     is_box = (place[:, 0] > left) & (place[:, 0] < right)
     is_box &= (place[:, 1] > top) & (place[:, 1] < bottom)
     found = np.where(is_box & (at_box < depth), at_box, depth)
-    return found.reshape(camera.height_px, camera.width_px).astype(np.float32)
+    return np.asarray(found.reshape(camera.height_px, camera.width_px), np.float32)
 
 
 @pytest.mark.parametrize(

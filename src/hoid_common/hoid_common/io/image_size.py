@@ -1,4 +1,4 @@
-"""Size and decoding cost of a PNG or JPEG, read from its headers without decoding it.
+"""Size and decoding cost of a PNG, JPEG or TIFF, read from its headers without decoding it.
 
 OpenCV allocates as much memory as the headers demand. These checks find decompression bombs before
 an image is decoded.
@@ -20,6 +20,9 @@ _PNG_COMPRESSED_TEXT: Final = (b'zTXt', b'iTXt', b'iCCP')
 # (libpng's limit); cameras write none.
 _MAX_CHUNKS, _MAX_COMPRESSED_TEXTS = 100_000, 8
 _PNG_SIZE = struct.Struct('>4x4sII')  # first chunk: length, name, width, height
+_TIFF_LITTLE: Final = b'II*\0'
+_TIFF_BIG: Final = b'MM\0*'
+_TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_SHORT = 256, 257, 3  # tags, and the type of 16-bit numbers
 _JPEG_START: Final = b'\xff\xd8'
 _JPEG_SCAN: Final = b'\xff\xda'
 # Chosen: a JPEG with more scans is refused. Progressive JPEGs have about ten. Decoding each scan
@@ -32,11 +35,13 @@ _JPEG_WITHOUT_LENGTH: Final = frozenset({0x01, *range(0xD0, 0xD8)})  # TEM and R
 
 
 def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) in pixels from the header of a PNG or JPEG.
+    """Return (width, height) in pixels from the header of a PNG, JPEG or TIFF.
 
-    The result is None if the data is neither, or its header is invalid or truncated.
+    The result is None if the data is none of them, or its header is invalid or truncated.
     """
     try:
+        if data[: len(_TIFF_LITTLE)] in (_TIFF_LITTLE, _TIFF_BIG):
+            return _tiff_size(data)
         if data[: len(_PNG_START)] == _PNG_START:
             name, width, height = _PNG_SIZE.unpack_from(data, len(_PNG_START))
             return (width, height) if name == b'IHDR' else None
@@ -46,11 +51,11 @@ def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def is_safe_to_decode(data: bytes | memoryview) -> bool:
-    """Return whether the cost of decoding a PNG or JPEG is in proportion to its image size.
+    """Return whether the cost of decoding an image is in proportion to its size.
 
     A PNG must contain all its chunks completely, because decoders allocate the length that a chunk
-    claims; it may have at most 100,000 chunks, and eight of them with compressed text. A JPEG may
-    have at most 100 scans.
+    claims; it may have at most 100,000 chunks, and eight of them with compressed text. A JPEG or
+    TIFF may have at most 100 scans.
     """
     if data[: len(_PNG_START)] != _PNG_START:
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
@@ -68,7 +73,7 @@ def is_safe_to_decode(data: bytes | memoryview) -> bool:
 
 
 def check_image_size(data: bytes | memoryview, what: str) -> None:
-    """Raise MessageError if data is no PNG or JPEG with a valid header, or exceeds MAX_PIXELS.
+    """Raise MessageError if data has no valid header of an image, or more than MAX_PIXELS.
 
     Args:
         data: The compressed image.
@@ -76,12 +81,32 @@ def check_image_size(data: bytes | memoryview, what: str) -> None:
     """
     size = image_size_px(data)
     if size is None:
-        raise MessageError(f'{what} of {len(data)} bytes is not a readable JPEG or PNG')
+        raise MessageError(f'{what} of {len(data)} bytes is not a readable JPEG, PNG or TIFF')
     if size[0] * size[1] > MAX_PIXELS:
         raise MessageError(
             f'{what} of {len(data)} bytes claims to be {size[0]}x{size[1]} px, '
             f'more than {MAX_PIXELS / 1e6:.0f} megapixels'
         )
+
+
+def _tiff_size(data: bytes | memoryview) -> tuple[int, int] | None:
+    """Return (width, height) from the first directory of a TIFF; None if it lacks them.
+
+    Raises:
+        struct.error: The data ends before or within the directory.
+    """
+    order = '<' if data[: len(_TIFF_LITTLE)] == _TIFF_LITTLE else '>'
+    (at,) = struct.unpack_from(f'{order}I', data, len(_TIFF_LITTLE))
+    (count,) = struct.unpack_from(f'{order}H', data, at)
+    sides: dict[int, int] = {}
+    for i in range(count):
+        place = at + 2 + 12 * i
+        tag, kind = struct.unpack_from(f'{order}HH', data, place)
+        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT):
+            code = 'H' if kind == _TIFF_SHORT else 'I'
+            (sides[tag],) = struct.unpack_from(f'{order}{code}', data, place + 8)
+    size = sides.get(_TIFF_WIDTH, 0), sides.get(_TIFF_HEIGHT, 0)
+    return size if all(size) else None
 
 
 def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:

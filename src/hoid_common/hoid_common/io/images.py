@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
 from hoid_common.io.depth import check_depth_unit, readings_m
-from hoid_common.io.image_size import check_image_size, is_safe_to_decode
 from hoid_common.values import MAX_PIXELS, ByteArray, Float32Array
 
 Buffer: TypeAlias = 'bytes | bytearray | memoryview | array[int] | ByteArray'
@@ -26,13 +25,8 @@ MM_PER_M = 1000.0
 COMPRESSED_DEPTH_FORMAT = '16UC1; compressedDepth png'
 JPEG_FORMAT = 'bgr8; jpeg compressed bgr8'
 PNG_FORMAT = 'bgr8; png compressed bgr8'
-COLOR_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-"""OpenCV's flags for color images. An EXIF orientation is ignored, since depth has none."""
-
-# Header of compressed_depth_image_transport: format, and two parameters of inverse depth.
-_COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
-COMPRESSED_DEPTH_HEADER_BYTES = _COMPRESSED_DEPTH_HEADER.size
-_PNG_START = b'\x89PNG\r\n\x1a\n'
+COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
+"""Header of compressed_depth_image_transport: format, and two parameters of inverse depth."""
 # Type, channels and OpenCV's conversion to BGR (None: it is BGR) of each encoding of color. ROS
 # names a Bayer pattern by the first two pixels of the first two rows, OpenCV by the second and
 # third pixel of the second row.
@@ -62,8 +56,11 @@ _COLOR: dict[str, tuple[str, int, int | None]] = {
     'yuyv': ('u1', 2, cv2.COLOR_YUV2BGR_YUY2),
     'nv12': ('u1', 1, cv2.COLOR_YUV2BGR_NV12),
     'nv21': ('u1', 1, cv2.COLOR_YUV2BGR_NV21),
+    'nv24': ('u1', 1, cv2.COLOR_YUV2BGR_NV12),
+    'i420': ('u1', 1, cv2.COLOR_YUV2BGR_I420),
 }
-_WITH_CHROMA_ROWS = ('nv12', 'nv21')  # half as many rows follow those of the image
+_CHROMA_ROWS = {'nv12': 0.5, 'nv21': 0.5, 'i420': 0.5, 'nv24': 2.0}
+"""Rows of color that follow those of the image, as a multiple of its height."""
 _DEPTH_TYPES: dict[str, np.dtype[Any]] = {
     '16UC1': np.dtype('u2'),
     'mono16': np.dtype('u2'),
@@ -102,8 +99,11 @@ def decode_color(image: RawImage) -> ByteArray:
             f'color image has encoding "{image.encoding}"; use one of {", ".join(_COLOR)}'
         )
     kind, channels, code = _COLOR[image.encoding]
-    chroma_rows = image.height // 2 if image.encoding in _WITH_CHROMA_ROWS else 0
+    chroma_rows = int(image.height * _CHROMA_ROWS.get(image.encoding, 0))
     pixels = _pixels(image, np.dtype(kind), channels, chroma_rows)
+    if image.encoding == 'nv24':  # OpenCV converts only NV12, with a quarter of the colors
+        chroma = pixels[image.height :].reshape(image.height, image.width, 2)[::2, ::2]
+        pixels = np.vstack([pixels[: image.height], chroma.reshape(-1, image.width)])
     if pixels.dtype == np.uint16:
         pixels = (pixels >> 8).astype(np.uint8)
     try:
@@ -134,60 +134,7 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
         raise MessageError(
             f'depth image has encoding "{image.encoding}"; use 16UC1 (mm) or 32FC1 (m)'
         )
-    return _depth_m(_pixels(image, _DEPTH_TYPES[image.encoding], 1), image.encoding, units_per_m)
-
-
-def decode_compressed_color(data: Buffer) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a JPEG or PNG.
-
-    Raises:
-        MessageError: The data is no JPEG or PNG, has more than MAX_PIXELS, or cannot be decoded.
-    """
-    return cast('ByteArray', decode_image(data, COLOR_READ_FLAGS, 'compressed color image'))
-
-
-def decode_compressed_depth(format_: str, data: Buffer, units_per_m: float = 0.0) -> Float32Array:
-    """Return the (H, W) float32 depth in m of a message of compressed_depth_image_transport.
-
-    0 means "no reading".
-
-    Args:
-        format_: Field `format` of the message, such as "16UC1; compressedDepth png". In
-            a message of compressed_image_transport, "16UC1; png compressed", there is no header.
-        data: Field `data` of the message: a header of 12 bytes, then a 16-bit PNG with depth in mm
-            (16UC1) or with quantized inverse depth (32FC1).
-        units_per_m: Depth units per meter; 0: those of its encoding (1000 for 16UC1, 1 for 32FC1).
-
-    Raises:
-        MessageError: The format is another one, the data is no PNG of one 16-bit channel or too
-            large, or the unit is wrong (see `check_depth_unit`).
-    """
-    encoding = format_.split(';', maxsplit=1)[0].strip()
-    if encoding not in ('16UC1', '32FC1') or 'rvl' in format_.lower():
-        raise MessageError(
-            f'compressed depth has format "{format_}"; use "16UC1; compressedDepth png" or 32FC1'
-        )
-    raw = np.frombuffer(data, np.uint8)
-    if raw[: len(_PNG_START)].tobytes() == _PNG_START:
-        raw = np.concatenate([np.zeros(COMPRESSED_DEPTH_HEADER_BYTES, np.uint8), raw])
-        encoding = '16UC1'
-    if len(raw) <= _COMPRESSED_DEPTH_HEADER.size:
-        raise MessageError(f'compressed depth has {len(raw)} bytes, too few for its header')
-    pixels = decode_image(
-        raw[_COMPRESSED_DEPTH_HEADER.size :], cv2.IMREAD_UNCHANGED, 'compressed depth'
-    )
-    if pixels.dtype != np.uint16 or pixels.ndim != 2:
-        raise MessageError(
-            f'compressed depth contains a {pixels.dtype} PNG of shape {pixels.shape}, '
-            'not one 16-bit channel'
-        )
-    if encoding == '16UC1':
-        return _depth_m(pixels, encoding, units_per_m)
-    _, quant_a, quant_b = _COMPRESSED_DEPTH_HEADER.unpack_from(raw.data)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        depth_m = quant_a / (pixels.astype(np.float32) - np.float32(quant_b))
-    depth_m = np.where(pixels == 0, np.float32(0), depth_m.astype(np.float32))
-    return _depth_m(depth_m, encoding, units_per_m)
+    return depth_in_m(_pixels(image, _DEPTH_TYPES[image.encoding], 1), image.encoding, units_per_m)
 
 
 def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
@@ -209,7 +156,7 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
 def compressed_depth_of_png(png: bytes) -> bytes:
     """Return the field `data` of a compressedDepth message for a PNG of uint16 depth in mm."""
-    return _COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + png
+    return COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + png
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
@@ -273,7 +220,7 @@ def _pixels(
     return pixels.reshape(height, width, channels) if channels > 1 else pixels
 
 
-def _depth_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
+def depth_in_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
     """Return float32 depth in m of pixels in any unit, where 0 is no reading.
 
     Raises:
@@ -295,27 +242,3 @@ def _meters(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
     if units_per_m == 1.0:
         return cast('Float32Array', depth.astype(np.float32, copy=False))
     return cast('Float32Array', np.divide(depth, np.float32(units_per_m), dtype=np.float32))
-
-
-def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
-    """Return the pixels of a JPEG or PNG.
-
-    Args:
-        data: The compressed image.
-        flags: OpenCV's flags for reading.
-        what: Name of the image, with which an error begins.
-
-    Raises:
-        MessageError: The data is no JPEG or PNG, has more than MAX_PIXELS, is not safe to decode
-            (see `is_safe_to_decode`), or cannot be decoded.
-    """
-    raw = np.frombuffer(data, np.uint8)
-    check_image_size(raw.data, what)
-    try:
-        pixels = cv2.imdecode(raw, flags) if is_safe_to_decode(raw.data) else None
-    except cv2.error as error:  # such as for more pixels than OpenCV's own limit
-        reason = ' '.join(error.err.split())
-        raise MessageError(f'{what} of {len(raw)} bytes cannot be decoded: {reason}') from error
-    if pixels is None:
-        raise MessageError(f'{what} of {len(raw)} bytes is not a readable JPEG or PNG')
-    return pixels

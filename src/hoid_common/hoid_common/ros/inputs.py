@@ -151,8 +151,18 @@ class Inputs:
     def _images(self, raw: str, packed: str, callback: Callback, what: str) -> None:
         """Subscribe to the raw or the packed (compressed) images."""
         topic = self._image_topic(raw, packed)
-        is_packed = topics.is_compressed(self._node.resolve_topic_name(topic))
-        self.messages(CompressedImage if is_packed else Image, topic, callback, what)
+        full_name = self._node.resolve_topic_name(topic)
+        if not topics.is_compressed(full_name):
+            self.messages(Image, topic, callback, what)
+            return
+
+        def on_compressed(msg: CompressedImage) -> None:
+            try:
+                callback(msg)
+            except MessageError as error:  # which plugin has compressed the images is unknown
+                raise MessageError(f'{full_name}: {error}') from error
+
+        self.messages(CompressedImage, topic, on_compressed, what)
 
     def _image_topic(self, raw: str, packed: str) -> str:
         """Return the topic to subscribe to, before remapping.

@@ -7,6 +7,7 @@ from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.io import images
+from hoid_common.io.compression import compressed_images
 from hoid_common.ros.conversions.arrays import bytes_field
 from hoid_common.values import ByteArray, Float32Array
 
@@ -17,7 +18,7 @@ def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:
     See `io.images.decode_color` and `decode_compressed_color` for the encodings and errors.
     """
     if isinstance(msg, CompressedImage):
-        return images.decode_compressed_color(msg.data)
+        return compressed_images.decode_compressed_color(msg.data, msg.format)
     return images.decode_color(msg)
 
 
@@ -45,7 +46,7 @@ def depth_from_msg(
     See `io.images.decode_depth` and `decode_compressed_depth` for `units_per_m` and the errors.
     """
     if isinstance(msg, CompressedImage):
-        return images.decode_compressed_depth(msg.format, msg.data, units_per_m)
+        return compressed_images.decode_compressed_depth(msg.format, msg.data, units_per_m)
     return images.decode_depth(msg, units_per_m)
 
 

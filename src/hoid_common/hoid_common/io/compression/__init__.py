@@ -1,0 +1,1 @@
+"""Compressed images, as the plugins of image_transport publish them."""

@@ -1,0 +1,67 @@
+"""Images of zstd_image_transport, of depth and of color."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, replace
+
+from backports.zstd import ZstdDecompressor, ZstdError
+
+from hoid_common.errors import MessageError
+from hoid_common.values import MAX_PIXELS
+
+ZSTD_FORMAT = 'zstd'
+_HEAD = struct.Struct('<IIBII')  # height, width, byte order, step, length of the encoding's name
+_MAX_NAME = 50  # chosen: longer than the name of any encoding
+_MAX_PIXEL_BYTES = 8
+# The plugin of Jazzy and before compresses with zlib, in spite of its name.
+_GZIP, _ANY_ZLIB = b'\x1f\x8b', 47
+
+
+@dataclass
+class StoredImage:
+    """The fields of sensor_msgs/Image that carry pixels."""
+
+    height: int
+    width: int
+    encoding: str
+    is_bigendian: int
+    step: int
+    data: bytes
+
+
+def stored_head(data: bytes) -> StoredImage:
+    """Return the fields of an image, with the pixels still compressed.
+
+    Raises:
+        MessageError: The data is too short, or describes no image.
+    """
+    if len(data) < _HEAD.size:
+        raise MessageError(f'zstd image has {len(data)} bytes, too few for its header')
+    height, width, is_bigendian, step, length = _HEAD.unpack_from(data)
+    name = data[_HEAD.size : _HEAD.size + min(length, _MAX_NAME)]
+    if not (0 < width * height <= MAX_PIXELS and step <= _MAX_PIXEL_BYTES * width):
+        raise MessageError(f'zstd image claims to be {width}x{height} px at step {step}')
+    if len(name) != length or not name.isascii():
+        raise MessageError('zstd image has no encoding')
+    packed = data[_HEAD.size + length :]
+    return StoredImage(height, width, name.decode(), is_bigendian, step, packed)
+
+
+def stored_image(data: bytes) -> StoredImage:
+    """Return an image of zstd_image_transport with its pixels.
+
+    Raises:
+        MessageError: The data is no such image, or cannot be unpacked.
+    """
+    head = stored_head(data)
+    most = 3 * head.step * head.height  # NV24 has three times as many rows as the image
+    try:
+        if head.data[:2] == _GZIP or head.data[:1] == b'\x78':
+            pixels = zlib.decompressobj(_ANY_ZLIB).decompress(head.data, most)
+        else:
+            pixels = ZstdDecompressor().decompress(head.data, most)
+    except (zlib.error, ZstdError, EOFError) as error:
+        raise MessageError(f'zstd image of {len(data)} bytes cannot be unpacked') from error
+    return replace(head, data=pixels)
