@@ -12,19 +12,23 @@ from PIL import Image
 from hoid_common.values import ByteArray
 
 _FRAME_MS = 130
-_COLORS = 64
+_COLORS = 128
 
 
-def write_animation(path: Path, images_bgr: Sequence[ByteArray], width_px: int) -> None:
-    """Write images (H, W, 3) as a looping GIF of a width."""
-    frames = [
-        Image.fromarray(_resized(image, width_px)[..., ::-1]).quantize(
-            _COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
-        )
-        for image in images_bgr
-    ]
-    frames[0].save(
-        path, save_all=True, append_images=frames[1:], duration=_FRAME_MS, loop=0, optimize=True
+def write_animation(
+    path: Path, images_bgr: Sequence[ByteArray], width_px: int, frame_ms: int = _FRAME_MS
+) -> None:
+    """Write images (H, W, 3) as a looping GIF of a width.
+
+    All images have the colors of the first one and the last one, so that a surface does not
+    flicker. Dithering keeps smooth surfaces from falling into steps.
+    """
+    frames = [Image.fromarray(_resized(image, width_px)[..., ::-1]) for image in images_bgr]
+    ends = Image.fromarray(np.vstack([np.asarray(frames[0]), np.asarray(frames[-1])]))
+    palette = ends.quantize(_COLORS, Image.Quantize.MEDIANCUT)
+    drawn = [frame.quantize(palette=palette) for frame in frames]
+    drawn[0].save(
+        path, save_all=True, append_images=drawn[1:], duration=frame_ms, loop=0, optimize=True
     )
 
 

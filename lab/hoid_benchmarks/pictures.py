@@ -34,7 +34,7 @@ from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.strategy_registry import STRATEGIES
 
 _NUM_SCENES = 3
-_ANIMATED_EVERY, _ANIMATED_PX = 2, 440
+_ANIMATED_PX, _ANIMATED_MS = 480, 400  # slowed down, so that verdicts can be read
 _STATELESS = ('none', 'hoid2d', 'hoid3d')  # strategies that classify each image by itself
 
 
@@ -71,7 +71,7 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--animation',
         action='store_true',
-        help='also write verdicts.gif: every second image from the first to the last of --frames',
+        help='also write verdicts.gif: the images from the first to the last of --frames',
     )
     parser.add_argument(
         '--objects',
@@ -99,10 +99,11 @@ def pictures_command(args: argparse.Namespace) -> None:
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
     paths = write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out)
     if args.animation:
-        animated = range(min(wanted), max(wanted) + 1, _ANIMATED_EVERY)
-        drawn = [scene.verdict for _, scene in draw_scenes(sequence, animated, detect, config)]
+        animated = range(min(wanted), max(wanted) + 1)
+        shown = draw_scenes(sequence, animated, detect, config)
+        drawn = [draw_legend(scene.verdict) for _, scene in shown]
         paths += (args.out / 'verdicts.gif',)
-        write_animation(paths[-1], drawn, _ANIMATED_PX)
+        write_animation(paths[-1], drawn, _ANIMATED_PX, _ANIMATED_MS)
     sys.stdout.writelines(f'{path}\n' for path in paths)
 
 
