@@ -58,7 +58,7 @@ LAYERS = {
         < truth static_model < scene < bag room_truth < commands
     """,
     'hoid_bringup': """
-        evaluate < run < live view maps < commands cli parameter_reference
+        arguments evaluate < run < live view maps < commands cli parameter_reference
         < command_reference message_reference < __main__
     """,
     'hoid_benchmarks': """

@@ -34,7 +34,7 @@ def test_nodes_say_what_they_wait_for_and_what_became_of_the_map(
     options = ('--log-dir', str(tmp_path / 'logs')) if has_logs else ()
     argv = (*HOID, 'nodes', '--no-detector', '--filter', 'none', *NO_SCENE, *options)
     with started_suite((*argv, '--set', f'map_directory={folder}'), tmp_path / 'out') as suite:
-        suite.await_line(probe, 'hoid nodes: starting hoid_filter, rgbd_slam')
+        suite.await_line(probe, 'hoid nodes: hoid_filter, rgbd_slam started; Ctrl-C ends them')
         for node, inputs in (
             ('hoid_filter', 'color images on /rgb/image, depth images on /depth/image'),
             ('rgbd_slam', 'camera infos on /rgb/camera_info, features on /features'),

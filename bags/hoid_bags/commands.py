@@ -86,7 +86,7 @@ def _refuse_folder_options(args: argparse.Namespace) -> None:
         '--rgb': args.rgb != _CONVERT.rgb,
         '--depth': args.depth != _CONVERT.depth,
         '--round-depth': args.round_depth,
-        '--camera': args.camera is not None,
+        '--calibration': args.calibration is not None,
         '--depth-factor': args.depth_factor is not None,
     }
     if options := [option for option, is_given in given.items() if is_given]:

@@ -96,7 +96,7 @@ def check_size(
     if (width, height) != (camera.width_px, camera.height_px):
         raise InputError(
             f'{name}: image is {width}x{height}, the camera {camera.width_px}x{camera.height_px};'
-            ' give the camera of this recording with --camera'
+            ' give the camera of this recording with --calibration'
         )
 
 

@@ -14,16 +14,17 @@ from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError
+from hoid_common.topics import COMPRESSED_SUFFIXES
 from hoid_common.values import NS_PER_S, CameraModel
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options `--camera` and `--depth-factor` (depth units) of a recording."""
+    """Declare the options `--calibration` and `--depth-factor` (depth units) of a recording."""
     parser.add_argument(
-        '--camera',
-        metavar='fr1|fr2|fr3|bonn|YAML|DRIVER',
-        help='camera: a published one, a camera_info YAML, or the driver that recorded a bag '
-        f'({", ".join(CAMERA_TOPICS)}) (default: by the name of the folder or the topics)',
+        '--calibration',
+        metavar='fr1|fr2|fr3|bonn|YAML',
+        help='calibration of the camera: a published one, or a camera_info YAML (default: by the '
+        'name of the folder, or the camera_info of the bag)',
     )
     parser.add_argument(
         '--depth-factor',
@@ -35,15 +36,13 @@ def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that name the topics of a bag, for a command that reads bags only.
-
-    In such a command, `--camera` names only the driver, and not a camera model.
-    """
+    """Declare the options that name the topics of a bag, or the driver that recorded it."""
     _add_topic_names(parser)
     parser.add_argument(
-        '--camera',
-        metavar='PRESET',
-        help=f'driver that recorded the bag: {", ".join(CAMERA_TOPICS)}',
+        '--driver',
+        choices=tuple(CAMERA_TOPICS),
+        default='',
+        help='driver that recorded the bag, by whose names topics are found (default: any)',
     )
 
 
@@ -58,7 +57,7 @@ def add_recording_arguments(
     """
     parser.add_argument('input', metavar='INPUT', type=Path, help=what)
     add_folder_arguments(parser)
-    _add_topic_names(parser)
+    add_topic_arguments(parser)
 
 
 def _add_topic_names(parser: argparse.ArgumentParser) -> None:
@@ -102,9 +101,8 @@ def depth_units_per_m(args: argparse.Namespace) -> float | None:
 
 
 def chosen_topics(args: argparse.Namespace) -> TopicChoice:
-    """Return the topics that the options name, with the driver if `--camera` names one."""
-    preset = args.camera if args.camera in CAMERA_TOPICS else ''
-    return TopicChoice(args.rgb, args.depth, args.info, preset)
+    """Return the topics that the options name, and the driver of `--driver`."""
+    return TopicChoice(args.rgb, args.depth, args.info, args.driver)
 
 
 def open_recording(
@@ -119,8 +117,8 @@ def open_recording(
 
     Raises:
         InputError: The recording or the camera file cannot be read.
-        ConfigError: The depth units are not positive, or a TUM folder lists a file with an
-            impossible name.
+        ConfigError: The depth units are not positive, a TUM folder lists a file with an
+            impossible name, or `--driver` is given for a TUM folder.
     """
     topics, camera = chosen_topics(args), chosen_camera(args)
     found = open_sequence(
@@ -128,15 +126,26 @@ def open_recording(
     )
     if isinstance(found, BagSequence):
         sys.stderr.write(f'{path}: {found.topics}\n')
+        if args.driver and not _is_of_driver(found.topics.color.name, args.driver):
+            sys.stderr.write(
+                f'{path}: these are not the topics of the driver {args.driver}, such as '
+                f'{CAMERA_TOPICS[args.driver].topics()[0]}\n'
+            )
+    elif args.driver:
+        raise ConfigError(f'--driver {args.driver}: {path} is a TUM folder, which has no topics')
     return found
 
 
+def _is_of_driver(topic: str, driver: str) -> bool:
+    for ending in COMPRESSED_SUFFIXES:
+        topic = topic.removesuffix(ending)
+    return f'/{topic}'.endswith(f'/{CAMERA_TOPICS[driver].rgb_image}')
+
+
 def chosen_camera(args: argparse.Namespace) -> CameraModel | None:
-    """Return the camera that `--camera` names; None without the option, or for a driver's name.
+    """Return the camera that `--calibration` names; None without the option.
 
     Raises:
         InputError: The value is neither a known name nor a readable camera file.
     """
-    if not args.camera or args.camera in CAMERA_TOPICS:
-        return None
-    return find_camera(args.camera)
+    return find_camera(args.calibration) if args.calibration else None

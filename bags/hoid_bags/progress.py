@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Iterable
 from typing import Any
@@ -22,5 +23,19 @@ def progress(items: Iterable[Any] | None, total: int, unit: str, *, show: bool =
     """
     interval_s = _TERMINAL_S if sys.stderr.isatty() else _LOG_S
     return tqdm(
-        items, total=total, unit=f' {unit}', mininterval=interval_s, disable=not show, ncols=88
+        items,
+        total=total,
+        unit=f' {unit}',
+        mininterval=interval_s,
+        disable=not show or not logging.getLogger().isEnabledFor(logging.WARNING),
+        ncols=88,
     )
+
+
+class AboveProgress(logging.Handler):
+    """Writes log lines to stderr, above a progress bar that is being drawn."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write the line of a record."""
+        with tqdm.external_write_mode(sys.stderr):
+            sys.stderr.write(f'{self.format(record)}\n')

@@ -78,7 +78,7 @@ def test_a_camera_info_that_changes_is_reported_once_and_the_first_is_kept(
     assert sequence.fault is None
     (line,) = [text for text in caplog.messages if 'camera_info has changed' in text]
     assert 'the first is kept' in line
-    assert '--camera' in line
+    assert '--calibration' in line
 
 
 def test_a_camera_that_changes_its_size_is_reported_and_other_images_are_left_out(
@@ -245,7 +245,7 @@ def test_a_camera_info_of_twice_the_size_is_scaled(
 
 def test_a_camera_info_of_no_multiple_is_not_denied(tmp_path: Path) -> None:
     path = write(tmp_path / 'bag', lambda _: replace(CAMERA, width_px=200))
-    with pytest.raises(InputError, match=r'image is 160x120, the camera 200x120; .*--camera'):
+    with pytest.raises(InputError, match=r'image is 160x120, the camera 200x120; .*--calibration'):
         list(open_sequence(path))
     late = tmp_path / 'late'
     with BagWriter(late) as writer, BagReader(path) as reader:
@@ -255,6 +255,7 @@ def test_a_camera_info_of_no_multiple_is_not_denied(tmp_path: Path) -> None:
             is_info = message.topic == '/rgb/camera_info'
             writer.write_serialized(message.topic, message.log_ns + is_info, message.data)
     with pytest.raises(
-        InputError, match=r'camera_info is of 200x120 px, images are of 160x120 px: .*--camera'
+        InputError,
+        match=r'camera_info is of 200x120 px, images are of 160x120 px: .*--calibration',
     ):
         open_sequence(late)

@@ -140,7 +140,7 @@ def test_images_that_are_missing(
 
 def test_a_bag_without_camera_needs_one(tmp_path: Path, camera: CameraModel) -> None:
     path = write_frames(tmp_path / 'bag', {'color': '/rgb/image', 'depth': '/d'}, camera)
-    with pytest.raises(InputError, match='no camera_info of the color images; give --camera'):
+    with pytest.raises(InputError, match='no camera_info of the color images; give --calibration'):
         open_sequence(path)
     assert_three_frames(open_sequence(path, camera), camera)
 

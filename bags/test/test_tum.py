@@ -179,7 +179,7 @@ def test_camera_of_another_size(make_folder: FolderMaker) -> None:
 
 
 def test_name_that_says_no_camera(make_folder: FolderMaker) -> None:
-    with pytest.raises(InputError, match='give --camera'):
+    with pytest.raises(InputError, match='give --calibration'):
         open_sequence(make_folder(1, name='kitchen'))
 
 

@@ -88,7 +88,7 @@ class BagSequence:
             self.fault = reader.fault
         if index.camera is None:
             problem = index.camera_problem or 'has no camera_info of the color images'
-            raise InputError(f'{path}: {problem}; give --camera')
+            raise InputError(f'{path}: {problem}; give --calibration')
         self.camera = index.camera
         self._aligner, self._frames = index.aligner, index.frames
         self._aligner.color = self.camera
@@ -204,7 +204,9 @@ class _Index:
         self, reader: BagReader, found: RecordedTopics, given_camera: CameraModel | None
     ) -> None:
         self._given_camera = given_camera
-        self._cameras = CameraInfoCheck('give the camera with --camera, or split the recording')
+        self._cameras = CameraInfoCheck(
+            'give the camera with --calibration, or split the recording'
+        )
         self._reported: set[str] = set()  # kinds of problems of the camera that were logged
         self._found = found
         self.aligner = DepthAligner(_REGISTER)

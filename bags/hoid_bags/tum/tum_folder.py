@@ -186,7 +186,7 @@ def open_tum_folder(
     if camera is None:
         raise InputError(
             f'{path}: the name contains no known camera;'
-            ' give --camera fr1, fr2, fr3, bonn or a YAML file'
+            ' give --calibration fr1, fr2, fr3, bonn or a YAML file'
         )
     folder = TumFolder(path, camera, depth_units_per_m, color, depth, max_gap_ns, depth_offset_ns)
     _ = folder.pairs, folder.ground_truth  # their warnings come before the work, not after it

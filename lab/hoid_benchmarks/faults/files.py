@@ -181,7 +181,7 @@ def _camera(samples: Samples, place: Path, rng: Rng | None) -> Work:
 
 
 def _converted(tum: Path, camera: Path, place: Path) -> Work:
-    argv = ['convert', str(tum), str(place / 'out'), '--camera', str(camera)]
+    argv = ['convert', str(tum), str(place / 'out'), '--calibration', str(camera)]
     return lambda: cli.main(argv)
 
 
@@ -220,7 +220,7 @@ def _no_file(samples: Samples, place: Path, rng: Rng | None) -> Work:
 
 def _name(samples: Samples, place: Path, rng: Rng | None) -> Work:
     """Convert with an abnormal file name in one argument."""
-    argv = ['convert', str(samples.tum), str(place / 'out'), '--camera', str(samples.camera)]
+    argv = ['convert', str(samples.tum), str(place / 'out'), '--calibration', str(samples.camera)]
     if rng is not None:
         strange = ('x' * 5000, 'é' * 200, os.fsdecode(b'caf\xe9'), '', 'a\nb' * 100, '\x1b[2J')
         argv[int(rng.choice([1, 4]))] = strange[int(rng.integers(len(strange)))]

@@ -47,7 +47,7 @@ def kill_cases(samples: Samples, folder: Path, seeds: range) -> Iterator[Outcome
 
 def _convert(samples: Samples, place: Path) -> Callable[[], int]:
     place.mkdir(parents=True)
-    argv = ['convert', str(samples.tum), str(place / 'bag'), '--camera', str(samples.camera)]
+    argv = ['convert', str(samples.tum), str(place / 'bag'), '--calibration', str(samples.camera)]
     return lambda: cli.main(argv)
 
 

@@ -92,7 +92,7 @@ class Store:
             return ['synth', str(self._bag(name, options)), *options]
         if units_per_m := _OF_OWN_CAMERA.get(name):
             folder = self.shared / 'data' / name
-            camera = ['--camera', str(folder / 'camera.yaml')]
+            camera = ['--calibration', str(folder / 'camera.yaml')]
             units = ['--depth-factor', str(units_per_m)]
             return ['convert', str(folder), str(self.made / name), *camera, *units]
         return []

@@ -13,9 +13,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
+from hoid_bags.progress import AboveProgress
+from hoid_bringup.arguments import Parser, suggestion
 from hoid_common.errors import HoidError, InputError
 from hoid_common.io.files import abandoned_scratch_folders
 from hoid_common.io.untrusted import check_path_name
@@ -25,6 +28,7 @@ from hoid_common.process.signals import interrupt_on_termination, termination_si
 _OK, _FAILED, _INTERRUPTED = 0, 1, 130
 _NODES = 'nodes'
 _SERVICES = 'hoid_bringup.live.node_services'
+_LEVELS = {'verbose': logging.DEBUG, '': logging.WARNING, 'quiet': logging.ERROR}
 _FREE_TEXT = ('set',)  # options whose values are no names of files
 # Environment variables that limit the threads of numerical libraries.
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
@@ -72,6 +76,9 @@ COMMANDS = {
     'evaluate': Command('hoid_bringup.commands', 'compute the errors of a trajectory'),
     'bench': Command('hoid_benchmarks.commands', 'run experiments, or measure a stage'),
     'view': Command('hoid_bringup.view.view', 'show a recording or the results of a run in 3-D'),
+    'completion': Command(
+        'hoid_bringup.cli', 'print the script that completes this command line in a shell'
+    ),
     'pictures': Command('hoid_benchmarks.pictures', 'draw the verdicts of the filter on images'),
 }
 
@@ -92,17 +99,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, '1')
     interrupt_on_termination()
     argv = list(sys.argv[1:] if argv is None else argv)
+    if '_ARGCOMPLETE' in os.environ:
+        argv = os.environ.get('COMP_LINE', '').split()[1:]
     chosen = next((word for word in argv if not word.startswith('-')), '')
     try:
-        args = argument_parser(chosen).parse_args(argv)
+        parser = argument_parser(chosen)
+        if '_ARGCOMPLETE' in os.environ:
+            complete(parser)  # ends the process
+        args = parser.parse_args(argv)
         if COMMANDS[chosen].is_live:
             # The output of `nodes` is relayed even to a terminal, because `nodes` must not wait if
             # the terminal is stopped. The other commands here draw progress bars, which need the
             # terminal itself.
             relay_output(terminals=chosen == _NODES)
         logging.basicConfig(
-            level=logging.DEBUG if args.verbose else logging.WARNING,
+            level=_LEVELS[args.verbosity],
             format='%(levelname)s %(name)s: %(message)s',
+            handlers=[AboveProgress()],
         )
         _check_names(args)
         for line in _abandoned_folders(args):
@@ -169,19 +182,48 @@ def argument_parser(chosen: str) -> argparse.ArgumentParser:
     Raises:
         InputError: A Python package that the chosen command needs is missing.
     """
-    parser = argparse.ArgumentParser(prog='hoid', description='RGB-D SLAM among moving people.')
-    parser.add_argument(
-        '-v', '--verbose', action='store_true', help='show log messages and tracebacks'
-    )
+    parser = Parser(prog='hoid', description='RGB-D SLAM among moving people.')
+    parser.add_argument('--version', action='version', version=f'hoid {version("hoid_bringup")}')
+    _add_verbosity(parser, '')
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, command in COMMANDS.items():
-        # Without abbreviations, a new option cannot change the meaning of an old command line.
-        sub = commands.add_parser(
-            name, help=command.help, description=f'{command.help}.', allow_abbrev=False
-        )
+        sub = commands.add_parser(name, help=command.help, description=f'{command.help}.')
         if name == chosen:
             add_arguments(name, sub)
+            _add_verbosity(sub, argparse.SUPPRESS)  # what stands before the command stays
+    if chosen and chosen not in COMMANDS:
+        parser.error(f'there is no command {chosen}{suggestion(chosen, list(COMMANDS))}')
     return parser
+
+
+def complete(parser: argparse.ArgumentParser) -> None:
+    """Print the words that can follow in the shell's command line, and end the process."""
+    import argcomplete  # part of ROS's wheels and installations
+
+    argcomplete.autocomplete(parser)
+
+
+def add_completion_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of `hoid completion`."""
+    parser.add_argument('shell', choices=('bash', 'zsh'), help='the shell that completes')
+
+
+def completion_command(args: argparse.Namespace) -> None:
+    """Print the script by which a shell completes the words of `./hoid`."""
+    from argcomplete.shell_integration import shellcode
+
+    print(shellcode(['hoid'], shell=args.shell))
+
+
+def _add_verbosity(parser: argparse.ArgumentParser, default: str) -> None:
+    for name, what in (
+        ('verbose', 'show log messages and tracebacks'),
+        ('quiet', 'show neither warnings nor progress'),
+    ):
+        parser.add_argument(
+            f'-{name[0]}', f'--{name}', dest='verbosity', action='store_const', const=name,
+            default=default, help=what,
+        )  # fmt: skip
 
 
 def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:

@@ -6,13 +6,14 @@ import argparse
 import sys
 from collections.abc import Iterator
 
+from hoid_bringup.arguments import help_text
 from hoid_bringup.cli import COMMANDS, add_arguments
 
 _HEAD = """# Commands
 
 Written by `make reference` from the commands themselves. Every error is one line that names the
-file, topic or parameter at fault, with exit status 1, or 2 for usage. `./hoid -v COMMAND` says
-more.
+file, topic or parameter at fault, with exit status 1, or 2 for usage. `-v` says
+more, `-q` less; both stand before or after the command.
 """
 
 
@@ -33,7 +34,7 @@ def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
     """Yield the table row of each argument that is not hidden from the help."""
     for action in parser._actions:  # noqa: SLF001 - argparse has no public list of arguments
         if action.help != argparse.SUPPRESS:
-            text = (action.help or '') % {**vars(action), 'prog': parser.prog}
+            text = help_text(action) % {**vars(action), 'prog': parser.prog}
             yield f'| {_code(_usage(action))} | {text.replace("|", chr(92) + "|")} |'
 
 

@@ -47,5 +47,5 @@ def shared_node_cases(
 def _writers(samples: Samples, bag: Path) -> tuple[tuple[str, ...], ...]:
     """Return the commands that write a bag to a path."""
     hoid = (sys.executable, '-m', 'hoid_bringup')
-    convert = ('convert', str(samples.tum), str(bag), '--camera', str(samples.camera))
+    convert = ('convert', str(samples.tum), str(bag), '--calibration', str(samples.camera))
     return (*hoid, *convert), (*hoid, 'record', str(bag))

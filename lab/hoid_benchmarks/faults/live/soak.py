@@ -91,7 +91,7 @@ def _offline(scene: Scene, folder: Path, minutes: int) -> list[_Sample]:
     """Return samples of a process that runs one recording repeatedly."""
     recording = _recorded(scene, folder / 'recording')
     command = (sys.executable, '-c', _OFFLINE, str(recording), '--out', str(folder / 'out'))
-    options = ('--camera', str(recording / 'camera.yaml'), '--filter', 'none')
+    options = ('--calibration', str(recording / 'camera.yaml'), '--filter', 'none')
     samples = []
     with subprocess.Popen(
         (*command, *options), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

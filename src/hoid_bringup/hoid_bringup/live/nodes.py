@@ -23,6 +23,10 @@ from hoid_common.io.param_file import load_params
 from hoid_common.process.limits import require_descriptors
 from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.topics import IMU, NAMESPACED_TF
+from hoid_detector.model.model_path import find_model
+from hoid_filter.strategy_registry import STRATEGIES
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.store.map_directory import existing_map
 
 _TICK_S = 0.05  # chosen: longest delay until the end of a node is noticed
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
@@ -58,7 +62,10 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         help="namespace of the camera driver (default: the driver's own default)",
     )
     parser.add_argument(
-        '--filter', metavar='STRATEGY', help='strategy that identifies dynamic objects'
+        '--filter',
+        choices=STRATEGIES,
+        help='strategy that identifies dynamic objects (default: '
+        f'{RunConfig().filter.strategy}, or {MOTION} without a detector model)',
     )
     add_set_argument(parser)
     parser.add_argument(
@@ -106,11 +113,11 @@ def nodes_command(args: argparse.Namespace) -> None:
         HoidError: An option is invalid, or a node ended that is not restarted.
     """
     require_descriptors()  # the nodes inherit the limit of open files
-    specs = node_specs(without_detector(node_options(args)))
+    options = node_options(args)
+    check_files(options)
+    specs = node_specs(without_detector(options))
     try:
         with suppress(KeyboardInterrupt):
-            where = '' if args.log_dir is None else f', with their logs in {args.log_dir}'
-            _say(f'starting {", ".join(spec.name for spec in specs)}{where}; Ctrl-C ends them')
             supervisor = Supervisor(specs, restart=args.restart, log_dir=args.log_dir)
             try:
                 _supervise(supervisor)
@@ -128,6 +135,7 @@ def _supervise(supervisor: Supervisor) -> None:
             folder cannot be written.
     """
     with supervisor, _saying_the_end():
+        _say(f'{", ".join(supervisor.pids)} started; Ctrl-C ends them')
         while True:
             _show_logs(supervisor)
             for ended in supervisor.poll():
@@ -202,6 +210,26 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
         ),
         parameters=parameters,
     )
+
+
+def check_files(options: NodeOptions) -> None:
+    """Check, before any node is started, that the model and the map to start with exist.
+
+    Raises:
+        HoidError: One of them does not exist, or cannot be downloaded.
+    """
+    given = {
+        node: {
+            **(load_params(options.params_file, node) if options.params_file else {}),
+            **options.parameters[node],
+        }
+        for node in options.nodes
+    }
+    if model := given.get(DETECTOR, {}).get('model'):
+        find_model(model)
+    slam = given.get(SLAM, {})
+    if name := slam.get('map_file'):
+        existing_map(slam.get('map_directory', SlamNodeConfig().map_directory), name)
 
 
 def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:

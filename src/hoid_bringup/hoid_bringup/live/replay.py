@@ -227,5 +227,5 @@ def _first_camera_info(bag: BagSequence) -> bytes:
             return message.data
     raise InputError(
         f'{bag.path}: has no message on {topic}, which the nodes need; record it, or use '
-        '"hoid run --camera"'
+        '"hoid run --calibration"'
     )

@@ -84,7 +84,7 @@ class BagNames:
         if found.camera_info is None:
             raise InputError(
                 f'{bag.path}: has no camera_info topic, which the nodes need; record it, or use '
-                '"hoid run --camera"'
+                '"hoid run --calibration"'
             )
         for topic in (found.color, found.depth):
             if is_compressed(topic.name) != (topic.type_name == COMPRESSED_IMAGE):

@@ -12,6 +12,7 @@ from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.options import depth_offset_ns, depth_units_per_m, open_recording
 from hoid_bags.sequence import Sequence
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
+from hoid_bringup.run.no_detector import MOTION
 from hoid_bringup.run.run_config import SHORT_NAMES, TRUTH, RunConfig
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import scratch_folder
@@ -23,6 +24,7 @@ DETECTOR_HELP = (
     f'ONNX model of the detector, a file or a known name; "{TRUTH}" uses the ground-truth boxes '
     'of a rendered bag (default: search for a model)'
 )
+_DEFAULT = RunConfig()
 _SLOP = 'filter.sync_slop_s'
 # Name of the parameter that each option sets.
 _SHORTCUTS = {
@@ -40,7 +42,10 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     The option `--set` for any other parameter is declared as well.
     """
     parser.add_argument(
-        '--filter', choices=STRATEGIES, help='strategy that identifies dynamic objects'
+        '--filter',
+        choices=STRATEGIES,
+        help='strategy that identifies dynamic objects (default: '
+        f'{_DEFAULT.filter.strategy}, or {MOTION} without a detector model)',
     )
     parser.add_argument('--detector', metavar='MODEL', help=DETECTOR_HELP)
     parser.add_argument(
@@ -48,15 +53,21 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar='A',
         help="share of an object's box, from 0 to 1, that a person must cover for the object to "
-        'count as handled',
+        f'count as handled (default: {_DEFAULT.filter.min_interaction_area:g})',
     )
     parser.add_argument(
         '--depth-limit',
         type=float,
         metavar='M',
-        help='largest depth difference between a person and a handled object in m (3-D rule)',
+        help='largest depth difference between a person and a handled object in m '
+        f'(3-D rule) (default: {_DEFAULT.filter.depth_limit_m:g})',
     )
-    parser.add_argument('--seed', type=int, metavar='N', help='seed of random numbers')
+    parser.add_argument(
+        '--seed',
+        type=int,
+        metavar='N',
+        help=f'seed of random numbers (default: {_DEFAULT.slam.seed})',
+    )
     add_set_argument(parser)
 
 

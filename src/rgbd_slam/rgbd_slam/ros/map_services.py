@@ -39,6 +39,7 @@ from rgbd_slam.store.map_directory import (
     MAP,
     TRAJECTORY,
     FileKind,
+    existing_map,
     path_in,
     printable,
     remove_abandoned,
@@ -230,7 +231,7 @@ class MapServices:
         return value
 
     def _load(self, request: LoadMap.Request) -> str:
-        path = self._path(request.name, MAP)
+        path = existing_map(self._config.map_directory, request.name)
         content = checkpoint_folder.load_map(path)
         session = self._node_thread.call(self._session)
         extend = session.mode is SlamMode.MAPPING

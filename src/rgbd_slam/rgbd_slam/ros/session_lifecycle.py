@@ -27,7 +27,7 @@ from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
-from rgbd_slam.store.map_directory import MAP, path_in
+from rgbd_slam.store.map_directory import existing_map
 from rgbd_slam.store.map_file import MapFile
 from rgbd_slam.tracking.motion_sources import ExternalOdometry
 
@@ -279,7 +279,7 @@ class SessionLifecycle:
     def _read_first_map(self) -> MapFile | None:
         config = self._config
         if config.map_file:
-            return checkpoint_folder.load_map(path_in(config.map_directory, config.map_file, MAP))
+            return checkpoint_folder.load_map(existing_map(config.map_directory, config.map_file))
         if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
             raise ConfigError(
                 'mode is localization, which needs a map_file: set it, or the mode mapping'

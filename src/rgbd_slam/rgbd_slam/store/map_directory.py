@@ -73,6 +73,22 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
     return path
 
 
+def existing_map(directory: str, name: str) -> Path:
+    """Return the path of a saved map in the folder of maps.
+
+    Raises:
+        InputError: There is no such map, which the text follows by the names of those there are;
+            or the name is not allowed (`path_in`).
+        ConfigError: As in `path_in`.
+    """
+    path = path_in(directory, name, MAP)
+    if path.exists():
+        return path
+    names = sorted(found.stem for found in path.parent.glob(f'[!.]*{SUFFIX}'))
+    there = f'the maps in this folder are {", ".join(names)}' if names else 'the folder has no map'
+    raise InputError(f'{path}: there is no such file; {there}')
+
+
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
     """Write files so that each existing file is replaced by a complete one or not at all.
 

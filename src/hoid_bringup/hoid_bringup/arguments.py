@@ -1,0 +1,75 @@
+"""Parser of the command line: one useful line before the usage, suggestions, and defaults."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any, NoReturn
+
+_CHOICE = re.compile(r"invalid choice: '?([^']*?)'? \(choose from (.*)\)")
+_MOVED = {'--camera': '--driver, the driver that recorded a bag, or --calibration'}
+"""Options that had another name, with the present one."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors begin with the line that says what to do."""
+
+    def __init__(self, *, prog: str, **options: Any) -> None:
+        # Without abbreviations, a new option cannot change the meaning of an old command line.
+        options |= {'formatter_class': _Formatter, 'allow_abbrev': False}
+        super().__init__(prog=prog, **options)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse arguments; unknown ones are refused with the name of a similar option."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            command = self.of_command(getattr(found, 'command', ''))
+            command.error(f'unknown: {" ".join(unknown)}{command.suggested_option(unknown[0])}')
+        return found
+
+    def of_command(self, name: str) -> Parser:
+        """Return the parser of a sub-command, or this one if there is no such sub-command."""
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001 - no public name
+                found: Parser = action.choices.get(name, self)
+                return found
+        return self
+
+    def suggested_option(self, word: str) -> str:
+        """Return which option was probably meant by an unknown one, as the end of a line."""
+        name = word.partition('=')[0]
+        if name in _MOVED:
+            return f'; use {_MOVED[name]}'
+        return suggestion(name, list(self._option_string_actions))
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and the usage, and exit with status 2."""
+        if found := _CHOICE.search(message):
+            message += suggestion(found[1], [c.strip(" '") for c in found[2].split(',')])
+        sys.stderr.write(f'{self.prog}: {message}; see "./{self.prog} --help"\n')
+        self.print_usage(sys.stderr)
+        sys.exit(2)
+
+
+class _Formatter(argparse.HelpFormatter):
+    def _get_help_string(self, action: argparse.Action) -> str:
+        return help_text(action)
+
+
+def help_text(action: argparse.Action) -> str:
+    """Return the help of an argument as a format string, with its default."""
+    text = action.help or ''
+    takes_value = action.option_strings and action.nargs != 0 and not action.required
+    if not takes_value or '(default' in text:
+        return text
+    is_none = action.default is None or action.default in ('', [], argparse.SUPPRESS)
+    return f'{text} (default: {"none" if is_none else "%(default)s"})'
+
+
+def suggestion(word: str, names: Sequence[str]) -> str:
+    """Return '; did you mean ...?' with the most similar name, or '' if none is similar."""
+    close = get_close_matches(word, names, 1)
+    return f'; did you mean {close[0]}?' if close else ''
