@@ -13,8 +13,8 @@ namespace hoid::features {
 
 namespace {
 
-constexpr int kRadius = kOrientationBorderPx;
-constexpr int kRows = 2 * kRadius + 1;
+constexpr int kDiscRadius = kOrientationBorderPx;
+constexpr int kRows = 2 * kDiscRadius + 1;
 constexpr int kColumns = kRows + 1;  // one more, so that a row fills whole vectors
 
 // Weights of the square's pixels in the first moments; 0 outside the disc of radius 15.5 px.
@@ -24,10 +24,10 @@ struct Weights
 
   Weights()
   {
-    for (int v = -kRadius; v <= kRadius; ++v) {
-      const int half = static_cast<int>(std::sqrt((kRadius + 0.5) * (kRadius + 0.5) - v * v));
+    for (int v = -kDiscRadius; v <= kDiscRadius; ++v) {
+      const int half = static_cast<int>(std::sqrt((kDiscRadius + 0.5) * (kDiscRadius + 0.5) - v * v));
       for (int u = -half; u <= half; ++u) {
-        const int at = (v + kRadius) * kColumns + u + kRadius;
+        const int at = (v + kDiscRadius) * kColumns + u + kDiscRadius;
         x[at] = static_cast<int16_t>(u);
         y[at] = static_cast<int16_t>(v);
       }
@@ -43,7 +43,7 @@ void orientations(const Image<uint8_t>& image, const Pixels& corners, float* ang
   static const Weights weights;
   uint8_t patch[kRows * kColumns] = {};
   for (int k = 0; k < corners.count; ++k) {
-    const uint8_t* corner = image.row(corners.y[k] - kRadius) + corners.x[k] - kRadius;
+    const uint8_t* corner = image.row(corners.y[k] - kDiscRadius) + corners.x[k] - kDiscRadius;
     for (int row = 0; row < kRows; ++row) {
       std::memcpy(
         patch + row * kColumns, corner + static_cast<std::ptrdiff_t>(row) * image.width, kRows);

@@ -13,11 +13,11 @@ namespace hoid::features {
 
 namespace {
 
-constexpr int kSide = 3, kLanes = 16;
+constexpr int kSide = 3, kCellLanes = 16;
 constexpr float kMaxOffsetPx = 0.5F;  // the edge of the pixel: no neighbor scores higher
 
 // One number for each of the 3x3 pixels, row by row, then padding.
-using Cells = int16_t __attribute__((vector_size(sizeof(int16_t) * kLanes)));
+using Cells = int16_t __attribute__((vector_size(sizeof(int16_t) * kCellLanes)));
 
 ALWAYS_INLINE Cells around(const uint8_t* at, std::ptrdiff_t stride)
 {

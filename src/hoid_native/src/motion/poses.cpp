@@ -12,7 +12,7 @@ namespace hoid::motion {
 
 namespace {
 
-constexpr double kMinDepthM = 0.1;  // chosen: nearer than most depth cameras measure
+constexpr double kNearestM = 0.1;  // chosen: nearer than most depth cameras measure
 // Norm of the cross product (two thirds of the triangle's area) below which three points count as
 // on a line, numerically.
 constexpr double kMinCrossM2 = 1e-9;
@@ -52,7 +52,7 @@ ALWAYS_INLINE void write_fits(
                *__restrict v = measured_px.y.data(), *__restrict u_right = measured_px.z.data();
   for (int k = 0; k < count; ++k) {
     const double ahead = T[8] * x[k] + T[9] * y[k] + T[10] * z[k] + T[11];
-    const double scale = 1 / (ahead > kMinDepthM ? ahead : kMinDepthM);
+    const double scale = 1 / (ahead > kNearestM ? ahead : kNearestM);
     const double du = (T[0] * x[k] + T[1] * y[k] + T[2] * z[k] + T[3]) * scale * camera.fx_px +
                       camera.cx_px - u[k];
     const double dv = (T[4] * x[k] + T[5] * y[k] + T[6] * z[k] + T[7]) * scale * camera.fy_px +
@@ -61,7 +61,7 @@ ALWAYS_INLINE void write_fits(
     const double d = u_right[k] == u_right[k] ? error : 0.0;
     const double fit =
       1 - (du * du + dv * dv + d * d * noise.per_disparity2) * noise.per_limit2;
-    fit_out[k] = (ahead > kMinDepthM) & (fit > 0) ? fit : 0.0;
+    fit_out[k] = (ahead > kNearestM) & (fit > 0) ? fit : 0.0;
   }
 }
 

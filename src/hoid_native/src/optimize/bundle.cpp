@@ -20,7 +20,7 @@ namespace {
 // Levenberg-Marquardt, chosen: damping relative to the diagonal, and the relative decrease of the
 // cost below which a round ends.
 constexpr double kFirstDamping = 1e-5, kMinDamping = 1e-9, kMaxDamping = 1e3;
-constexpr double kConverged = 1e-4;
+constexpr double kConvergedCost = 1e-4;
 
 using Block = Eigen::Matrix<double, kPose, kPose, Eigen::RowMajor>;
 
@@ -172,7 +172,7 @@ public:
         damping = std::min(100 * damping, kMaxDamping);
         continue;
       }
-      const bool done = cost - new_cost < kConverged * cost;
+      const bool done = cost - new_cost < kConvergedCost * cost;
       cost = new_cost;
       damping = std::max(damping / 10, kMinDamping);
       if (done) {

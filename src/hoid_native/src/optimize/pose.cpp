@@ -15,7 +15,7 @@ namespace hoid::optimize {
 namespace {
 
 constexpr int kMinMatches = 4;       // chosen: three determine a pose, a fourth one checks it
-constexpr double kConverged = 1e-7;  // chosen: length of a negligible step, in rad and m
+constexpr double kConvergedStep = 1e-7;  // chosen: length of a negligible step, in rad and m
 
 // Iterations of each round, after which outliers are identified again. Not tuned: ORB-SLAM3 has
 // four rounds of ten (Optimizer.cc, PoseOptimization).
@@ -190,7 +190,7 @@ void iterate(
     }
     const Vector6 step = factor.solve(g);
     move_pose(step, T);
-    if (step.squaredNorm() < kConverged * kConverged) {
+    if (step.squaredNorm() < kConvergedStep * kConvergedStep) {
       return;
     }
   }
