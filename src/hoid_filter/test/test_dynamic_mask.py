@@ -1,7 +1,9 @@
 """The mask over dynamic pixels, and the corners that it keeps."""
 
+import cv2
 import numpy as np
 
+from hoid_filter.strategies import dynamic_mask
 from hoid_filter.strategies.dynamic_mask import dilate_mask
 
 from .helpers import HEIGHT, WIDTH, picture_of, view
@@ -30,3 +32,11 @@ def test_a_static_image_keeps_all_corners() -> None:
     mask = dilate_mask(np.zeros(LOW_HW, np.bool_), view(None))
     assert (mask.static_area_px, mask.kept) == (HEIGHT * WIDTH, None)
     assert not mask.is_dynamic.any()
+
+
+def test_each_pixel_has_the_low_resolution_cell_that_opencv_resizes_to_it() -> None:
+    cells = np.arange(31 * 43, dtype=np.float32).reshape(31, 43)
+    found = dynamic_mask._upsampling((123, 170), (31, 43))
+    expected = cv2.resize(cells, (170, 123), interpolation=cv2.INTER_NEAREST)
+    np.testing.assert_array_equal(found.cell_of_pixel, expected.ravel())
+    np.testing.assert_array_equal(found.areas_px.ravel(), np.bincount(found.cell_of_pixel))

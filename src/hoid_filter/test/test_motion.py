@@ -307,6 +307,18 @@ def test_each_pixel_maps_to_the_downscaled_pixel_of_its_undistorted_position() -
     assert np.mean(off_px > 0) < 0.01
 
 
+def test_downscaled_depth_is_zero_beyond_the_full_image_and_where_depth_is_not_finite() -> None:
+    distorted = replace(CAMERA, distortion=(0.6, 0.0, 0.0, 0.0, 0.0))
+    small = DownscaledCamera(distorted).depth(np.ones((240, 320), np.float32))
+    assert set(np.unique(small)) == {0.0, 1.0}  # the corners are not in the full image
+    for missing in (np.nan, np.inf, -np.inf):
+        depth_m = np.full((240, 320), 2.0, np.float32)
+        depth_m[100:140, 100:140] = missing
+        small = DownscaledCamera(CAMERA).depth(depth_m)
+        assert set(np.unique(small)) == {0.0, 2.0}
+        assert np.count_nonzero(small == 0) == 20 * 20
+
+
 def test_pixels_without_depth_never_get_log_odds() -> None:
     camera = DownscaledCamera(CAMERA)
     log_odds = MotionLogOdds(camera, 1.0)

@@ -1,6 +1,7 @@
 """Validation of detections."""
 
 import numpy as np
+import pytest
 
 from hoid_common.values import Detections
 from hoid_filter.detections.sanitize import sanitize
@@ -26,6 +27,26 @@ def test_unusable_boxes_are_refused_and_counted() -> None:
     fit, refused, clipped = sanitize(bad, 160, 120, 10)
     assert fit.class_names == ('cup',)
     assert (refused, clipped) == (5, 0)
+
+
+@pytest.mark.parametrize(
+    'wrong',
+    [
+        ('left', -0.1), ('right', 4.9), ('right', 160.1), ('top', -1.0), ('bottom', 6.0),
+        ('bottom', 121.0), ('left', np.nan), ('top', np.nan), ('right', np.nan),
+        ('score', -0.01), ('score', 1.01), ('score', np.nan),
+    ],
+)  # fmt: skip
+def test_one_invalid_number_among_good_detections_is_noticed(wrong: tuple[str, float]) -> None:
+    what, value = wrong
+    given = detections(('cup', (1.0, 2.0, 3.0, 4.0)), ('person', (5.0, 6.0, 9.0, 9.0)))
+    if what == 'score':
+        given.scores[1] = value
+    else:
+        given.boxes_xyxy_px[1, ('left', 'top', 'right', 'bottom').index(what)] = value
+    fit, refused, clipped = sanitize(given, 160, 120, 10)
+    assert refused + clipped == 1
+    assert len(fit) == 2 - refused
 
 
 def test_boxes_beyond_the_image_and_scores_beyond_one_are_clipped() -> None:

@@ -1,9 +1,9 @@
 """C++ kernels for the loops in which NumPy is measured to be too slow (docs/architecture.md).
 
-The kernels work on NumPy arrays. A wrong dtype or shape raises a TypeError; an invalid value that
-a kernel checks raises a ValueError. Arrays that are not contiguous are copied, except arrays that
-a kernel changes: these must be contiguous. Arguments of type `NDArray[Any]` may have any real
-dtype.
+The kernels work on NumPy arrays. A wrong dtype or shape raises a TypeError. Lengths that differ,
+indices out of range, and values that a docstring excludes raise a ValueError. Arrays that are not
+contiguous are copied, except arrays that a kernel changes: these must be contiguous. Arguments of
+type `NDArray[Any]` may have any real dtype.
 """
 
 from hoid_native._native import (
@@ -16,13 +16,11 @@ from hoid_native._native import (
     StereoParams,
     adjust_bundle,
     align_triples,
-    are_boxes_valid,
     box_center_depths_m,
     cells_of,
     classify_boxes,
     depth_ranges_3x3,
     depth_segments,
-    depths_at,
     evaluate_matches,
     fast_corners,
     hash_keys,
@@ -57,7 +55,6 @@ from hoid_native._native import (
     subpixel_offsets_px,
     transformed_parts,
     trimmed_box,
-    values_at,
     voxel_keys,
     voxels_of,
 )
@@ -72,13 +69,11 @@ __all__ = [
     'StereoParams',
     'adjust_bundle',
     'align_triples',
-    'are_boxes_valid',
     'box_center_depths_m',
     'cells_of',
     'classify_boxes',
     'depth_ranges_3x3',
     'depth_segments',
-    'depths_at',
     'evaluate_matches',
     'fast_corners',
     'hash_keys',
@@ -113,7 +108,6 @@ __all__ = [
     'subpixel_offsets_px',
     'transformed_parts',
     'trimmed_box',
-    'values_at',
     'voxel_keys',
     'voxels_of',
 ]

@@ -22,14 +22,10 @@ def fast_corners(
     if it is less than 32 px wide or high without the border.
 
     Args:
-        levels: L gray images (H_l, W_l) uint8, the finest first.
+        levels: at most 256 gray images (H_l, W_l) uint8, the finest first.
         steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
         threshold: contrast in gray levels that a corner must exceed, from 1 to 254.
         border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
-
-    Raises:
-        ValueError: The threshold or the border is out of range, there are more than 256 levels, or
-            `steps_px` has another number of rows than there are levels.
     """
 
 def spread_evenly(
@@ -49,15 +45,11 @@ def spread_evenly(
 
     Args:
         uv_px: (N, 2) positions of the corners in level 0, from 0 to less than 65536.
-        octave: (N,) uint8 index of the level of each corner.
+        octave: (N,) uint8 index of the level of each corner, less than L.
         score: (N,) uint8 strength of each corner.
         budgets: (L,) int64 number of corners wanted from each octave.
         area_px: image area over which the corners are spread, in level-0 pixels. A grid cell has at
             least one pixel.
-
-    Raises:
-        ValueError: Lengths differ, an octave is not below L, a budget or the area is negative, or a
-            position is out of range.
     """
 
 def subpixel_offsets_px(
@@ -74,11 +66,8 @@ def subpixel_offsets_px(
 
     Args:
         image_gray: (H, W) uint8 image.
-        x: (N,) int32 columns of the corners.
-        y: (N,) int32 rows of the corners.
-
-    Raises:
-        ValueError: A pixel is less than 4 px from the image's edge, or lengths differ.
+        x: (N,) int32 columns of the corners, at least 4 px from the image's edge.
+        y: (N,) int32 rows of the corners, likewise.
     """
 
 def orientations_deg(
@@ -93,11 +82,8 @@ def orientations_deg(
 
     Args:
         image_gray: (H, W) uint8 image.
-        x: (N,) int32 columns of the corners.
-        y: (N,) int32 rows of the corners.
-
-    Raises:
-        ValueError: A pixel is less than 15 px from the image's edge, or lengths differ.
+        x: (N,) int32 columns of the corners, at least 15 px from the image's edge.
+        y: (N,) int32 rows of the corners, likewise.
     """
 
 def orb_descriptors(
@@ -113,13 +99,9 @@ def orb_descriptors(
 
     Args:
         image_smooth: (H, W) uint8 smoothed gray image.
-        x: (N,) int32 columns of the corners.
-        y: (N,) int32 rows of the corners.
-        angle_deg: (N,) float32 orientations, as `orientations_deg` returns them.
-
-    Raises:
-        ValueError: A pixel is less than 19 px from the image's edge, an angle is not finite, or
-            lengths differ.
+        x: (N,) int32 columns of the corners, at least 19 px from the image's edge.
+        y: (N,) int32 rows of the corners, likewise.
+        angle_deg: (N,) float32 orientations, as `orientations_deg` returns them; finite.
     """
 
 class ObservationGraph:
@@ -147,9 +129,6 @@ class ObservationGraph:
             i: (N,) rows of keyframes.
             k: (N,) features of the keyframes.
             j: (N,) rows of points.
-
-        Raises:
-            ValueError: Lengths differ, or a row is out of range.
         """
 
     def unobserve(
@@ -167,8 +146,7 @@ class ObservationGraph:
             j: (N,) rows of points.
 
         Raises:
-            ValueError: Lengths differ, a row is out of range, or one of the observations does not exist;
-                those before it are removed nevertheless.
+            ValueError: One of the observations does not exist; those before it are removed nevertheless.
         """
 
     def clear(self) -> None:
@@ -223,9 +201,6 @@ class ObservationGraph:
             i: row of the keyframe.
             rows: (N,) rows of all keyframes that share points with it, ascending, each once.
             shared: (N,) numbers of shared points, at least 1.
-
-        Raises:
-            ValueError: Lengths differ, a row is out of range, or the rows are not sorted.
         """
 
     def neighbors(self, i: int, min_shared: int = 1) -> hoid_native.results.Neighbors:
@@ -271,9 +246,6 @@ class ObservationGraph:
             goal: row of the last keyframe.
             min_shared: least number of points that two keyframes of a step share.
             m_per_rad: length [m] that is added to a step for each radian of its rotation.
-
-        Raises:
-            ValueError: Lengths differ, or a row is out of range.
         """
 
     def count_observed(
@@ -338,10 +310,7 @@ def point_statistics(
         i: (N,) int64 rows of keyframes, which observe
         k: (N,) int64 in these features
         j: (N,) int64 these points; ascending.
-        octave_scale: (L,) scales of the octaves; octaves from L on have the last one.
-
-    Raises:
-        ValueError: Lengths differ, a row or a feature is out of range, or `j` does not ascend.
+        octave_scale: (L,) scales of the octaves, at least one; octaves from L on have the last one.
     """
 
 def move_points(
@@ -360,9 +329,119 @@ def move_points(
         which: (N,) int64 index of the motion of each point; -1: the point stays.
         position_m: (N, 3) float64 positions of the points, which are changed.
         view_direction: (N, 3) float32 viewing directions, which are changed.
+    """
 
-    Raises:
-        ValueError: Lengths differ, or an index is out of range.
+def overlap_ratios(
+    boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (N, M) ratios of the area of box n that other box m covers, in [0, 1].
+
+    This is the interaction area of the HOID paper. It is 0 for a box without area.
+
+    Args:
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        others_xyxy_px: (M, 4) other boxes, finite.
+    """
+
+def intersections_over_union(
+    boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (N, M) intersections over union of boxes, in [0, 1]; 0 for boxes without area.
+
+    Args:
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        others_xyxy_px: (M, 4) other boxes, finite.
+    """
+
+def classify_boxes(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    boxes_xyxy_px: numpy.typing.NDArray[Any],
+    roles: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+    side_px: int,
+    min_share: float,
+    apart_m: float,
+    reach_px: float = float('nan'),
+) -> hoid_native.results.ClassifiedBoxes:
+    """
+    Return which of N boxes are dynamic, and which of K pixels lie in none of them.
+
+    Dynamic are people, and objects with the role `MAY_BE_HANDLED` that a person handles: the person's
+    box covers more than `min_share` of the object's box, and their depths differ by less than
+    `apart_m`. An unknown depth fulfills the second condition.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no measurement.
+        pixels: (K,) int64 pixels of image corners, as indices into the flattened image.
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
+        side_px: side of the square at a box's center whose median depth is the depth of the box; at
+            least 1.
+        min_share: ratio of an object's box that a person's box must exceed.
+        apart_m: depth difference below which person and object must be.
+        reach_px: if this is not NaN, it replaces `min_share`: one of the K pixels must lie in the
+            object's box, at most this far from the person's box along rows and columns.
+    """
+
+def box_center_depths_m(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    boxes_xyxy_px: numpy.typing.NDArray[Any],
+    side_px: int,
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+    """
+    Return the (N,) median depths (m) in squares at the centers of boxes; NaN without a measurement.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no measurement.
+        boxes_xyxy_px: (N, 4) boxes, finite.
+        side_px: side of the squares, at least 1. Beyond the image, its border pixels are repeated.
+    """
+
+def person_depths_m(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    boxes_xyxy_px: numpy.typing.NDArray[Any],
+    known_m: numpy.typing.NDArray[Any],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+    """
+    Return the (N,) depths (m) of the people in boxes; NaN without a measurement.
+
+    A layer is a range of depth as thick as a torso (0.4 m). The depth is the median of the nearest
+    layer of the measurements in the middle of the box that has at least 60 % as many of them as the
+    fullest layer. Measurements from 10 m on are not used. If the depth of the person in an earlier
+    image is known, only measurements near this depth are used, unless there are few of them.
+
+    Args:
+        depth_m: (H, W) float32 depth; 0 or NaN = no measurement.
+        boxes_xyxy_px: (N, 4) boxes, finite, in pixels of this depth image.
+        known_m: (N,) depths of the same people in an earlier image; NaN = unknown.
+    """
+
+def segment_objects(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    areas_xyxy_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
+    depths_m: numpy.typing.NDArray[Any],
+    reaches_m: numpy.typing.NDArray[Any],
+    seen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+) -> Annotated[NDArray[numpy.bool_], dict(shape=(None, None))]:
+    """
+    Return the (H, W) mask of the pixels that show a dynamic object.
+
+    The depth image is split into regions along depth jumps. To an object belong the regions that lie
+    mostly in its box and near its depth, and gaps without measurements beside these regions. Because
+    boxes are not exact, the object may extend beyond its box by a tenth of the box's side. Parts of a
+    region that are further outside are not masked: they belong to something that touches the object,
+    like the desk on which a person leans (docs/decisions/010).
+
+    Args:
+        depth_m: (H, W) float32 depth; 0 = no measurement.
+        areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
+        depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
+        reaches_m: (N,) largest difference between an object's depth and the depths of its regions.
+        seen: (N,) bool, whether the object was detected in this image and not predicted. If the
+            regions of a detected object fill little of its box, the object has merged with its
+            surroundings; then all pixels of the box near its depth are masked.
     """
 
 class QueryConstraints:
@@ -373,9 +452,6 @@ class QueryConstraints:
         min_octave: (Q,) int8 least octave of a matching feature.
         max_octave: (Q,) int8 greatest octave of a matching feature.
         descriptors: (Q, 32) uint8 ORB descriptors.
-
-    Raises:
-        ValueError: Lengths differ.
     """
 
     def __init__(
@@ -395,9 +471,6 @@ class Candidates:
         octave: (N,) uint8 octaves.
         descriptors: (N, 32) uint8 ORB descriptors.
         free: (N,) bool, whether each feature may be matched; None: all may be matched.
-
-    Raises:
-        ValueError: Lengths differ.
     """
 
     def __init__(
@@ -444,9 +517,6 @@ def match_by_projection(
         candidates: features of the image. If expected and measured u_right are known, they must also
             agree within the radius.
         threshold: limits of the descriptor distances.
-
-    Raises:
-        ValueError: Lengths differ.
     """
 
 def match_along_segments(
@@ -462,13 +532,10 @@ def match_along_segments(
     Args:
         segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
         octave_radius_px: (L,) largest distance between a segment and a feature, by the octave of the
-            feature. It must not decrease with the octave.
+            feature. It must not decrease with the octave. All octaves are less than L.
         queries: octave limits and descriptors of the queries.
         candidates: features of the image, of which u_right is not used.
         threshold: limits of the descriptor distances.
-
-    Raises:
-        ValueError: Lengths differ, or an octave is not below L.
     """
 
 def hash_keys(
@@ -485,9 +552,6 @@ def hash_keys(
         descriptors: (N, 32) uint8 ORB descriptors.
         bits: (T, B) uint8 bits of the descriptor, at most 32, that are bits 0, 1, ... of the keys of
             each table. They are numbered as `numpy.unpackbits` orders them.
-
-    Raises:
-        ValueError: There are more than 32 bits.
     """
 
 def sorted_hash_keys(
@@ -501,10 +565,505 @@ def sorted_hash_keys(
     Args:
         descriptors: (N, 32) uint8 ORB descriptors.
         bits: as in `hash_keys`.
-        first: row number of the first descriptor; the others have the next ones.
+        first: row number of the first descriptor; the others have the next ones, of at most 32 bits.
+    """
 
-    Raises:
-        ValueError: There are more than 32 bits, or a row number has more than 32 bits.
+class Pinhole:
+    """A pinhole camera without distortion."""
+
+    def __init__(self, fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> None: ...
+    @property
+    def fx_px(self) -> float:
+        """Horizontal focal length."""
+
+    @property
+    def fy_px(self) -> float:
+        """Vertical focal length."""
+
+    @property
+    def cx_px(self) -> float:
+        """Column of the principal point."""
+
+    @property
+    def cy_px(self) -> float:
+        """Row of the principal point."""
+
+def depth_segments(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    cell_px: int,
+) -> hoid_native.results.Segments:
+    """
+    Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
+
+    A depth jump is a difference of at least 0.02 m plus 3 % of the depth within 3x3 pixels. Pixels
+    without a measurement count as depth 0, so that there is a jump beside them.
+
+    Args:
+        depth_m: (H, W) float32 depth; 0 = no measurement.
+        cell_px: side of a cell in pixels, at least 1.
+    """
+
+def depth_ranges_3x3(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None, None))]:
+    """
+    Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
+
+    Pixels without a measurement are ignored; both numbers are 0 where the middle pixel has none.
+
+    Args:
+        depth_m: (H, W) float32 depth; 0 = no measurement.
+    """
+
+def occlusion_log_odds(
+    camera: Pinhole,
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
+    num_segments: int,
+    earlier: Sequence[
+        tuple[
+            numpy.typing.NDArray[Any],
+            Annotated[NDArray[numpy.float32], dict(shape=(None, None, 2), writable=False)],
+            float,
+        ]
+    ],
+    margin: tuple[float, float, float],
+    evidence: tuple[float, float, float],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
+    """
+    Return the (S,) log-odds that segments move, by comparison with the depth in earlier views.
+
+    A pixel in front of the depth that an earlier view shows there occludes it: the surface has moved
+    there since. A pixel behind this depth is no evidence. Only every other row is compared, to save
+    time. The log-odds of all earlier views are added up.
+
+    Args:
+        camera: camera model of all images.
+        depth_m: (H, W) float32 current depth; 0 = no measurement.
+        label: (H, W) int32 segment of each pixel, less than S; -1 = none.
+        num_segments: number S of segments.
+        earlier: for each earlier view, the camera motion T_earlier_now (4, 4), its `depth_ranges_3x3`
+            (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
+        margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
+            more than their sum.
+        evidence: three numbers: the log-odds of a segment that occludes with all its pixels, which are
+            multiplied by the ratio of those that do; the occluding ratio that must be exceeded to
+            count as evidence; and the occluding ratio from which on equal depth of the other pixels is
+            no evidence against motion.
+    """
+
+def propagate_log_odds(
+    camera: Pinhole,
+    T_previous_now: numpy.typing.NDArray[Any],
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    previous_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    log_odds: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    margin: tuple[float, float, float],
+    decay: float,
+    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
+    evidence: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    limit: float,
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
+    """
+    Return the (H, W) float32 log-odds that each pixel of the current image moves.
+
+    They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
+    evidence from the current image. Where the previous image shows another depth or none, a pixel
+    starts at 0. A pixel of the current image without a measurement has 0.
+
+    Args:
+        camera: camera model of both images.
+        T_previous_now: (4, 4) pose of the current camera in the previous camera's frame.
+        depth_m: (H, W) float32 current depth; 0 = no measurement.
+        previous_m: (H, W) float32 depth of the previous image.
+        log_odds: (H, W) float32 log-odds of the previous image's pixels.
+        margin: coefficients of 1 (in m), z and z^2. A pixel of depth z shows the same surface if the
+            depths differ by less than their sum.
+        decay: factor of the previous log-odds.
+        label: (H, W) int32 segment of each pixel of the current image, less than S; -1 = none.
+        evidence: (S,) float32 log-odds that are added to the pixels of each segment.
+        limit: the result is clamped to [-limit, limit].
+    """
+
+def score_poses(
+    camera: StereoParams,
+    pixel_px: float,
+    limit: float,
+    T_camera_world: numpy.typing.NDArray[Any],
+    points_m: numpy.typing.NDArray[Any],
+    measured_px: numpy.typing.NDArray[Any],
+    weights: numpy.typing.NDArray[Any],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (M, 2) weights of the points that each pose explains, summed for two sets of weights.
+
+    A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit, or nearer than 0.1 m
+    in front of the camera, it does not count.
+
+    Args:
+        camera: camera model of the image. Its `disparity_noise_px` is in units of `pixel_px` here; the
+            other parts of its noise are not used.
+        pixel_px: standard deviation of u and of v, positive.
+        limit: largest residual of an explained point, in standard deviations, positive.
+        T_camera_world: (M, 4, 4) poses of the world in the camera frame.
+        points_m: (N, 3) points in the world.
+        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
+        weights: (N, 2) two weights of each point.
+    """
+
+def align_triples(
+    from_m: numpy.typing.NDArray[Any],
+    to_m: numpy.typing.NDArray[Any],
+    triples: Annotated[NDArray[numpy.int64], dict(shape=(None, 3), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None, None))]:
+    """
+    Return the (M, 4, 4) rigid transforms T_to_from that align triples of points with least squares.
+
+    Source: Umeyama, PAMI 1991, without scale, in closed form for three points. For three points on a
+    line, the result is the identity.
+
+    Args:
+        from_m: (N, 3) points in the frame `from`.
+        to_m: (N, 3) the same points in the frame `to`.
+        triples: (M, 3) int64 indices of the points of each triple, less than N.
+    """
+
+def strongest_corners_per_cell(
+    corner_pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    corner_scores: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    small_of_pixel: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
+    cell_px: float,
+    taken: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
+
+    Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
+    corner wins.
+
+    Args:
+        corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
+        corner_scores: (K,) uint8 strength of each corner.
+        depth_m: (H, W) float32 depth; 0 or not finite = no measurement.
+        small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
+            is out of range, the pixel has no segment.
+        label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
+        cell_px: side of a cell in pixels, positive.
+        taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
+    """
+
+def register_depth(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    rays: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), writable=False)],
+    t_m: Annotated[NDArray[numpy.float32], dict(shape=(3), writable=False)],
+    side_px: Annotated[NDArray[numpy.float32], dict(shape=(2), writable=False)],
+    camera: Pinhole,
+    size_px: tuple[int, int],
+) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
+    """
+    Return the (H, W) depth image (m) that another camera sees; 0 = no measurement.
+
+    A depth pixel covers as many pixels of the other camera as it is large. Of several depths at a
+    pixel, the nearest is kept.
+
+    Args:
+        depth_m: (h, w) float32 depth; 0, negative or NaN = no measurement.
+        rays: (h, w, 3) float32 ray of each depth pixel in the frame of the other camera. A point at
+            depth z is at z times the ray plus `t_m`.
+        t_m: (3,) float32 position of the depth camera in the frame of the other camera.
+        side_px: (2,) float32 width and height of a depth pixel in pixels of the other camera, at
+            equal depth.
+        camera: the other camera, without distortion.
+        size_px: its width W and height H, positive.
+    """
+
+def voxel_keys(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    voxel_m: float,
+    bits: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the (N,) int64 keys of the voxels of points (N, 3); -1 outside the grid.
+
+    Args:
+        points_m: (N, 3) points.
+        voxel_m: side of a voxel, positive.
+        bits: the grid has 2^bits voxels along each axis (1 to 20 bits), half of them on either side of
+            the origin.
+    """
+
+def voxels_of(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    voxel_m: float,
+    bits: int,
+) -> hoid_native.results.Voxels:
+    """
+    Return the voxels of the points (N, 3) of one image, each of which was hit once.
+
+    Points outside the grid are left out (see `voxel_keys`).
+    """
+
+def merged_voxels(
+    voxels: tuple[
+        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    ],
+    others: tuple[
+        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    ],
+    max_count: float,
+    max_voxels: int,
+) -> hoid_native.results.Voxels:
+    """
+    Return the voxels of two sets, with the sum of the evidence where both have one.
+
+    Args:
+        voxels: keys (ascending), means, readings, hits and misses (`Voxels`).
+        others: the same of the other set.
+        max_count: hits and misses of a voxel are scaled down together to this sum.
+        max_voxels: of more voxels, those with fewest hits are left out; at least 1.
+    """
+
+def solid_voxels(
+    voxels: tuple[
+        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
+    ],
+    least_hits: float,
+    least_share: float,
+    cell_m: float | None,
+    bits: int,
+) -> Annotated[NDArray[numpy.bool_], dict(shape=(None,))]:
+    """
+    Return the (N,) bool mask of the voxels that were hit often enough.
+
+    Args:
+        voxels: keys, means, readings, hits and misses (`Voxels`).
+        least_hits: smallest number of hits.
+        least_share: smallest ratio of the hits to the sum of hits and misses.
+        cell_m: side of the cells whose voxels are counted together; None: each is counted alone.
+        bits: number of cells along each axis (see `voxel_keys`).
+    """
+
+def trimmed_box(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)] | None,
+    outer_share: float,
+) -> tuple[
+    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
+    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
+]:
+    """
+    Return the lowest and the highest corner (3,) of points without the outermost ones.
+
+    Args:
+        points_m: (N, 3) points.
+        chosen: (N,) bool, which of them are used, at least one; None: all.
+        outer_share: ratio of the points that is left out on each side of each axis, 0 to 0.5.
+    """
+
+def cells_of(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    cell_m: float,
+    bits: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the ascending int64 keys (`voxel_keys`) of the cells that contain chosen points (N, 3).
+    """
+
+def pixels_on_surface(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    box_px: tuple[int, int, int, int],
+    T_object_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
+    cells: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    cell_m: float,
+    bits: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the ascending pixels with depth in a box whose points are in cells of a surface.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
+        points_map_m: (H * W, 3) points of the pixels in the map frame.
+        box_px: left, top, right and bottom, cut at the border; right and bottom are excluded.
+        T_object_map: (4, 4) transform from the map frame to that of the cells.
+        cells: ascending int64 keys of the cells (`cells_of`).
+        cell_m: side of a cell.
+        bits: number of cells along each axis (see `voxel_keys`).
+    """
+
+def share_on_surface(
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    T_object_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
+    cells: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    cell_m: float,
+    bits: int,
+) -> float:
+    """
+    Return the ratio of points (N, 3) that are in cells of a surface; 0 without points.
+
+    Args:
+        points_map_m: (N, 3) points of the map frame.
+        T_object_map: (4, 4) transform from the map frame to that of the cells.
+        cells: ascending int64 keys of the cells (`cells_of`).
+        cell_m: side of a cell.
+        bits: number of cells along each axis (see `voxel_keys`).
+    """
+
+def share_in_box(
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
+    low_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
+    high_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
+) -> float:
+    """
+    Return the ratio of points (N, 3) of the map frame that are inside a box; 0 without points.
+
+    Args:
+        points_map_m: (N, 3) points.
+        T_box_map: (4, 4) transform from the map frame to that of the box.
+        low_m: (3,) lowest corner.
+        high_m: (3,) highest corner.
+    """
+
+def object_surfaces(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    pixel_m: float,
+    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
+    areas_px: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
+    is_person: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+    known_low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    known_high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    owner: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
+) -> hoid_native.results.ObjectSurfaces:
+    """
+    Return the surfaces of the detected objects that have enough depth pixels, without people.
+
+    The surface is the nearest layer of depth in the box, without planes that continue around the box.
+    Where two boxes claim the same surface, it belongs to the box that it fills better, or of two boxes
+    that are filled to the smaller one. The other object is segmented again from the remaining pixels,
+    and left out if they are too few; a person keeps its pixels. Of a known object that is hidden in
+    part, the surface is what lies in its known box.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
+        points_map_m: (H * W, 3) points of the pixels in the map frame.
+        pixel_m: distance between neighboring pixels at a depth of 1 m.
+        boxes_px: (D, 4) int32 left, top, right and bottom of the detections, within the image;
+            right and bottom are excluded.
+        areas_px: (D,) areas of the boxes, also of what is beyond the image.
+        is_person: (D,) bool, whether the detection is a person.
+        T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
+        known_low_m: (D, 3) lowest corners of the known boxes; not below the highest ones: unknown.
+        known_high_m: (D, 3) highest corners.
+        owner: (H * W,) int32 detection of the known object that shows at each pixel; -1 = none.
+    """
+
+def transformed_parts(
+    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    T: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return points (N, 3) in other frames, those of each part with its own transform.
+
+    Args:
+        points_m: (N, 3) points.
+        ends: (P,) int64 index after the last point of each part, ascending; the last one is N.
+        T: (P, 4, 4) transforms.
+    """
+
+def seen_voxels(
+    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
+    ahead: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    voxel_depth_m: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
+    is_solid: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    margin: tuple[float, float],
+) -> hoid_native.results.SeenVoxels:
+    """
+    Return what an image shows at the N voxels of O objects, of one after the other.
+
+    A voxel is visible if the measured depth at its nearest pixel differs from its own by at most the
+    margin, and seen through if the measured depth is larger.
+
+    Args:
+        depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
+        ahead: (M,) int64 rows of the voxels in front of the camera, within its range.
+        uv_px: (M, 2) pixels of these, which need not be within the image.
+        voxel_depth_m: (N,) depths of all voxels.
+        is_solid: (N,) bool, whether the voxel belongs to its object.
+        ends: (O,) int64 index after the last voxel of each object, ascending; the last one is N.
+        margin: largest difference of depths: constant (m), and multiple of the squared depth (1/m).
+    """
+
+def missed_voxels(
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    box_px: Annotated[NDArray[numpy.float64], dict(shape=(4), writable=False)],
+    others: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    width: int,
+) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
+    """
+    Return the ascending rows of visible voxels that an image shows not to belong to an object.
+
+    They are outside the box of the object, or at pixels that show other things.
+
+    Args:
+        uv_px: (N, 2) pixels of the voxels; NaN where they are not visible.
+        is_visible: (N,) bool, whether a surface is measured at the voxel.
+        box_px: (4,) left, top, right and bottom; all are inside.
+        others: ascending flat indices of the pixels that show other things.
+        width: width of the image.
+    """
+
+def pair_scores(
+    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    point_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
+    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
+    low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
+    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
+    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    voxel_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
+    is_candidate: Annotated[NDArray[numpy.bool_], dict(shape=(None, None), writable=False)],
+) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Return the (S, O) scores of pairs of segments and objects, in [0, 1].
+
+    The score is the geometric mean of the ratio of the segment's points that are in the box of the
+    object, and of the ratio of the object's visible voxels that are in the box of the detection. Voxels
+    up to half a pixel left of this box or above it are inside.
+
+    Args:
+        points_map_m: (N, 3) points of all segments, of one after the other.
+        point_ends: (S,) int64 index after the last point of each segment, ascending; the last one is N.
+        boxes_px: (S, 4) int32 boxes of the detections; right and bottom are excluded.
+        T_box_map: (O, 4, 4) transforms from the map frame to that of the object's box.
+        low_m: (O, 3) lowest corners of the objects' boxes.
+        high_m: (O, 3) highest corners.
+        uv_px: (V, 2) pixels of the voxels of all objects.
+        is_visible: (V,) bool, whether the voxel is visible.
+        voxel_ends: (O,) int64 index after the last voxel of each object, ascending; the last one is V.
+        is_candidate: (S, O) bool; the scores of other pairs are 0.
     """
 
 class StereoParams:
@@ -553,7 +1112,7 @@ class StereoParams:
     @property
     def relative_noise(self) -> float:
         """
-        Proportional part of the standard deviation of a disparity, as a share of the disparity.
+        Proportional part of the standard deviation of a disparity: its ratio to the disparity.
         """
 
     @property
@@ -619,12 +1178,9 @@ def optimize_pose(
             applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
             own, which the camera states, unless `joint_noise` is on.
         T_camera_map: (4, 4) initial pose of the map in the camera frame.
-        prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
+        prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose, finite; None: no prior.
         prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
-            first; None: no prior. It is added to the information of the matches as it is.
-
-    Raises:
-        ValueError: Lengths differ, or the prior is incomplete or not finite.
+            first, finite; None: no prior. It is added to the information of the matches as it is.
     """
 
 def evaluate_matches(
@@ -648,13 +1204,8 @@ def evaluate_matches(
         gates: chi-square limits of outliers.
         points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
-            applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
-            own, which the camera states, unless `joint_noise` is on.
+        inv_sigma2: (N,) as in `optimize_pose`.
         T_camera_map: (4, 4) pose.
-
-    Raises:
-        ValueError: Lengths differ.
     """
 
 def most_biasing_region(
@@ -683,9 +1234,6 @@ def most_biasing_region(
             u - u_right has a variance of its own, which the camera states.
         T_camera_map: (4, 4) pose fitted to all matches.
         noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
-
-    Raises:
-        ValueError: Lengths differ.
     """
 
 def adjust_bundle(
@@ -718,750 +1266,10 @@ def adjust_bundle(
         point: (M,) int64 index of the point of each observation. A camera observes a point at most
             once.
         measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (M,) 1 / variance of u, and equally of v, of each observation [1/px^2]. The outlier
-            test applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of
-            its own, which the camera states, unless `joint_noise` is on.
+        inv_sigma2: (M,) as in `optimize_pose`, of each observation.
         rounds: number of rounds, at least 1.
         iterations: largest number of iterations in each round.
 
     Raises:
-        ValueError: Lengths differ, or an index or `num_free` is out of range.
         MemoryError: The dense system of the optimized cameras does not fit in memory.
-    """
-
-def overlap_ratios(
-    boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
-    """
-    Return the (N, M) shares of the area of box n that other box m covers, in [0, 1].
-
-    This is the interaction area of the HOID paper. It is 0 for a box without area.
-
-    Args:
-        boxes_xyxy_px: (N, 4) boxes, finite.
-        others_xyxy_px: (M, 4) other boxes, finite.
-    """
-
-def intersections_over_union(
-    boxes_xyxy_px: numpy.typing.NDArray[Any], others_xyxy_px: numpy.typing.NDArray[Any]
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
-    """
-    Return the (N, M) intersections over union of boxes, in [0, 1]; 0 for boxes without area.
-
-    Args:
-        boxes_xyxy_px: (N, 4) boxes, finite.
-        others_xyxy_px: (M, 4) other boxes, finite.
-    """
-
-def are_boxes_valid(
-    boxes_xyxy_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 4), writable=False)],
-    scores: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-    shape_hw: tuple[int, int],
-) -> bool:
-    """
-    Return whether all boxes have an area and lie inside the image, and all scores are in [0, 1].
-
-    Args:
-        boxes_xyxy_px: (N, 4) float32 boxes in pixels of the image.
-        scores: (N,) float32 scores.
-        shape_hw: height and width of the image.
-
-    Raises:
-        ValueError: Lengths differ.
-    """
-
-def classify_boxes(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    boxes_xyxy_px: numpy.typing.NDArray[Any],
-    roles: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
-    side_px: int,
-    min_share: float,
-    apart_m: float,
-    reach_px: float = float('nan'),
-) -> hoid_native.results.ClassifiedBoxes:
-    """
-    Return which of N boxes are dynamic, and which of K pixels lie in none of them.
-
-    Dynamic are people, and objects with the role `MAY_BE_HANDLED` that a person handles: the person's
-    box covers more than `min_share` of the object's box, and their depths differ by less than
-    `apart_m`. An unknown depth fulfills the second condition.
-
-    Args:
-        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
-        pixels: (K,) int64 pixels of image corners, as indices into the flattened image.
-        boxes_xyxy_px: (N, 4) boxes, finite.
-        roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
-        side_px: side of the square at a box's center whose median depth is the depth of the box.
-        min_share: share of an object's box that a person's box must exceed.
-        apart_m: depth difference below which person and object must be.
-        reach_px: if this is not NaN, it replaces `min_share`: one of the K pixels must lie in the
-            object's box, at most this far from the person's box along rows and columns.
-
-    Raises:
-        ValueError: The image is empty, a pixel is not in it, a box is not finite, the side is less
-            than 1, or lengths differ.
-    """
-
-def box_center_depths_m(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    boxes_xyxy_px: numpy.typing.NDArray[Any],
-    side_px: int,
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
-    """
-    Return the (N,) median depths (m) in squares at the centers of boxes; NaN without a reading.
-
-    Args:
-        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no reading.
-        boxes_xyxy_px: (N, 4) boxes, finite.
-        side_px: side of the squares, at least 1. Beyond the image, its border pixels are repeated.
-
-    Raises:
-        ValueError: The image is empty, a box is not finite, or the side is less than 1.
-    """
-
-def person_depths_m(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    boxes_xyxy_px: numpy.typing.NDArray[Any],
-    known_m: numpy.typing.NDArray[Any],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
-    """
-    Return the (N,) depths (m) of the people in boxes; NaN without a reading.
-
-    A layer is a range of depth as thick as a torso (0.4 m). The depth is the median of the nearest
-    layer of the readings in the middle of the box that has at least 60 % as many of them as the
-    fullest layer. Readings from 10 m on are not used. If the depth of the person in an earlier image
-    is known, only readings near this depth are used, unless there are few of them.
-
-    Args:
-        depth_m: (H, W) float32 depth; 0 or NaN = no reading.
-        boxes_xyxy_px: (N, 4) boxes, finite, in pixels of this depth image.
-        known_m: (N,) depths of the same people in an earlier image; NaN = unknown.
-
-    Raises:
-        ValueError: A box is not finite, or lengths differ.
-    """
-
-def segment_objects(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    areas_xyxy_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
-    depths_m: numpy.typing.NDArray[Any],
-    reaches_m: numpy.typing.NDArray[Any],
-    seen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-) -> Annotated[NDArray[numpy.bool_], dict(shape=(None, None))]:
-    """
-    Return the (H, W) mask of the pixels that show a dynamic object.
-
-    The depth image is split into regions along depth jumps. To an object belong the regions that lie
-    mostly in its box and near its depth, and gaps without readings beside these regions. Because boxes
-    are not exact, the object may extend beyond its box by a tenth of the box's side. Parts of a region
-    that are further outside are not masked: they belong to something that touches the object, like the
-    desk on which a person leans (docs/decisions/010).
-
-    Args:
-        depth_m: (H, W) float32 depth; 0 = no reading.
-        areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
-        depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
-        reaches_m: (N,) largest difference between an object's depth and the depths of its regions.
-        seen: (N,) bool, whether the object was detected in this image and not predicted. If the
-            regions of a detected object fill little of its box, the object has merged with its
-            surroundings; then all pixels of the box near its depth are masked.
-
-    Raises:
-        ValueError: An area is not in the image, or lengths differ.
-    """
-
-def values_at(
-    pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    values: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
-    rows: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    columns: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-) -> Annotated[NDArray[numpy.uint8], dict(shape=(None,))]:
-    """
-    Return the (K,) uint8 values that a small image has at pixels (u, v) of its upscaled image.
-
-    The value at a pixel is `values[rows[v], columns[u]]`. Only the K pixels are upscaled.
-
-    Args:
-        pixels: (K,) int64 pixels, as indices into the flattened large (H, W) image.
-        values: (h, w) uint8 small image.
-        rows: (H,) int64 row of the small image for each row of the large image.
-        columns: (W,) int64 column of the small image for each column of the large image.
-
-    Raises:
-        ValueError: A pixel is not in the image, or a row or a column not in `values`.
-    """
-
-class Pinhole:
-    """A pinhole camera without distortion."""
-
-    def __init__(self, fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> None: ...
-    @property
-    def fx_px(self) -> float:
-        """Horizontal focal length."""
-
-    @property
-    def fy_px(self) -> float:
-        """Vertical focal length."""
-
-    @property
-    def cx_px(self) -> float:
-        """Column of the principal point."""
-
-    @property
-    def cy_px(self) -> float:
-        """Row of the principal point."""
-
-def depth_segments(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    cell_px: int,
-) -> hoid_native.results.Segments:
-    """
-    Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
-
-    A depth jump is a difference of at least 0.02 m plus 3 % of the depth within 3x3 pixels. Pixels
-    without a reading count as depth 0, so that there is a jump beside them.
-
-    Args:
-        depth_m: (H, W) float32 depth; 0 = no reading.
-        cell_px: side of a cell in pixels, at least 1.
-
-    Raises:
-        ValueError: The side is less than 1.
-    """
-
-def depth_ranges_3x3(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None, None))]:
-    """
-    Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
-
-    Pixels without a reading are ignored; both numbers are 0 where the middle pixel has none.
-
-    Args:
-        depth_m: (H, W) float32 depth; 0 = no reading.
-    """
-
-def occlusion_log_odds(
-    camera: Pinhole,
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
-    num_segments: int,
-    earlier: Sequence[
-        tuple[
-            numpy.typing.NDArray[Any],
-            Annotated[NDArray[numpy.float32], dict(shape=(None, None, 2), writable=False)],
-            float,
-        ]
-    ],
-    margin: tuple[float, float, float],
-    evidence: tuple[float, float, float],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None,))]:
-    """
-    Return the (S,) log-odds that segments move, by comparison with the depth in earlier views.
-
-    A pixel in front of the depth that an earlier view shows there occludes it: the surface has moved
-    there since. A pixel behind this depth is no evidence. Only every other row is compared, to save
-    time. The log-odds of all earlier views are added up.
-
-    Args:
-        camera: camera model of all images.
-        depth_m: (H, W) float32 current depth; 0 = no reading.
-        label: (H, W) int32 segment of each pixel; -1 = none.
-        num_segments: number S of segments.
-        earlier: for each earlier view, the camera motion T_earlier_now (4, 4), its `depth_ranges_3x3`
-            (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
-        margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
-            more than their sum.
-        evidence: three numbers: the log-odds of a segment that occludes with all its pixels, which are
-            multiplied by the share of those that do; the occluding share that must be exceeded to
-            count as evidence; and the occluding share from which on equal depth of the other pixels is
-            no evidence against motion.
-
-    Raises:
-        ValueError: Images differ in size, S is negative, or a label is not one of S.
-    """
-
-def depths_at(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
-    """
-    Return the (K,) float32 depths (m) at pixels; 0 for index -1 and for depths that are not finite.
-
-    Args:
-        depth_m: (H, W) float32 depth.
-        pixels: (K,) int64 indices into the flattened image; -1 = no pixel.
-
-    Raises:
-        ValueError: An index is not in the image.
-    """
-
-def propagate_log_odds(
-    camera: Pinhole,
-    T_previous_now: numpy.typing.NDArray[Any],
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    previous_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    log_odds: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    margin: tuple[float, float, float],
-    decay: float,
-    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
-    evidence: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-    limit: float,
-) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
-    """
-    Return the (H, W) float32 log-odds that each pixel of the current image moves.
-
-    They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
-    evidence from the current image. Where the previous image shows another depth or none, a pixel
-    starts at 0. A pixel of the current image without a reading has 0.
-
-    Args:
-        camera: camera model of both images.
-        T_previous_now: (4, 4) pose of the current camera in the previous camera's frame.
-        depth_m: (H, W) float32 current depth; 0 = no reading.
-        previous_m: (H, W) float32 depth of the previous image.
-        log_odds: (H, W) float32 log-odds of the previous image's pixels.
-        margin: coefficients of 1 (in m), z and z^2. A pixel of depth z shows the same surface if the
-            depths differ by less than their sum.
-        decay: factor of the previous log-odds.
-        label: (H, W) int32 segment of each pixel of the current image; -1 = none.
-        evidence: (S,) float32 log-odds that are added to the pixels of each segment.
-        limit: the result is clamped to [-limit, limit].
-
-    Raises:
-        ValueError: Images differ in size, a label is not one of S, or the limit is negative.
-    """
-
-def score_poses(
-    camera: StereoParams,
-    pixel_px: float,
-    limit: float,
-    T_camera_world: numpy.typing.NDArray[Any],
-    points_m: numpy.typing.NDArray[Any],
-    measured_px: numpy.typing.NDArray[Any],
-    weights: numpy.typing.NDArray[Any],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
-    """
-    Return the (M, 2) weights of the points that each pose explains, summed for two sets of weights.
-
-    A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit, or nearer than 0.1 m
-    in front of the camera, it does not count.
-
-    Args:
-        camera: camera model of the image. Its `disparity_noise_px` is in units of `pixel_px` here; the
-            other parts of its noise are not used.
-        pixel_px: standard deviation of u and of v.
-        limit: largest residual of an explained point, in standard deviations.
-        T_camera_world: (M, 4, 4) poses of the world in the camera frame.
-        points_m: (N, 3) points in the world.
-        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        weights: (N, 2) two weights of each point.
-
-    Raises:
-        ValueError: Lengths differ, or `pixel_px` or the limit is not positive.
-    """
-
-def align_triples(
-    from_m: numpy.typing.NDArray[Any],
-    to_m: numpy.typing.NDArray[Any],
-    triples: Annotated[NDArray[numpy.int64], dict(shape=(None, 3), writable=False)],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None, None))]:
-    """
-    Return the (M, 4, 4) rigid transforms T_to_from that align triples of points with least squares.
-
-    Source: Umeyama, PAMI 1991, without scale, in closed form for three points. For three points on a
-    line, the result is the identity.
-
-    Args:
-        from_m: (N, 3) points in the frame `from`.
-        to_m: (N, 3) the same points in the frame `to`.
-        triples: (M, 3) int64 indices of the points of each triple.
-
-    Raises:
-        ValueError: Lengths differ, or an index is not below N.
-    """
-
-def strongest_corners_per_cell(
-    corner_pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    corner_scores: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    small_of_pixel: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
-    cell_px: float,
-    taken: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
-
-    Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
-    corner wins.
-
-    Args:
-        corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
-        corner_scores: (K,) uint8 strength of each corner.
-        depth_m: (H, W) float32 depth; 0 or not finite = no reading.
-        small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
-            is out of range, the pixel has no segment.
-        label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
-        cell_px: side of a cell in pixels.
-        taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
-
-    Raises:
-        ValueError: Lengths differ, a corner is not in the image, the side is not positive, or the
-            cells do not cover the image.
-    """
-
-def register_depth(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    rays: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), writable=False)],
-    t_m: Annotated[NDArray[numpy.float32], dict(shape=(3), writable=False)],
-    side_px: Annotated[NDArray[numpy.float32], dict(shape=(2), writable=False)],
-    camera: Pinhole,
-    size_px: tuple[int, int],
-) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
-    """
-    Return the (H, W) depth image (m) that another camera sees; 0 = no reading.
-
-    A depth pixel covers as many pixels of the other camera as it is large. Of several depths at a
-    pixel, the nearest is kept.
-
-    Args:
-        depth_m: (h, w) float32 depth; 0, negative or NaN = no reading.
-        rays: (h, w, 3) float32 ray of each depth pixel in the frame of the other camera. A point at
-            depth z is at z times the ray plus `t_m`.
-        t_m: (3,) float32 position of the depth camera in the frame of the other camera.
-        side_px: (2,) float32 width and height of a depth pixel in pixels of the other camera, at
-            equal depth.
-        camera: the other camera, without distortion.
-        size_px: its width W and height H.
-
-    Raises:
-        ValueError: The rays are not as many as the pixels, or the size is not positive.
-    """
-
-def object_surfaces(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    pixel_m: float,
-    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
-    areas_px: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
-    is_person: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
-    known_low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    known_high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    owner: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
-) -> hoid_native.results.ObjectSurfaces:
-    """
-    Return the surfaces of the detected objects that have enough readings, without people.
-
-    The surface is the nearest layer of depth in the box, without planes that continue around the box.
-    Where two boxes claim the same surface, it belongs to the box that it fills better, or of two boxes
-    that are filled to the smaller one. The other object is segmented again from the remaining pixels,
-    and left out if they are too few; a person keeps its pixels. Of a known object that is hidden in
-    part, the surface is what lies in its known box.
-
-    Args:
-        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
-        points_map_m: (H * W, 3) points of the pixels in the map frame.
-        pixel_m: distance between neighboring pixels at a depth of 1 m.
-        boxes_px: (D, 4) int32 left, top, right and bottom of the detections, within the image;
-            right and bottom are excluded.
-        areas_px: (D,) areas of the boxes, also of what is beyond the image.
-        is_person: (D,) bool, whether the detection is a person.
-        T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
-        known_low_m: (D, 3) lowest corners of the known boxes; not below the highest ones: unknown.
-        known_high_m: (D, 3) highest corners.
-        owner: (H * W,) int32 detection of the known object that shows at each pixel; -1 = none.
-
-    Raises:
-        ValueError: The image is empty, a box or an owner is invalid, or lengths differ.
-    """
-
-def transformed_parts(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    T: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
-    """
-    Return points (N, 3) in other frames, those of each part with its own transform.
-
-    Args:
-        points_m: (N, 3) points.
-        ends: (P,) int64 index after the last point of each part.
-        T: (P, 4, 4) transforms.
-
-    Raises:
-        ValueError: The ends are not ascending or not those of all points, or lengths differ.
-    """
-
-def seen_voxels(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    ahead: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
-    voxel_depth_m: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
-    is_solid: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    margin: tuple[float, float],
-) -> hoid_native.results.SeenVoxels:
-    """
-    Return what an image shows at the N voxels of O objects, of one after the other.
-
-    A voxel is visible if the measured depth at its nearest pixel differs from its own by at most the
-    margin, and seen through if the measured depth is larger.
-
-    Args:
-        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
-        ahead: (M,) int64 rows of the voxels in front of the camera, within its range.
-        uv_px: (M, 2) pixels of these, which need not be within the image.
-        voxel_depth_m: (N,) depths of all voxels.
-        is_solid: (N,) bool, whether the voxel belongs to its object.
-        ends: (O,) int64 index after the last voxel of each object.
-        margin: largest difference of depths: constant (m), and multiple of the squared depth (1/m).
-
-    Raises:
-        ValueError: The image is empty, a row is not that of a voxel, the ends are not ascending or not
-            those of all voxels, or lengths differ.
-    """
-
-def missed_voxels(
-    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
-    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    box_px: Annotated[NDArray[numpy.float64], dict(shape=(4), writable=False)],
-    others: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    width: int,
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the ascending rows of visible voxels that an image shows not to belong to an object.
-
-    They are outside the box of the object, or at pixels that show other things.
-
-    Args:
-        uv_px: (N, 2) pixels of the voxels; NaN where they are not visible.
-        is_visible: (N,) bool, whether a surface is measured at the voxel.
-        box_px: (4,) left, top, right and bottom; all are inside.
-        others: ascending flat indices of the pixels that show other things.
-        width: width of the image.
-
-    Raises:
-        ValueError: Lengths differ.
-    """
-
-def pair_scores(
-    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    point_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
-    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
-    low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    uv_px: Annotated[NDArray[numpy.float64], dict(shape=(None, 2), writable=False)],
-    is_visible: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    voxel_ends: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    is_candidate: Annotated[NDArray[numpy.bool_], dict(shape=(None, None), writable=False)],
-) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
-    """
-    Return the (S, O) scores of pairs of segments and objects, in [0, 1].
-
-    The score is the geometric mean of the share of the segment's points that are in the box of the
-    object, and of the share of the object's visible voxels that are in the box of the detection. Voxels
-    up to half a pixel left of this box or above it are inside.
-
-    Args:
-        points_map_m: (N, 3) points of all segments, of one after the other.
-        point_ends: (S,) int64 index after the last point of each segment.
-        boxes_px: (S, 4) int32 boxes of the detections; right and bottom are excluded.
-        T_box_map: (O, 4, 4) transforms from the map frame to that of the object's box.
-        low_m: (O, 3) lowest corners of the objects' boxes.
-        high_m: (O, 3) highest corners.
-        uv_px: (V, 2) pixels of the voxels of all objects.
-        is_visible: (V,) bool, whether the voxel is visible.
-        voxel_ends: (O,) int64 index after the last voxel of each object.
-        is_candidate: (S, O) bool; the scores of other pairs are 0.
-
-    Raises:
-        ValueError: Ends are not ascending or not those of all rows, or lengths differ.
-    """
-
-def voxel_keys(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    voxel_m: float,
-    bits: int,
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the (N,) int64 keys of the voxels of points (N, 3); -1 outside the grid.
-
-    Args:
-        points_m: (N, 3) points.
-        voxel_m: side of a voxel.
-        bits: the grid has 2^bits voxels along each axis, half of them on either side of the origin.
-
-    Raises:
-        ValueError: voxel_m is not positive, or bits is not within 1 to 20.
-    """
-
-def voxels_of(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    voxel_m: float,
-    bits: int,
-) -> hoid_native.results.Voxels:
-    """
-    Return the voxels of the points (N, 3) of one look, each of which was hit once.
-
-    Points outside the grid are left out (see `voxel_keys`).
-
-    Raises:
-        ValueError: voxel_m is not positive, or bits is not within 1 to 20.
-    """
-
-def merged_voxels(
-    voxels: tuple[
-        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-    ],
-    others: tuple[
-        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-    ],
-    max_count: float,
-    max_voxels: int,
-) -> hoid_native.results.Voxels:
-    """
-    Return the voxels of two sets, with the sum of the evidence where both have one.
-
-    Args:
-        voxels: keys (ascending), means, readings, hits and misses (`Voxels`).
-        others: the same of the other set.
-        max_count: hits and misses of a voxel are scaled down together to this sum.
-        max_voxels: of more voxels, those with fewest hits are left out.
-
-    Raises:
-        ValueError: Lengths differ, or max_voxels is less than 1.
-    """
-
-def solid_voxels(
-    voxels: tuple[
-        Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-        Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
-    ],
-    least_hits: float,
-    least_share: float,
-    cell_m: float | None,
-    bits: int,
-) -> Annotated[NDArray[numpy.bool_], dict(shape=(None,))]:
-    """
-    Return the (N,) bool mask of the voxels that were hit often enough.
-
-    Args:
-        voxels: keys, means, readings, hits and misses (`Voxels`).
-        least_hits: smallest number of hits.
-        least_share: smallest share of the hits in the sum of hits and misses.
-        cell_m: side of the cells whose voxels are counted together; None: each is counted alone.
-        bits: number of cells along each axis (see `voxel_keys`).
-
-    Raises:
-        ValueError: Lengths differ, cell_m is not positive, or bits is not within 1 to 20.
-    """
-
-def trimmed_box(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)] | None,
-    outer_share: float,
-) -> tuple[
-    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
-    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
-]:
-    """
-    Return the lowest and the highest corner (3,) of points without the outermost ones.
-
-    Args:
-        points_m: (N, 3) points.
-        chosen: (N,) bool, which of them are used; None: all.
-        outer_share: share of the points that is left out on each side of each axis.
-
-    Raises:
-        ValueError: No point is chosen, or outer_share is not within 0 to 0.5.
-    """
-
-def cells_of(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    cell_m: float,
-    bits: int,
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the ascending int64 keys (`voxel_keys`) of the cells that contain chosen points (N, 3).
-
-    Raises:
-        ValueError: Lengths differ, cell_m is not positive, or bits is not within 1 to 20.
-    """
-
-def pixels_on_surface(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    box_px: tuple[int, int, int, int],
-    T_object_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
-    cells: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    cell_m: float,
-    bits: int,
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the ascending pixels with a reading in a box whose points are in cells of a surface.
-
-    Args:
-        depth_m: (H, W) float32 depth, not empty; 0 = no reading.
-        points_map_m: (H * W, 3) points of the pixels in the map frame.
-        box_px: left, top, right and bottom, cut at the border; right and bottom are excluded.
-        T_object_map: (4, 4) transform from the map frame to that of the cells.
-        cells: ascending int64 keys of the cells (`cells_of`).
-        cell_m: side of a cell.
-        bits: number of cells along each axis (see `voxel_keys`).
-
-    Raises:
-        ValueError: The image is empty, lengths differ, or the grid is invalid.
-    """
-
-def share_on_surface(
-    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    T_object_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
-    cells: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    cell_m: float,
-    bits: int,
-) -> float:
-    """
-    Return the share of points (N, 3) that are in cells of a surface; 0 without points.
-
-    Args:
-        points_map_m: (N, 3) points of the map frame.
-        T_object_map: (4, 4) transform from the map frame to that of the cells.
-        cells: ascending int64 keys of the cells (`cells_of`).
-        cell_m: side of a cell.
-        bits: number of cells along each axis (see `voxel_keys`).
-
-    Raises:
-        ValueError: cell_m is not positive, or bits is not within 1 to 20.
-    """
-
-def share_in_box(
-    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
-    low_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
-    high_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
-) -> float:
-    """
-    Return the share of points (N, 3) of the map frame that are inside a box; 0 without points.
-
-    Args:
-        points_map_m: (N, 3) points.
-        T_box_map: (4, 4) transform from the map frame to that of the box.
-        low_m: (3,) lowest corner.
-        high_m: (3,) highest corner.
     """

@@ -150,7 +150,6 @@ def masks() -> dict[str, Any]:
     areas = np.round(boxes).astype(np.int32)
     far_m = kernels.box_center_depths_m(depth_m, boxes, 10)
     dynamic = kernels.segment_objects(depth_m, areas, far_m, np.full(30, 0.3), roles > 1)
-    rows, columns = np.arange(480) // 4, np.arange(640) // 4
     return {
         'box_center_depths_m': far_m,
         'person_depths_m': kernels.person_depths_m(depth_m, boxes, far_m),
@@ -159,7 +158,6 @@ def masks() -> dict[str, Any]:
             depth_m, pixels[:50], boxes, roles, 10, 0.4, 0.2, 3.0
         ),
         'segment_objects': dynamic,
-        'values_at': kernels.values_at(pixels, dynamic.view(np.uint8), rows, columns),
         'overlap_ratios': kernels.overlap_ratios(boxes, boxes),
         'intersections_over_union': kernels.intersections_over_union(boxes, boxes),
     }
@@ -194,7 +192,6 @@ def motion() -> dict[str, Any]:
             (1.5, 0.1, 0.25),
         ),
         'depth_ranges_3x3': kernels.depth_ranges_3x3(depth_m),
-        'depths_at': kernels.depths_at(depth_m, rng.integers(-1, depth_m.size, 300)),
         'propagate_log_odds': kernels.propagate_log_odds(
             camera,
             T,
@@ -209,7 +206,8 @@ def motion() -> dict[str, Any]:
         ),
         'register_depth': kernels.register_depth(
             depth_m,
-            rng.uniform(-1, 1, (*depth_m.shape, 3)).astype(np.float32) + np.float32([0, 0, 1.5]),
+            rng.uniform(-1, 1, (*depth_m.shape, 3)).astype(np.float32)
+            + np.array([0, 0, 1.5], np.float32),
             T[:3, 3].astype(np.float32),
             np.array([1.7, 2.3], np.float32),
             camera,

@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from hoid_native import (
-    are_boxes_valid,
     box_center_depths_m,
     classify_boxes,
     intersections_over_union,
@@ -120,20 +119,6 @@ def test_boxes_beyond_the_image_and_inverted_ones(beyond: Any) -> None:
     found = classify_boxes(depth_m, pixels, boxes, person, SIDE_PX, 0.4, 0.2)
     assert np.array_equal(found.outside, np.flatnonzero(~plain_mask(boxes)))
     assert found.area_px == len(found.outside)
-
-
-def test_only_boxes_with_an_area_inside_the_image_and_scores_up_to_one_are_valid() -> None:
-    valid = np.array([[0, 0, WIDTH, HEIGHT], [3.5, 4, 3.6, 9]], np.float32)
-    scores = np.array([0, 1], np.float32)
-    assert are_boxes_valid(valid, scores, SHAPE_HW)
-    assert are_boxes_valid(valid[:0], scores[:0], SHAPE_HW)
-    for column, value in ((0, -0.1), (2, 3.5), (2, WIDTH + 0.1), (3, 3), (3, HEIGHT + 1), (1, -1)):
-        for wrong in (value, np.nan):
-            boxes = valid.copy()
-            boxes[1, column] = wrong
-            assert not are_boxes_valid(boxes, scores, SHAPE_HW)
-    for wrong in (-0.01, 1.01, np.nan):
-        assert not are_boxes_valid(valid, np.array([0.5, wrong], np.float32), SHAPE_HW)
 
 
 def test_ratios_equal_the_reference_also_for_boxes_without_area() -> None:

@@ -29,7 +29,6 @@ from hoid_native import (
     solid_voxels,
     transformed_parts,
     trimmed_box,
-    values_at,
     voxels_of,
 )
 
@@ -70,11 +69,6 @@ def classify(pixel: int) -> object:
 
 def segment(*area: int) -> object:
     return segment_objects(DEPTH_M, np.array([area], np.int32), *OBJECT)
-
-
-def look_up(pixel: int, row: int, column: int) -> object:
-    rows, columns = np.array([0, row]), np.array([0, column, 0])
-    return values_at(np.array([pixel]), np.zeros((4, 5), np.uint8), rows, columns)
 
 
 def search(octave: int, max_octave: int) -> object:
@@ -138,9 +132,6 @@ def see(row: int, end: int) -> object:
         (lambda: trimmed_box(np.empty((0, 3)), None, 0.0), 'there must be one at least'),
         (lambda: classify(-1), 'pixels: -1 to 0 is not within 0 to 599'),
         (lambda: classify(600), 'pixels: 0 to 600 is not within 0 to 599'),
-        (lambda: look_up(6, 1, 1), 'pixels'),
-        (lambda: look_up(5, 4, 1), 'rows: 0 to 4 is not within 0 to 3'),
-        (lambda: look_up(5, 1, -1), 'columns'),
         (lambda: segment(0, 0, 31, 5), 'areas must be inside the image of 30 x 20 px'),
         (lambda: segment(0, -1, 9, 5), 'areas'),
         (lambda: segment(0, 0, 30, 21), 'areas'),
@@ -172,7 +163,6 @@ def test_indices_beyond_an_array_are_refused(call: Callable[[], object], reason:
 def test_valid_values_pass() -> None:
     for call in (
         classify(599),
-        look_up(5, 3, 4),
         segment(0, 0, 30, 20),
         search(3, 3),
         adjust(0, 1, 1),

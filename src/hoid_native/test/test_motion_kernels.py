@@ -11,7 +11,6 @@ from hoid_native import (
     align_triples,
     depth_ranges_3x3,
     depth_segments,
-    depths_at,
     occlusion_log_odds,
     propagate_log_odds,
     score_poses,
@@ -150,14 +149,6 @@ def test_log_odds_decay_and_grow_with_evidence_up_to_a_limit() -> None:
             propagate_log_odds(
                 CAMERA, REST, depth_m, depth_m, odds, MARGIN, 1.0, label + wrong, evidence, limit
             )
-
-
-def test_depths_at_pixels_are_finite() -> None:
-    depth_m = np.array([[1.0, np.nan, 2.0], [np.inf, 0.0, -np.inf]], np.float32)
-    assert depths_at(depth_m, np.array([2, 0, -1, 1, 3, 4, 5])).tolist() == [2, 1, 0, 0, 0, 0, 0]
-    for outside in (-2, 6):
-        with pytest.raises(ValueError, match='pixels'):
-            depths_at(depth_m, np.array([0, outside]))
 
 
 def test_depth_ranges_cover_three_by_three_pixels() -> None:

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import Detections
+from hoid_common.values import Detections, Float32Array
 from hoid_filter.detections.overlap import areas_px2, clip_boxes
-from hoid_native import are_boxes_valid
 
 
 class Sanitized(NamedTuple):
@@ -29,7 +28,7 @@ def sanitize(
     highest score remain.
     """
     raw, scores = detections.boxes_xyxy_px, detections.scores
-    if len(raw) <= max_detections and are_boxes_valid(raw, scores, (height_px, width_px)):
+    if len(raw) <= max_detections and _are_valid(raw, scores, width_px, height_px):
         return Sanitized(detections, 0, 0)
     boxes = clip_boxes(raw, width_px, height_px).astype(np.float32)
     clipped = (boxes != raw).any(axis=1) | (scores < 0) | (scores > 1)
@@ -47,3 +46,10 @@ def sanitize(
         np.clip(scores[kept], 0.0, 1.0),
     )
     return Sanitized(valid, len(detections) - len(kept), int(np.count_nonzero(clipped[kept])))
+
+
+def _are_valid(boxes: Float32Array, scores: Float32Array, width_px: int, height_px: int) -> bool:
+    """Return whether boxes (N, 4) have an area in the image and scores (N,) are in [0, 1]."""
+    low, high = boxes[:, :2], boxes[:, 2:]
+    is_box_valid = (low >= 0) & (low < high) & (high <= (width_px, height_px))  # False for NaN
+    return bool(is_box_valid.all() and ((scores >= 0) & (scores <= 1)).all())

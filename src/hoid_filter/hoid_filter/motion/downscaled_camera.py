@@ -12,7 +12,7 @@ from hoid_common.values import (
     FloatArray,
     IntArray,
 )
-from hoid_native import Pinhole, depths_at
+from hoid_native import Pinhole
 
 # Chosen: a quarter of the width of VGA is enough for depth segments. Points, which are tracked to
 # a tenth of a pixel, need half the width of VGA.
@@ -45,8 +45,10 @@ class DownscaledCamera:
         self.downscaled_of_pixel = self._downscaled_of_pixel()
 
     def depth(self, depth_m: Float32Array) -> Float32Array:
-        """Return the low-resolution depth (h, w) of an (H, W) depth image; 0 = no reading."""
-        return depths_at(depth_m, self._sampled).reshape(self.shape_hw)
+        """Return the low-resolution depth (h, w) of an (H, W) image; 0 = no measurement."""
+        sampled_m = depths_at(depth_m, self._sampled)
+        sampled_m[self._sampled < 0] = 0.0
+        return sampled_m.reshape(self.shape_hw)
 
     def gray(self, image_gray: ByteArray) -> ByteArray:
         """Return the low-resolution gray image of an (H, W) gray image, for point tracking."""
@@ -137,6 +139,13 @@ class DownscaledCamera:
         field_px = ((ideal_px + 0.5) * scale - 0.5).reshape(height, width, 2)
         all_px = cv2.resize(field_px, self.camera.size_px, interpolation=cv2.INTER_LINEAR)
         return nearest_pixels(np.asarray(all_px, np.float32).reshape(-1, 2), self.shape_hw)
+
+
+def depths_at(depth_m: Float32Array, pixels: IntArray) -> Float32Array:
+    """Return the (N,) depths (m) at flat pixels; 0 where the depth is not finite."""
+    found_m = depth_m.take(pixels)
+    found_m[~np.isfinite(found_m)] = 0.0
+    return found_m
 
 
 def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:

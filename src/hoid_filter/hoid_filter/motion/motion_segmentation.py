@@ -23,14 +23,14 @@ from hoid_common.values import (
 from hoid_filter.config import MotionConfig
 from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.motion.depth_history import DepthHistory
-from hoid_filter.motion.downscaled_camera import DownscaledCamera, nearest_pixels
+from hoid_filter.motion.downscaled_camera import DownscaledCamera, depths_at, nearest_pixels
 from hoid_filter.motion.downscaled_view import DownscaledView, MotionView, downscale
 from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, PointObservations
 from hoid_filter.motion.motion_log_odds import LabeledRegions, MotionLogOdds
 from hoid_filter.motion.point_tracks import PointTracks, predict_px, track
 from hoid_filter.motion.region_velocity import PointDisplacements
 from hoid_filter.motion.shutter_shift import shift_px
-from hoid_native import depths_at, strongest_corners_per_cell
+from hoid_native import strongest_corners_per_cell
 
 _MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again
 # A point moves when its reprojection error exceeds the smaller of 6 times the noise and 3 px, and
@@ -162,7 +162,7 @@ class MotionSegmentation:
         predicted_px = predict_px(self._tracks, self._T_camera_world, T_next_world, self.camera)
         tracks, found = track(self._view.gray, small.gray, self._tracks, predicted_px)
         pixel = nearest_pixels(self.camera.full_px(tracks.uv_px), view.depth_m.shape)
-        depth_m = _depths_at(view.depth_m, pixel)
+        depth_m = depths_at(view.depth_m, pixel).astype(np.float64)
         limit_m = _MAX_DEPTH_CHANGE * tracks.depth_m
         limit_m += _MAX_SPEED_MPS * (small.stamp_s - self._view.stamp_s)
         is_same = (depth_m == 0) | (np.abs(depth_m - tracks.depth_m) < limit_m)
@@ -307,7 +307,7 @@ class MotionSegmentation:
             occupied: (N,) indices of the tracked points in the flattened downscaled depth image.
         """
         pixels = self._free_corners(view, small)
-        depth_m = _depths_at(view.depth_m, pixels)
+        depth_m = depths_at(view.depth_m, pixels).astype(np.float64)
         width = view.depth_m.shape[1]
         full_px = np.stack([pixels % width, pixels // width], axis=1).astype(np.float32)
         camera_m = self.camera.points_m(self.camera.measure(full_px, depth_m), depth_m)
@@ -350,11 +350,6 @@ class MotionSegmentation:
             occupied,
         )[: max(missing, 0)]
         return view.corner_pixels[strongest]
-
-
-def _depths_at(depth_m: Float32Array, pixels: IntArray) -> FloatArray:
-    """Return the (N,) depths at flat pixels; 0 = no reading."""
-    return depths_at(depth_m, pixels).astype(np.float64)
 
 
 def _area_per_point(area_px: Int32Array, segment: Int32Array) -> FloatArray:

@@ -14,7 +14,7 @@ from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.strategies.depth_regions import STRIDE_PX, subsampled_boxes
 from hoid_filter.strategies.interaction import TrackSnapshot
 from hoid_filter.strategy import FilterInput
-from hoid_native import segment_objects, values_at
+from hoid_native import segment_objects
 
 # Chosen: nearer than this, much of the descriptor patch of a static corner, whose radius is 15 px
 # in octave 0, shows the moving object.
@@ -45,17 +45,16 @@ def dilate_mask(is_dynamic: BoolArray, image: FilterInput) -> Mask:
         return Mask(is_dynamic, size_px, None)
     dilated = cv2.dilate(is_dynamic.view(np.uint8), _MARGIN_KERNEL)
     grid = _upsampling(image.depth_m.shape, dilated.shape)
-    is_masked = values_at(image.corner_pixels, np.asarray(dilated), grid.rows, grid.columns)
     is_dynamic = dilated > 0
+    is_masked = is_dynamic.take(grid.cell_of_pixel.take(image.corner_pixels))
     static_area_px = size_px - int(grid.areas_px[is_dynamic].sum())
-    return Mask(is_dynamic, static_area_px, np.flatnonzero(is_masked == 0))
+    return Mask(is_dynamic, static_area_px, np.flatnonzero(~is_masked))
 
 
 class _Upsampling(NamedTuple):
     """The low-resolution cell of each pixel, as in nearest-neighbor resizing."""
 
-    rows: IntArray  # (H,) row of cells of each row of pixels
-    columns: IntArray  # (W,) column of cells of each column of pixels
+    cell_of_pixel: Int32Array  # (H * W,) flat index of the cell of each pixel
     areas_px: Int32Array  # (h, w) of the cells
 
 
@@ -64,7 +63,8 @@ def _upsampling(size_hw: tuple[int, int], low_hw: tuple[int, int]) -> _Upsamplin
     """Return the cells of an image of size (H, W) in a low-resolution image of size (h, w)."""
     rows, columns = (_nearest(*sizes) for sizes in zip(size_hw, low_hw, strict=True))
     areas_px = np.outer(np.bincount(rows), np.bincount(columns)).astype(np.int32)
-    return _Upsampling(rows, columns, areas_px)
+    cell_of_pixel = np.add.outer(rows * low_hw[1], columns).astype(np.int32)
+    return _Upsampling(cell_of_pixel.ravel(), areas_px)
 
 
 def _nearest(size: int, low_size: int) -> IntArray:

@@ -1,17 +1,14 @@
-#include "bindings/module.hpp"
+#include "bindings/arrays.hpp"
 
 NB_MODULE(_native, module)
 {
   // Python does not free module-level constants at exit, which nanobind would report as leaks.
   nanobind::set_leak_warnings(false);
   module.doc() = "Compiled kernels; import them from hoid_native.";
-  hoid::bindings::bind_features(module);
-  hoid::bindings::bind_graph(module);
-  hoid::bindings::bind_matching(module);
-  hoid::bindings::bind_optimize(module);
-  hoid::bindings::bind_boxes(module);
-  hoid::bindings::bind_masks(module);
-  hoid::bindings::bind_motion(module);
-  hoid::bindings::bind_objects(module);
-  hoid::bindings::bind_voxels(module);
+  for (const auto bind :
+       {hoid::bindings::bind_features, hoid::bindings::bind_graph, hoid::bindings::bind_masks,
+        hoid::bindings::bind_matching, hoid::bindings::bind_motion, hoid::bindings::bind_objects,
+        hoid::bindings::bind_optimize}) {
+    bind(module);
+  }
 }

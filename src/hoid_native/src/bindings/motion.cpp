@@ -1,20 +1,12 @@
 #include "motion/motion.hpp"
 
-#include <nanobind/stl/tuple.h>
-#include <nanobind/stl/vector.h>
-
-#include <tuple>
-
 #include "bindings/arrays.hpp"
-#include "bindings/checks.hpp"
-#include "bindings/module.hpp"
 #include "motion/registration.hpp"
 
 namespace hoid::bindings {
 
 namespace {
 
-using namespace nb::literals;
 using motion::Pinhole;
 
 HOID_RESULT(Segments);
@@ -22,177 +14,82 @@ HOID_RESULT(Segments);
 // Coefficients of a depth margin: constant (m), of the depth, and of its square (1/m).
 using MarginTuple = std::tuple<float, float, float>;
 
-motion::DepthMargin margin_of(const MarginTuple& values)
-{
-  return {std::get<0>(values), std::get<1>(values), std::get<2>(values)};
-}
-
-template <typename T, int... kShape>
-void require_shape(
-  const char* name, const Array<T, kShape...>& image, const ImageArray<float>& like)
-{
-  if (image.size(0) != like.size(0) || image.size(1) != like.size(1)) {
-    refuse(std::string(name) + ": must be as large as depth_m");
-  }
-}
-
-Segments depth_segments(const ImageArray<float>& depth_m, int cell_px)
-{
-  require(cell_px >= 1, "cell_px: must be at least 1");
-  auto found = unlocked([&] { return motion::depth_segments(view(depth_m), cell_px); });
-  const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
-  return make<Segments>(
-    give(std::move(found.label), shape), give(std::move(found.region)),
-    give(std::move(found.area_px)));
-}
-
-auto depth_ranges_3x3(const ImageArray<float>& depth_m)
-{
-  std::vector<float> range_m(2 * depth_m.array.size());
-  unlocked([&] { motion::depth_ranges_3x3(view(depth_m), range_m.data()); });
-  const std::array<std::size_t, 3> shape{depth_m.array.shape(0), depth_m.array.shape(1), 2};
-  return give(std::move(range_m), shape);
-}
-
 // An earlier view: T_earlier_now, its 3x3 depth ranges, and the log-odds against motion of a
 // segment that has the same depth everywhere.
 using EarlierView = std::tuple<RealArray<4, 4>, Array<float, -1, -1, 2>, double>;
 
-auto occlusion_log_odds(
-  const Pinhole& camera, const ImageArray<float>& depth_m, const ImageArray<int32_t>& label,
-  int num_segments, const std::vector<EarlierView>& earlier, const MarginTuple& margin,
-  const std::tuple<double, double, double>& evidence)
+// Require that each named image is as large as the depth image.
+template <typename A, typename... Others>
+void require_shape(
+  const ImageArray<float>& depth_m, const char* name, const A& image, const Others&... others)
 {
-  require_shape("label", label, depth_m);
-  require(num_segments >= 0, "num_segments: must not be negative");
-  require_range("label", label, -1, num_segments);
-  for (const auto& [T_earlier_now, range_m, agreeing] : earlier) {
-    require_shape("range_m", range_m, depth_m);
+  if (image.size(0) != depth_m.size(0) || image.size(1) != depth_m.size(1)) {
+    refuse(std::string(name) + ": must be as large as depth_m");
   }
-  std::vector<double> log_odds(num_segments);
-  unlocked([&] {
-    for (const auto& [T_earlier_now, range_m, agreeing] : earlier) {
-      motion::add_occlusion_evidence(
-        {camera, T_earlier_now.data(), view(depth_m)}, label.data(), range_m.data(),
-        margin_of(margin),
-        {std::get<0>(evidence), std::get<1>(evidence), std::get<2>(evidence), agreeing}, log_odds);
-    }
-  });
-  return give(std::move(log_odds));
-}
-
-auto depths_at(const ImageArray<float>& depth_m, const Vector<int64_t>& pixels)
-{
-  require_range("pixels", pixels, -1, static_cast<int64_t>(depth_m.array.size()));
-  return give(
-    unlocked([&] { return motion::depths_at(view(depth_m), pixels.data(), pixels.size()); }));
-}
-
-auto propagate_log_odds(
-  const Pinhole& camera, const RealArray<4, 4>& T_previous_now, const ImageArray<float>& depth_m,
-  const ImageArray<float>& previous_m, const ImageArray<float>& log_odds,
-  const MarginTuple& margin, float decay, const ImageArray<int32_t>& label,
-  const Vector<float>& evidence, float limit)
-{
-  require_shape("previous_m", previous_m, depth_m);
-  require_shape("log_odds", log_odds, depth_m);
-  require_shape("label", label, depth_m);
-  require_range("label", label, -1, evidence.size());
-  require(limit >= 0, "limit: must not be negative");
-  std::vector<float> propagated(depth_m.array.size());
-  unlocked([&] {
-    motion::propagate_log_odds(
-      {camera, T_previous_now.data(), view(depth_m)}, previous_m.data(), log_odds.data(),
-      margin_of(margin), decay, {label.data(), evidence.data(), evidence.size(), limit},
-      propagated.data());
-  });
-  const std::array<std::size_t, 2> shape{depth_m.array.shape(0), depth_m.array.shape(1)};
-  return give(std::move(propagated), shape);
-}
-
-auto score_poses(
-  const optimize::StereoParams& camera, double pixel_px, double limit,
-  const RealArray<-1, 4, 4>& T_camera_world, const RealArray<-1, 3>& points_m,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1, 2>& weights)
-{
-  require(pixel_px > 0 && limit > 0, "pixel_px and limit: must be positive");
-  require_length("measured_px", measured_px, points_m.size());
-  require_length("weights", weights, points_m.size());
-  const motion::Points points{
-    points_m.data(), measured_px.data(), weights.data(), points_m.size()};
-  const std::array<std::size_t, 2> shape{T_camera_world.array.shape(0), 2};
-  std::vector<double> score(shape[0] * shape[1]);
-  unlocked([&] {
-    motion::score_poses(
-      camera, pixel_px, limit, T_camera_world.data(), T_camera_world.size(), points, score.data());
-  });
-  return give(std::move(score), shape);
-}
-
-auto align_triples(
-  const RealArray<-1, 3>& from_m, const RealArray<-1, 3>& to_m,
-  const Array<int64_t, -1, 3>& triples)
-{
-  require_length("to_m", to_m, from_m.size());
-  require_range("triples", triples, 0, from_m.size());
-  const std::array<std::size_t, 3> shape{triples.array.shape(0), 4, 4};
-  std::vector<double> T(16 * shape[0]);
-  unlocked([&] {
-    motion::align_triples(from_m.data(), to_m.data(), triples.data(), triples.size(), T.data());
-  });
-  return give(std::move(T), shape);
-}
-
-auto strongest_corners_per_cell(
-  const Vector<int64_t>& corner_pixels, const Vector<uint8_t>& corner_scores,
-  const ImageArray<float>& depth_m, const Vector<int64_t>& small_of_pixel,
-  const ImageArray<int32_t>& label, double cell_px, const ImageArray<uint8_t>& taken)
-{
-  require(cell_px > 0, "cell_px: must be positive");
-  const auto pixels = static_cast<int>(depth_m.array.size());
-  require_length("corner_scores", corner_scores, corner_pixels.size());
-  require_length("small_of_pixel", small_of_pixel, pixels);
-  require_range("corner_pixels", corner_pixels, 0, pixels);
-  const bool covers = taken.size(0) > (depth_m.size(0) - 1) / cell_px &&
-                      taken.size(1) > (depth_m.size(1) - 1) / cell_px;
-  require(covers, "taken: the cells do not cover the image");
-  const motion::CornersOnDepth seen{
-    corner_pixels.data(),
-    corner_scores.data(),
-    corner_pixels.size(),
-    view(depth_m),
-    small_of_pixel.data(),
-    label.data(),
-    static_cast<int64_t>(label.array.size())};
-  const motion::CellGrid grid{
-    cell_px, taken.size(1), taken.data(), static_cast<int>(taken.array.size())};
-  return give(unlocked([&] { return motion::strongest_corners_per_cell(seen, grid); }));
+  if constexpr (sizeof...(others) > 0) {
+    require_shape(depth_m, others...);
+  }
 }
 
 void bind_segments(nb::module_& module)
 {
-  module.def("depth_segments", &depth_segments, "depth_m"_a, "cell_px"_a, R"(
+  module.def(
+    "depth_segments",
+    [](const ImageArray<float>& depth_m, int cell_px) {
+      require(cell_px >= 1, "cell_px: must be at least 1");
+      auto found = unlocked([&] { return motion::depth_segments(depth_m, cell_px); });
+      return make<Segments>(
+        give<int32_t>(std::move(found.label), {depth_m.size(0), depth_m.size(1)}),
+        std::move(found.region), std::move(found.area_px));
+    },
+    "depth_m"_a, "cell_px"_a, R"(
 Return the segments of a depth image, cut along depth jumps and along a grid of square cells.
 
 A depth jump is a difference of at least 0.02 m plus 3 % of the depth within 3x3 pixels. Pixels
-without a reading count as depth 0, so that there is a jump beside them.
+without a measurement count as depth 0, so that there is a jump beside them.
 
 Args:
-    depth_m: (H, W) float32 depth; 0 = no reading.
-    cell_px: side of a cell in pixels, at least 1.
-
-Raises:
-    ValueError: The side is less than 1.)");
-  module.def("depth_ranges_3x3", &depth_ranges_3x3, "depth_m"_a, R"(
+    depth_m: (H, W) float32 depth; 0 = no measurement.
+    cell_px: side of a cell in pixels, at least 1.)");
+  module.def(
+    "depth_ranges_3x3",
+    [](const ImageArray<float>& depth_m) {
+      return fill<float>({depth_m.size(0), depth_m.size(1), 2}, [&](float* range_m) {
+        motion::depth_ranges_3x3(depth_m, range_m);
+      });
+    },
+    "depth_m"_a, R"(
 Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
 
-Pixels without a reading are ignored; both numbers are 0 where the middle pixel has none.
+Pixels without a measurement are ignored; both numbers are 0 where the middle pixel has none.
 
 Args:
-    depth_m: (H, W) float32 depth; 0 = no reading.)");
+    depth_m: (H, W) float32 depth; 0 = no measurement.)");
   module.def(
-    "occlusion_log_odds", &occlusion_log_odds, "camera"_a, "depth_m"_a, "label"_a,
-    "num_segments"_a, "earlier"_a, "margin"_a, "evidence"_a, R"(
+    "occlusion_log_odds",
+    [](
+      const Pinhole& camera, const ImageArray<float>& depth_m, const ImageArray<int32_t>& label,
+      int num_segments, const std::vector<EarlierView>& earlier, const MarginTuple& margin,
+      const std::tuple<double, double, double>& evidence) {
+      require_shape(depth_m, "label", label);
+      require(num_segments >= 0, "num_segments: must not be negative");
+      require_range("label", label, -1, num_segments);
+      for (const auto& view : earlier) {
+        require_shape(depth_m, "range_m", std::get<1>(view));
+      }
+      const auto depth_margin = std::make_from_tuple<motion::DepthMargin>(margin);
+      const auto [occluding, min_occluding, mixed] = evidence;
+      std::vector<double> log_odds(num_segments);
+      for (const auto& [T_earlier_now, range_m, agreeing] : earlier) {
+        const nb::gil_scoped_release release;
+        motion::add_occlusion_evidence(
+          {camera, T_earlier_now, depth_m}, label, range_m, depth_margin,
+          {occluding, min_occluding, mixed, agreeing}, log_odds);
+      }
+      return give_rows(std::move(log_odds));
+    },
+    "camera"_a, "depth_m"_a, "label"_a, "num_segments"_a, "earlier"_a, "margin"_a, "evidence"_a,
+    R"(
 Return the (S,) log-odds that segments move, by comparison with the depth in earlier views.
 
 A pixel in front of the depth that an earlier view shows there occludes it: the surface has moved
@@ -201,97 +98,54 @@ time. The log-odds of all earlier views are added up.
 
 Args:
     camera: camera model of all images.
-    depth_m: (H, W) float32 current depth; 0 = no reading.
-    label: (H, W) int32 segment of each pixel; -1 = none.
+    depth_m: (H, W) float32 current depth; 0 = no measurement.
+    label: (H, W) int32 segment of each pixel, less than S; -1 = none.
     num_segments: number S of segments.
     earlier: for each earlier view, the camera motion T_earlier_now (4, 4), its `depth_ranges_3x3`
         (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
     margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
         more than their sum.
     evidence: three numbers: the log-odds of a segment that occludes with all its pixels, which are
-        multiplied by the share of those that do; the occluding share that must be exceeded to
-        count as evidence; and the occluding share from which on equal depth of the other pixels is
-        no evidence against motion.
-
-Raises:
-    ValueError: Images differ in size, S is negative, or a label is not one of S.)");
-  module.def("depths_at", &depths_at, "depth_m"_a, "pixels"_a, R"(
-Return the (K,) float32 depths (m) at pixels; 0 for index -1 and for depths that are not finite.
-
-Args:
-    depth_m: (H, W) float32 depth.
-    pixels: (K,) int64 indices into the flattened image; -1 = no pixel.
-
-Raises:
-    ValueError: An index is not in the image.)");
+        multiplied by the ratio of those that do; the occluding ratio that must be exceeded to
+        count as evidence; and the occluding ratio from which on equal depth of the other pixels is
+        no evidence against motion.)");
   module.def(
-    "propagate_log_odds", &propagate_log_odds, "camera"_a, "T_previous_now"_a, "depth_m"_a,
-    "previous_m"_a, "log_odds"_a, "margin"_a, "decay"_a, "label"_a, "evidence"_a, "limit"_a, R"(
+    "propagate_log_odds",
+    [](
+      const Pinhole& camera, const RealArray<4, 4>& T_previous_now,
+      const ImageArray<float>& depth_m, const ImageArray<float>& previous_m,
+      const ImageArray<float>& log_odds, const MarginTuple& margin, float decay,
+      const ImageArray<int32_t>& label, const Vector<float>& evidence, float limit) {
+      require_shape(depth_m, "previous_m", previous_m, "log_odds", log_odds, "label", label);
+      require_range("label", label, -1, evidence.size());
+      require(limit >= 0, "limit: must not be negative");
+      return fill<float>({depth_m.size(0), depth_m.size(1)}, [&](float* propagated) {
+        motion::propagate_log_odds(
+          {camera, T_previous_now, depth_m}, previous_m, log_odds,
+          std::make_from_tuple<motion::DepthMargin>(margin), decay,
+          {label, evidence, evidence.size(), limit}, propagated);
+      });
+    },
+    "camera"_a, "T_previous_now"_a, "depth_m"_a, "previous_m"_a, "log_odds"_a, "margin"_a,
+    "decay"_a, "label"_a, "evidence"_a, "limit"_a, R"(
 Return the (H, W) float32 log-odds that each pixel of the current image moves.
 
 They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
 evidence from the current image. Where the previous image shows another depth or none, a pixel
-starts at 0. A pixel of the current image without a reading has 0.
+starts at 0. A pixel of the current image without a measurement has 0.
 
 Args:
     camera: camera model of both images.
     T_previous_now: (4, 4) pose of the current camera in the previous camera's frame.
-    depth_m: (H, W) float32 current depth; 0 = no reading.
+    depth_m: (H, W) float32 current depth; 0 = no measurement.
     previous_m: (H, W) float32 depth of the previous image.
     log_odds: (H, W) float32 log-odds of the previous image's pixels.
     margin: coefficients of 1 (in m), z and z^2. A pixel of depth z shows the same surface if the
         depths differ by less than their sum.
     decay: factor of the previous log-odds.
-    label: (H, W) int32 segment of each pixel of the current image; -1 = none.
+    label: (H, W) int32 segment of each pixel of the current image, less than S; -1 = none.
     evidence: (S,) float32 log-odds that are added to the pixels of each segment.
-    limit: the result is clamped to [-limit, limit].
-
-Raises:
-    ValueError: Images differ in size, a label is not one of S, or the limit is negative.)");
-}
-
-void bind_corners(nb::module_& module)
-{
-  module.def(
-    "strongest_corners_per_cell", &strongest_corners_per_cell, "corner_pixels"_a,
-    "corner_scores"_a, "depth_m"_a, "small_of_pixel"_a, "label"_a, "cell_px"_a, "taken"_a, R"(
-Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
-
-Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
-corner wins.
-
-Args:
-    corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
-    corner_scores: (K,) uint8 strength of each corner.
-    depth_m: (H, W) float32 depth; 0 or not finite = no reading.
-    small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
-        is out of range, the pixel has no segment.
-    label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
-    cell_px: side of a cell in pixels.
-    taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
-
-Raises:
-    ValueError: Lengths differ, a corner is not in the image, the side is not positive, or the
-        cells do not cover the image.)");
-}
-
-auto register_depth(
-  const ImageArray<float>& depth_m, const Array<float, -1, -1, 3>& rays,
-  const Array<float, 3>& t_m, const Array<float, 2>& side_px, const Pinhole& camera,
-  std::tuple<int, int> size_px)
-{
-  require_shape("rays", rays, depth_m);
-  const auto [width, height] = size_px;
-  require(width > 0 && height > 0, "size_px: must be positive");
-  std::vector<float> registered_m(static_cast<std::size_t>(width) * height);
-  unlocked([&] {
-    motion::register_depth(
-      {view(depth_m), rays.data(), t_m.data(), side_px.data()}, {camera, width, height},
-      registered_m.data());
-  });
-  const std::array<std::size_t, 2> shape{
-    static_cast<std::size_t>(height), static_cast<std::size_t>(width)};
-  return give(std::move(registered_m), shape);
+    limit: the result is clamped to [-limit, limit].)");
 }
 
 }  // namespace
@@ -306,8 +160,21 @@ void bind_motion(nb::module_& module)
     .def_ro("cy_px", &Pinhole::cy_px, "Row of the principal point.");
   bind_segments(module);
   module.def(
-    "score_poses", &score_poses, "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a,
-    "points_m"_a, "measured_px"_a, "weights"_a, R"(
+    "score_poses",
+    [](
+      const optimize::StereoParams& camera, double pixel_px, double limit,
+      const RealArray<-1, 4, 4>& T_camera_world, const RealArray<-1, 3>& points_m,
+      const RealArray<-1, 3>& measured_px, const RealArray<-1, 2>& weights) {
+      require(pixel_px > 0 && limit > 0, "pixel_px and limit: must be positive");
+      require_lengths(points_m.size(), "measured_px", measured_px, "weights", weights);
+      return fill<double>({T_camera_world.size(), 2}, [&](double* score) {
+        motion::score_poses(
+          camera, pixel_px, limit, T_camera_world, T_camera_world.size(),
+          {points_m, measured_px, weights, points_m.size()}, score);
+      });
+    },
+    "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a, "points_m"_a, "measured_px"_a,
+    "weights"_a, R"(
 Return the (M, 2) weights of the points that each pose explains, summed for two sets of weights.
 
 A point counts with 1 - (residual / limit)^2 of its weight; beyond the limit, or nearer than 0.1 m
@@ -316,16 +183,24 @@ in front of the camera, it does not count.
 Args:
     camera: camera model of the image. Its `disparity_noise_px` is in units of `pixel_px` here; the
         other parts of its noise are not used.
-    pixel_px: standard deviation of u and of v.
-    limit: largest residual of an explained point, in standard deviations.
+    pixel_px: standard deviation of u and of v, positive.
+    limit: largest residual of an explained point, in standard deviations, positive.
     T_camera_world: (M, 4, 4) poses of the world in the camera frame.
     points_m: (N, 3) points in the world.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    weights: (N, 2) two weights of each point.
-
-Raises:
-    ValueError: Lengths differ, or `pixel_px` or the limit is not positive.)");
-  module.def("align_triples", &align_triples, "from_m"_a, "to_m"_a, "triples"_a, R"(
+    weights: (N, 2) two weights of each point.)");
+  module.def(
+    "align_triples",
+    [](
+      const RealArray<-1, 3>& from_m, const RealArray<-1, 3>& to_m,
+      const Array<int64_t, -1, 3>& triples) {
+      require_lengths(from_m.size(), "to_m", to_m);
+      require_range("triples", triples, 0, from_m.size());
+      return fill<double>({triples.size(), 4, 4}, [&](double* T_to_from) {
+        motion::align_triples(from_m, to_m, triples, triples.size(), T_to_from);
+      });
+    },
+    "from_m"_a, "to_m"_a, "triples"_a, R"(
 Return the (M, 4, 4) rigid transforms T_to_from that align triples of points with least squares.
 
 Source: Umeyama, PAMI 1991, without scale, in closed form for three points. For three points on a
@@ -334,31 +209,72 @@ line, the result is the identity.
 Args:
     from_m: (N, 3) points in the frame `from`.
     to_m: (N, 3) the same points in the frame `to`.
-    triples: (M, 3) int64 indices of the points of each triple.
-
-Raises:
-    ValueError: Lengths differ, or an index is not below N.)");
-  bind_corners(module);
+    triples: (M, 3) int64 indices of the points of each triple, less than N.)");
   module.def(
-    "register_depth", &register_depth, "depth_m"_a, "rays"_a, "t_m"_a, "side_px"_a, "camera"_a,
-    "size_px"_a, R"(
-Return the (H, W) depth image (m) that another camera sees; 0 = no reading.
+    "strongest_corners_per_cell",
+    [](
+      const Vector<int64_t>& corner_pixels, const Vector<uint8_t>& corner_scores,
+      const ImageArray<float>& depth_m, const Vector<int64_t>& small_of_pixel,
+      const ImageArray<int32_t>& label, double cell_px, const ImageArray<uint8_t>& taken) {
+      require(cell_px > 0, "cell_px: must be positive");
+      require_lengths(corner_pixels.size(), "corner_scores", corner_scores);
+      require_lengths(depth_m.num_elements(), "small_of_pixel", small_of_pixel);
+      require_range("corner_pixels", corner_pixels, 0, depth_m.num_elements());
+      const bool covers = taken.size(0) > (depth_m.size(0) - 1) / cell_px &&
+                          taken.size(1) > (depth_m.size(1) - 1) / cell_px;
+      require(covers, "taken: the cells do not cover the image");
+      const motion::CornersOnDepth seen{
+        corner_pixels, corner_scores, corner_pixels.size(), depth_m, small_of_pixel,
+        label,         label.num_elements()};
+      const motion::CellGrid grid{cell_px, taken.size(1), taken, taken.num_elements()};
+      return give_rows(unlocked([&] { return motion::strongest_corners_per_cell(seen, grid); }));
+    },
+    "corner_pixels"_a, "corner_scores"_a, "depth_m"_a, "small_of_pixel"_a, "label"_a, "cell_px"_a,
+    "taken"_a, R"(
+Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
+
+Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
+corner wins.
+
+Args:
+    corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
+    corner_scores: (K,) uint8 strength of each corner.
+    depth_m: (H, W) float32 depth; 0 or not finite = no measurement.
+    small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
+        is out of range, the pixel has no segment.
+    label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
+    cell_px: side of a cell in pixels, positive.
+    taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.)");
+  module.def(
+    "register_depth",
+    [](
+      const ImageArray<float>& depth_m, const Array<float, -1, -1, 3>& rays,
+      const Array<float, 3>& t_m, const Array<float, 2>& side_px, const Pinhole& camera,
+      const std::tuple<int, int>& size_px) {
+      require_shape(depth_m, "rays", rays);
+      const auto [width, height] = size_px;
+      require(width > 0 && height > 0, "size_px: must be positive");
+      const motion::DepthSource source{depth_m, rays, t_m, side_px};
+      const motion::Target target{camera, width, height};
+      return fill<float>({height, width}, [&](float* registered_m) {
+        motion::register_depth(source, target, registered_m);
+      });
+    },
+    "depth_m"_a, "rays"_a, "t_m"_a, "side_px"_a, "camera"_a, "size_px"_a, R"(
+Return the (H, W) depth image (m) that another camera sees; 0 = no measurement.
 
 A depth pixel covers as many pixels of the other camera as it is large. Of several depths at a
 pixel, the nearest is kept.
 
 Args:
-    depth_m: (h, w) float32 depth; 0, negative or NaN = no reading.
+    depth_m: (h, w) float32 depth; 0, negative or NaN = no measurement.
     rays: (h, w, 3) float32 ray of each depth pixel in the frame of the other camera. A point at
         depth z is at z times the ray plus `t_m`.
     t_m: (3,) float32 position of the depth camera in the frame of the other camera.
     side_px: (2,) float32 width and height of a depth pixel in pixels of the other camera, at
         equal depth.
     camera: the other camera, without distortion.
-    size_px: its width W and height H.
-
-Raises:
-    ValueError: The rays are not as many as the pixels, or the size is not positive.)");
+    size_px: its width W and height H, positive.)");
 }
 
 }  // namespace hoid::bindings

@@ -1,34 +1,56 @@
 #include "optimize/optimize.hpp"
 
-#include <nanobind/stl/optional.h>
-#include <nanobind/stl/tuple.h>
-
-#include <algorithm>
 #include <new>
-#include <optional>
-#include <tuple>
 
 #include "bindings/arrays.hpp"
-#include "bindings/checks.hpp"
-#include "bindings/module.hpp"
 
 namespace hoid::bindings {
 
 namespace {
 
-using namespace nb::literals;
 using optimize::Gates;
 using optimize::StereoParams;
+using Rows3 = RealArray<-1, 3>;
+using Pose = RealArray<4, 4>;
 
 HOID_RESULT(PoseFit);
 HOID_RESULT(BundleFit);
 HOID_RESULT(MatchEvaluation);
 HOID_RESULT(BiasingRegion);
 
-template <typename Values>
-std::vector<double> copy(const Values& values)
+template <std::size_t kSize>
+std::array<double, kSize> copy(const double* values)
 {
-  return {values.begin(), values.end()};
+  std::array<double, kSize> out;
+  std::copy_n(values, kSize, out.begin());
+  return out;
+}
+
+template <int... kShape, std::size_t kSize>
+auto give_array(const std::array<double, kSize>& values)
+{
+  return give<double>({values.begin(), values.end()}, {kShape...});
+}
+
+optimize::PoseProblem pose_problem(
+  const Rows3& points_m, const Rows3& measured_px, const RealArray<-1>& inv_sigma2)
+{
+  require_lengths(inv_sigma2.size(), "points_m", points_m, "measured_px", measured_px);
+  return {points_m, measured_px, inv_sigma2, inv_sigma2.size()};
+}
+
+std::optional<optimize::PosePrior> pose_prior(
+  const std::optional<Pose>& T_camera_map, const std::optional<RealArray<6, 6>>& information)
+{
+  require(
+    T_camera_map.has_value() == information.has_value(),
+    "prior_information: a prior needs a pose and its information");
+  if (!information) {
+    return std::nullopt;
+  }
+  require_finite("prior_T_camera_map", *T_camera_map);
+  require_finite("prior_information", *information);
+  return optimize::PosePrior{copy<16>(*T_camera_map), copy<36>(*information)};
 }
 
 // Cameras are pickled when they are sent to other processes.
@@ -42,116 +64,7 @@ CameraState state(const StereoParams& camera)
           camera.relative_noise, camera.pixel_noise,    camera.joint_noise};
 }
 
-optimize::PoseProblem pose_problem(
-  const RealArray<-1, 3>& points_m, const RealArray<-1, 3>& measured_px,
-  const RealArray<-1>& inv_sigma2)
-{
-  const int count = inv_sigma2.size();
-  require_length("points_m", points_m, count);
-  require_length("measured_px", measured_px, count);
-  return {points_m.data(), measured_px.data(), inv_sigma2.data(), count};
-}
-
-optimize::PoseArray pose_array(const RealArray<4, 4>& T)
-{
-  optimize::PoseArray out;
-  std::copy_n(T.data(), out.size(), out.begin());
-  return out;
-}
-
-std::optional<optimize::PosePrior> pose_prior(
-  const std::optional<RealArray<4, 4>>& T_camera_map,
-  const std::optional<RealArray<6, 6>>& information)
-{
-  require(
-    T_camera_map.has_value() == information.has_value(),
-    "prior_information: a prior needs a pose and its information");
-  if (!information) {
-    return std::nullopt;
-  }
-  require_finite("prior_T_camera_map", *T_camera_map);
-  require_finite("prior_information", *information);
-  optimize::PosePrior prior{pose_array(*T_camera_map), {}};
-  std::copy_n(information->data(), prior.information.size(), prior.information.begin());
-  return prior;
-}
-
-PoseFit optimize_pose(
-  const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
-  const RealArray<4, 4>& T_camera_map, const std::optional<RealArray<4, 4>>& prior_T_camera_map,
-  const std::optional<RealArray<6, 6>>& prior_information)
-{
-  const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
-  const auto start = pose_array(T_camera_map);
-  const auto prior = pose_prior(prior_T_camera_map, prior_information);
-  auto fit = unlocked([&] {
-    return optimize::optimize_pose(camera, gates, problem, start, prior ? &*prior : nullptr);
-  });
-  const std::array<std::size_t, 1> length{fit.inliers.size()};
-  return make<PoseFit>(
-    give(copy(fit.T_camera_map), std::array<std::size_t, 2>{4, 4}),
-    give<uint8_t, bool>(std::move(fit.inliers), length),
-    give(copy(fit.information), std::array<std::size_t, 2>{6, 6}));
-}
-
-MatchEvaluation evaluate_matches(
-  const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
-  const RealArray<4, 4>& T_camera_map)
-{
-  const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
-  const auto pose = pose_array(T_camera_map);
-  auto evaluation =
-    unlocked([&] { return optimize::evaluate_matches(camera, gates, problem, pose); });
-  const std::array<std::size_t, 1> length{evaluation.inliers.size()};
-  return make<MatchEvaluation>(
-    give(std::move(evaluation.cost)), give<uint8_t, bool>(std::move(evaluation.inliers), length));
-}
-
-BiasingRegion most_biasing_region(
-  const StereoParams& camera, const Gates& gates, const RealArray<-1, 3>& points_m,
-  const RealArray<-1, 3>& measured_px, const RealArray<-1>& inv_sigma2,
-  const RealArray<4, 4>& T_camera_map, double noise_scale)
-{
-  const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
-  const auto pose = pose_array(T_camera_map);
-  auto region = unlocked(
-    [&] { return optimize::most_biasing_region(camera, gates, problem, pose, noise_scale); });
-  const std::array<std::size_t, 1> length{region.mask.size()};
-  return make<BiasingRegion>(
-    give<uint8_t, bool>(std::move(region.mask), length), give(copy(region.low)),
-    give(copy(region.high)), region.gain);
-}
-
-BundleFit adjust_bundle(
-  const StereoParams& camera, const Gates& gates, const RealArray<-1, 4, 4>& T_camera_map,
-  int num_free, const RealArray<-1, 3>& points_m, const Vector<int64_t>& camera_index,
-  const Vector<int64_t>& point_index, const RealArray<-1, 3>& measured_px,
-  const RealArray<-1>& inv_sigma2, int rounds, int iterations)
-{
-  const int num_cameras = T_camera_map.size(), num_points = points_m.size(),
-            count = camera_index.size();
-  require_length("point", point_index, count);
-  require_length("measured_px", measured_px, count);
-  require_length("inv_sigma2", inv_sigma2, count);
-  require_range("camera", camera_index, 0, num_cameras);
-  require_range("point", point_index, 0, num_points);
-  require(
-    num_free >= 0 && num_free <= num_cameras, "num_free: must be from 0 to the number of cameras");
-  const optimize::BundleProblem problem{
-    T_camera_map.data(), num_cameras,        num_free,           points_m.data(),   num_points,
-    camera_index.data(), point_index.data(), measured_px.data(), inv_sigma2.data(), count};
-  auto fit =
-    unlocked([&] { return optimize::adjust_bundle(camera, gates, problem, rounds, iterations); });
-  const std::array<std::size_t, 3> poses{static_cast<std::size_t>(num_cameras), 4, 4};
-  const std::array<std::size_t, 2> points{static_cast<std::size_t>(num_points), 3};
-  return make<BundleFit>(
-    give(std::move(fit.T_camera_map), poses), give(std::move(fit.points_m), points),
-    give(std::move(fit.chi2)), fit.cost_before, fit.cost_after);
-}
-
-void bind_parameters(nb::module_& module)
+void bind_camera(nb::module_& module)
 {
   nb::class_<StereoParams>(module, "StereoParams", R"(
 A pinhole camera with a virtual right camera, and its noise.
@@ -172,7 +85,7 @@ A depth is expressed as the disparity u - u_right = disparity_px_m / depth_m.)")
       "Constant part of the standard deviation of a disparity, in pixels.")
     .def_ro(
       "relative_noise", &StereoParams::relative_noise,
-      "Proportional part of the standard deviation of a disparity, as a share of the disparity.")
+      "Proportional part of the standard deviation of a disparity: its ratio to the disparity.")
     .def_ro(
       "pixel_noise", &StereoParams::pixel_noise,
       "Standard deviation of u and v, divided by the standard deviation that `inv_sigma2` states.")
@@ -195,11 +108,26 @@ A depth is expressed as the disparity u - u_right = disparity_px_m / depth_m.)")
 
 void bind_optimize(nb::module_& module)
 {
-  bind_parameters(module);
+  bind_camera(module);
   module.def(
-    "optimize_pose", &optimize_pose, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
-    "inv_sigma2"_a, "T_camera_map"_a, "prior_T_camera_map"_a = nb::none(),
-    "prior_information"_a = nb::none(), R"(
+    "optimize_pose",
+    [](
+      const StereoParams& camera, const Gates& gates, const Rows3& points_m,
+      const Rows3& measured_px, const RealArray<-1>& inv_sigma2, const Pose& T_camera_map,
+      const std::optional<Pose>& prior_T_camera_map,
+      const std::optional<RealArray<6, 6>>& prior_information) {
+      const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
+      const auto start = copy<16>(T_camera_map);
+      const auto prior = pose_prior(prior_T_camera_map, prior_information);
+      auto fit = unlocked([&] {
+        return optimize::optimize_pose(camera, gates, problem, start, prior ? &*prior : nullptr);
+      });
+      return make<PoseFit>(
+        give_array<4, 4>(fit.T_camera_map), give_flags(std::move(fit.inliers)),
+        give_array<6, 6>(fit.information));
+    },
+    "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a, "inv_sigma2"_a, "T_camera_map"_a,
+    "prior_T_camera_map"_a = nb::none(), "prior_information"_a = nb::none(), R"(
 Return the camera pose that fits N matches best: Gauss-Newton with Huber kernels.
 
 Pixels and the disparity u - u_right are independent measurements with separate robust kernels,
@@ -219,15 +147,22 @@ Args:
         applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
         own, which the camera states, unless `joint_noise` is on.
     T_camera_map: (4, 4) initial pose of the map in the camera frame.
-    prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose; None: no prior.
+    prior_T_camera_map: (4, 4) mean of a Gaussian prior of the pose, finite; None: no prior.
     prior_information: (6, 6) inverse covariance of the prior, as a left twist with the rotation
-        first; None: no prior. It is added to the information of the matches as it is.
-
-Raises:
-    ValueError: Lengths differ, or the prior is incomplete or not finite.)");
+        first, finite; None: no prior. It is added to the information of the matches as it is.)");
   module.def(
-    "evaluate_matches", &evaluate_matches, "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a,
-    "inv_sigma2"_a, "T_camera_map"_a, R"(
+    "evaluate_matches",
+    [](
+      const StereoParams& camera, const Gates& gates, const Rows3& points_m,
+      const Rows3& measured_px, const RealArray<-1>& inv_sigma2, const Pose& T_camera_map) {
+      const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
+      auto evaluation = unlocked([&] {
+        return optimize::evaluate_matches(camera, gates, problem, copy<16>(T_camera_map));
+      });
+      return make<MatchEvaluation>(
+        std::move(evaluation.cost), give_flags(std::move(evaluation.inliers)));
+    },
+    "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a, "inv_sigma2"_a, "T_camera_map"_a, R"(
 Return how well each of N matches fits a pose.
 
 The squared errors of pixel and disparity, each divided by its measured variance, are truncated at
@@ -240,16 +175,25 @@ Args:
     gates: chi-square limits of outliers.
     points_m: (N, 3) map points in the map frame.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
-        applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of its
-        own, which the camera states, unless `joint_noise` is on.
-    T_camera_map: (4, 4) pose.
-
-Raises:
-    ValueError: Lengths differ.)");
+    inv_sigma2: (N,) as in `optimize_pose`.
+    T_camera_map: (4, 4) pose.)");
   module.def(
-    "most_biasing_region", &most_biasing_region, "camera"_a, "gates"_a, "points_m"_a,
-    "measured_px"_a, "inv_sigma2"_a, "T_camera_map"_a, "noise_scale"_a, R"(
+    "most_biasing_region",
+    [](
+      const StereoParams& camera, const Gates& gates, const Rows3& points_m,
+      const Rows3& measured_px, const RealArray<-1>& inv_sigma2, const Pose& T_camera_map,
+      double noise_scale) {
+      const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
+      auto region = unlocked([&] {
+        return optimize::most_biasing_region(
+          camera, gates, problem, copy<16>(T_camera_map), noise_scale);
+      });
+      return make<BiasingRegion>(
+        give_flags(std::move(region.mask)), give_array<3>(region.low),
+        give_array<3>(region.high), region.gain);
+    },
+    "camera"_a, "gates"_a, "points_m"_a, "measured_px"_a, "inv_sigma2"_a, "T_camera_map"_a,
+    "noise_scale"_a, R"(
 Return the region of the view without whose matches the other matches fit a pose best.
 
 Candidates are the cells of a k-d tree over direction and depth, which contain from 1/16 to 1/4 of
@@ -265,14 +209,34 @@ Args:
     inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The disparity
         u - u_right has a variance of its own, which the camera states.
     T_camera_map: (4, 4) pose fitted to all matches.
-    noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
-
-Raises:
-    ValueError: Lengths differ.)");
+    noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.)");
   module.def(
-    "adjust_bundle", &adjust_bundle, "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a,
-    "points_m"_a, "camera"_a, "point"_a, "measured_px"_a, "inv_sigma2"_a, "rounds"_a,
-    "iterations"_a, R"(
+    "adjust_bundle",
+    [](
+      const StereoParams& lens, const Gates& gates, const RealArray<-1, 4, 4>& T_camera_map,
+      int num_free, const Rows3& points_m, const Vector<int64_t>& camera,
+      const Vector<int64_t>& point, const Rows3& measured_px, const RealArray<-1>& inv_sigma2,
+      int rounds, int iterations) {
+      const int num_cameras = T_camera_map.size(), num_points = points_m.size(),
+                count = camera.size();
+      require_lengths(
+        count, "point", point, "measured_px", measured_px, "inv_sigma2", inv_sigma2);
+      require_range("camera", camera, 0, num_cameras);
+      require_range("point", point, 0, num_points);
+      require(
+        num_free >= 0 && num_free <= num_cameras,
+        "num_free: must be from 0 to the number of cameras");
+      const optimize::BundleProblem problem{
+        T_camera_map, num_cameras, num_free,    points_m,   num_points,
+        camera,       point,       measured_px, inv_sigma2, count};
+      auto fit = unlocked(
+        [&] { return optimize::adjust_bundle(lens, gates, problem, rounds, iterations); });
+      return make<BundleFit>(
+        give_rows<4, 4>(std::move(fit.T_camera_map)), give_rows<3>(std::move(fit.points_m)),
+        std::move(fit.chi2), fit.cost_before, fit.cost_after);
+    },
+    "lens"_a, "gates"_a, "T_camera_map"_a, "num_free"_a, "points_m"_a, "camera"_a, "point"_a,
+    "measured_px"_a, "inv_sigma2"_a, "rounds"_a, "iterations"_a, R"(
 Return camera poses and points after bundle adjustment: Levenberg-Marquardt with Huber kernels.
 
 The adjustment has several rounds. Observations that are outliers after a round are not used in the
@@ -289,14 +253,11 @@ Args:
     point: (M,) int64 index of the point of each observation. A camera observes a point at most
         once.
     measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (M,) 1 / variance of u, and equally of v, of each observation [1/px^2]. The outlier
-        test applies it to u_right as well. Otherwise, the disparity u - u_right has a variance of
-        its own, which the camera states, unless `joint_noise` is on.
+    inv_sigma2: (M,) as in `optimize_pose`, of each observation.
     rounds: number of rounds, at least 1.
     iterations: largest number of iterations in each round.
 
 Raises:
-    ValueError: Lengths differ, or an index or `num_free` is out of range.
     MemoryError: The dense system of the optimized cameras does not fit in memory.)");
 }
 

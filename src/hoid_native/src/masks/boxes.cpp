@@ -122,18 +122,6 @@ void intersections_over_union(const Boxes& boxes, const Boxes& others, double* r
   });
 }
 
-bool are_boxes_valid(int width, int height, int count, const float* boxes, const float* scores)
-{
-  bool valid = true;
-  for (int n = 0; n < count; ++n) {
-    const float* box = boxes + 4 * static_cast<std::ptrdiff_t>(n);
-    valid &= 0 <= box[0] && box[0] < box[2] && box[2] <= width;  // false for NaN
-    valid &= 0 <= box[1] && box[1] < box[3] && box[3] <= height;
-    valid &= 0 <= scores[n] && scores[n] <= 1;
-  }
-  return valid;
-}
-
 MULTIVERSION("avx2")
 ClassifiedBoxes classify_boxes(
   const Image<float>& depth_m, const Boxes& boxes, const uint8_t* roles, int side_px,

@@ -20,10 +20,6 @@ void overlap_ratios(const Boxes& boxes, const Boxes& others, double* ratio_out);
 // Write the (count, count_others) intersections over union; 0 without area.
 void intersections_over_union(const Boxes& boxes, const Boxes& others, double* ratio_out);
 
-// Return whether all boxes (x1, y1, x2, y2) have an area and lie inside the image, and all scores
-// are in [0, 1].
-bool are_boxes_valid(int width, int height, int count, const float* boxes, const float* scores);
-
 // The rule by which a person handles an object: their depths differ by less than `apart_m` (an
 // unknown depth counts as near), and the person's box covers more than `min_share` of the object's
 // box. If `reach_px` is not NaN, it replaces the share: one of the given pixels must lie in the
@@ -77,18 +73,5 @@ struct Objects
 // detected object, the object has merged with its surroundings; then every pixel of the area near
 // its depth is set. For an object of unknown depth, the whole area is set.
 void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* dynamic_out);
-
-// Nearest-neighbor upscaling: the row and column of a small image for each row and column of a
-// large one.
-struct Upscaling
-{
-  const int64_t *rows, *columns;
-  int width;  // of the large image, pixels
-};
-
-// Write the values of the small image at flat pixels of the large one.
-void values_at(
-  const Image<uint8_t>& values, const Upscaling& scale, const int64_t* pixels,
-  int num_pixels, uint8_t* value_out);
 
 }  // namespace hoid::masks

@@ -64,9 +64,6 @@ void add_occlusion_evidence(
   const ViewPair& views, const int32_t* label, const float* range_m, const DepthMargin& margin,
   const OcclusionEvidence& evidence, std::vector<double>& log_odds);
 
-// Return the (count) depths at flat pixels; 0 for pixel -1 and for depths that are not finite.
-std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count);
-
 // Log-odds of motion to add to the segments of an image.
 struct SegmentEvidence
 {

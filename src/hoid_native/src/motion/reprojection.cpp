@@ -171,16 +171,6 @@ void add_occlusion_evidence(
   }
 }
 
-std::vector<float> depths_at(const Image<float>& depth_m, const int64_t* pixels, int count)
-{
-  std::vector<float> out(count);
-  for (int k = 0; k < count; ++k) {
-    const float depth = pixels[k] < 0 ? 0.0F : depth_m.data[pixels[k]];
-    out[k] = std::isfinite(depth) ? depth : 0.0F;
-  }
-  return out;
-}
-
 MULTIVERSION("avx2")
 void propagate_log_odds(
   const ViewPair& views, const float* previous_m, const float* log_odds, const DepthMargin& margin,
