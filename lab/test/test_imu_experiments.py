@@ -22,8 +22,8 @@ from hoid_common.errors import ConfigError
 from hoid_common.io.tum_text import NumberTable
 from hoid_common.values import Trajectory
 from hoid_synth.imu import R_CAMERA_IMU
-from rgbd_slam.inertial.gyro_integral import rotation_vector
 from rgbd_slam.inertial.report import ImuReport
+from rgbd_slam.inertial.rotations import rotation_vector
 from rgbd_slam.robot_frames import RobotPose
 
 SECONDS = np.arange(0, 4, 0.01)
@@ -76,6 +76,26 @@ def test_a_turned_and_late_imu() -> None:
     np.testing.assert_array_equal(turned('gyro stuck', 3), np.eye(3))
 
 
+def test_a_fault_in_the_middle_and_a_clock_that_steps() -> None:
+    biased = changed('gyro biased in the middle')[0].values - VALUES
+    assert (biased[:170] == 0).all()
+    np.testing.assert_allclose(biased[170:], 0.2)
+    spikes = changed('accelerometer spikes')[1].values
+    assert (spikes[::100] == 150.0).all()
+    np.testing.assert_array_equal(spikes[1:100], 2 * VALUES[1:100])
+    turned_by_20 = changed('accelerometer turned by 20 degrees')[1].values
+    R = np.linalg.lstsq(2 * VALUES, turned_by_20)[0].T
+    assert np.rad2deg(np.linalg.norm(rotation_vector(R))) == pytest.approx(20.0)
+    for change, sign in (
+        ('gyro clock steps by an hour', 1),
+        ('gyro clock steps back by an hour', -1),
+    ):
+        stamps_ns = changed(change)[0].stamps_ns
+        assert (np.diff(stamps_ns) > 0).all()
+        assert np.ptp(stamps_ns) == pytest.approx(3.6e12, abs=4e9)
+        assert np.count_nonzero(np.abs(stamps_ns - sign * 3.6e12) < 4e9) == 199
+
+
 @pytest.mark.parametrize('change', ['gyro melted', 'compass stuck', 'stuck'])
 def test_an_unknown_change_is_refused(change: str) -> None:
     with pytest.raises(ConfigError, match=f'no change "{change}"'):
@@ -83,12 +103,13 @@ def test_an_unknown_change_is_refused(change: str) -> None:
 
 
 class Recording:
-    """A recording of a camera that moves along x, and its true poses."""
+    """A recording of a camera that moves along x and y, and its true poses."""
 
     def __init__(self, num_images: int) -> None:
         self.stamps_ns = 100_000_000 * np.arange(num_images)
         T_world_camera = np.tile(np.eye(4), (num_images, 1, 1))
         T_world_camera[:, 0, 3] = 0.1 * np.arange(num_images)
+        T_world_camera[:, 1, 3] = np.sin(np.arange(num_images))
         self.ground_truth = Trajectory(self.stamps_ns, T_world_camera)
 
 
@@ -104,7 +125,7 @@ def errors_of(job: Job, tilt_deg: float, from_image: int, jump_m: float) -> dict
         pose = RobotPose(np.eye(4), T_map_camera, np.eye(6), np.zeros(6), np.eye(6))
         report = ImuReport(71.5, 1.0, ROTATION_DEG, 1.0, (0.012, -0.015, 0.013))
         errors.add(int(recording.stamps_ns[k]), pose, report)
-    return errors.summary()
+    return errors.summary(recording.ground_truth)
 
 
 def test_errors_of_level_calibration_and_bridge() -> None:
@@ -118,8 +139,10 @@ def test_errors_of_level_calibration_and_bridge() -> None:
     assert found['rotation_20s_deg'] == pytest.approx(0.0, abs=1e-2)
     assert found['bias_5s_radps'] == pytest.approx(0.003)
     assert [found[name] for name in ('bridged', 'bridge_m')] == pytest.approx([1.0, 0.0])
+    assert found['seen_m'] == pytest.approx(0.0, abs=1e-6)
     jumped = errors_of(job, 0.0, 45, 0.2)
     assert [jumped[name] for name in ('bridge_m', 'after_m')] == pytest.approx([0.2, 0.2])
+    assert jumped['bridge_sigmas'] == pytest.approx(0.2 / np.sqrt(3))
 
 
 def result(seed: int, imu: str, ate_m: float, **errors: float) -> Result:

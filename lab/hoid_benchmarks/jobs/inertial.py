@@ -15,12 +15,13 @@ from hoid_benchmarks.plan.imu_changes import late_ms, turned
 from hoid_benchmarks.plan.perturb import black_range
 from hoid_benchmarks.plan.plan import Job
 from hoid_benchmarks.plan.sequences import scene_of
+from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_common import se3
 from hoid_common.errors import InputError
-from hoid_common.values import S_PER_NS, FloatArray
+from hoid_common.values import S_PER_NS, FloatArray, Trajectory
 from hoid_synth.imu import GYRO_BIAS_RADPS, R_CAMERA_IMU
-from rgbd_slam.inertial.gyro_integral import rotation_vector
 from rgbd_slam.inertial.report import ImuReport
+from rgbd_slam.inertial.rotations import rotation_vector
 from rgbd_slam.robot_frames import RobotPose
 
 _TIMES_S = 2.0, 5.0, 20.0  # chosen: when the calibration and the level are compared
@@ -47,6 +48,7 @@ class InertialErrors:
         self._black = black_range(num_images, job.perturbation)
         self._stamps_ns: list[int] = []
         self._poses: list[FloatArray | None] = []  # (4, 4) T_map_camera as published
+        self._sigmas_m: list[float] = []  # standard deviation of its position
         self._reports: dict[float, ImuReport] = {}  # by time [s]
 
     def add(self, stamp_ns: int, pose: RobotPose | None, report: ImuReport | None) -> None:
@@ -59,14 +61,23 @@ class InertialErrors:
         """
         self._stamps_ns.append(stamp_ns)
         self._poses.append(None if pose is None else pose.T_map_odom @ pose.T_odom_base)
+        covariance = np.zeros((6, 6)) if pose is None else pose.covariance
+        self._sigmas_m.append(float(np.sqrt(np.trace(covariance[3:, 3:]))))
         elapsed_s = S_PER_NS * (stamp_ns - self._stamps_ns[0])
         for time_s in _TIMES_S:
             if report is not None and elapsed_s < time_s:
                 self._reports[time_s] = report
 
-    def summary(self) -> dict[str, float]:
-        """Return the errors by name; those that are not known are left out."""
-        return self._calibration() | self._tilts() | self._bridge()
+    def summary(self, final: Trajectory) -> dict[str, float]:
+        """Return the errors by name; those that are not known are left out.
+
+        `seen_m` is the RMSE of the final poses of images that are not black.
+        """
+        black_ns = [self._stamps_ns[k] for k in self._black]
+        is_seen = ~np.isin(final.stamps_ns, black_ns)
+        seen = Trajectory(final.stamps_ns[is_seen], final.T_world_camera[is_seen])
+        errors = {'seen_m': evaluate(seen, self._truth).ate_rmse_m} if len(seen) > 2 else {}
+        return errors | self._calibration() | self._tilts() | self._bridge()
 
     def _calibration(self) -> dict[str, float]:
         """Return the errors of the calibration at each time, or at the end of a shorter run."""
@@ -123,6 +134,7 @@ class InertialErrors:
                 error = se3.inverse(true) @ se3.inverse(first_pose) @ pose
                 found[f'{name}_deg'] = _degrees(error[:3, :3])
                 found[f'{name}_m'] = float(np.linalg.norm(error[:3, 3]))
+                found[f'{name}_sigmas'] = found[f'{name}_m'] / max(self._sigmas_m[k], 1e-4)
         return found
 
     def _true(self, k: int) -> FloatArray:

@@ -159,7 +159,7 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     if verdicts is not None:
         document['verdicts'] = verdicts.summary()
     if errors is not None:
-        document['imu_errors'] = errors.summary()
+        document['imu_errors'] = errors.summary(read_tum(out / 'trajectory.txt'))
     (out / 'summary.json').write_text(json.dumps(document))
 
 

@@ -10,16 +10,23 @@ from hoid_bags.imu_recording import ImuRecording
 from hoid_common import se3
 from hoid_common.errors import ConfigError
 from hoid_common.io.tum_text import NumberTable
-from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
+from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray
 
 NO_IMU = 'none'
 """Change that leaves out the IMU."""
 _GYRO, _ACCELEROMETER, _BOTH = 'gyro', 'accelerometer', 'imu'
 _MS = NS_PER_S // 1000
 _FAULT_FROM_S = 2.0  # chosen: time after which a fault begins that is not there at first
+_BEFORE_MIDDLE_S = 0.3  # chosen: time before the middle, where images may be black, likewise
+_BIAS = {_GYRO: 0.2, _ACCELEROMETER: 1.0}  # chosen: sudden, along each axis [rad/s, m/s^2]
+_SPIKE = {_GYRO: 30.0, _ACCELEROMETER: 150.0}  # chosen: within the range of large sensors
+_SPIKE_EVERY = 100  # samples
+_TURNED_RAD = np.deg2rad(20.0)
 _GRAVITY_MPS2 = 9.81
 _RANGE = {_GYRO: 2.0, _ACCELEROMETER: 8.0}  # chosen: below what these cameras reach [rad/s, m/s^2]
 _GAP_S, _GAP_EVERY_S = 0.3, 1.0
+_LATE_MS = 20, 70, 100, 250, 400, 500, 1000, 2000, 10000
+_STEPS_NS = {'an hour': 3600 * NS_PER_S, 'ten years': 10 * 8766 * 3600 * NS_PER_S}
 
 Change = Callable[[NumberTable, str], NumberTable]
 
@@ -81,7 +88,14 @@ def _changes(seed: int) -> dict[str, Change]:
             table, np.clip(table.values, -_RANGE[of], _RANGE[of])
         ),
         'gaps': _gaps,
-        **{f'late {ms} ms': _late(ms) for ms in (20, 70, 500)},
+        'turned by 20 degrees': lambda table, _: _valued(table, table.values @ _tilt().T),
+        'spikes': _spikes,
+        'stuck in the middle': _stuck_in_the_middle,
+        'biased in the middle': _biased_in_the_middle,
+        **{f'late {ms} ms': _late(ms) for ms in _LATE_MS},
+        **{f'early {ms} ms': _late(-ms) for ms in _LATE_MS},
+        **{f'clock steps by {name}': _stepped(ns) for name, ns in _STEPS_NS.items()},
+        **{f'clock steps back by {name}': _stepped(-ns) for name, ns in _STEPS_NS.items()},
     }
 
 
@@ -98,9 +112,45 @@ def _times_s(table: NumberTable) -> FloatArray:
 
 
 def _stuck_later(table: NumberTable, _: str) -> NumberTable:
-    is_stuck = _times_s(table) > _FAULT_FROM_S
+    return _stuck(table, _times_s(table) > _FAULT_FROM_S)
+
+
+def _stuck_in_the_middle(table: NumberTable, _: str) -> NumberTable:
+    return _stuck(table, _is_after_middle(table))
+
+
+def _stuck(table: NumberTable, is_stuck: BoolArray) -> NumberTable:
     last = table.values[np.argmax(is_stuck)]
     return _valued(table, np.where(is_stuck[:, None], last, table.values))
+
+
+def _biased_in_the_middle(table: NumberTable, sensor: str) -> NumberTable:
+    return _valued(table, table.values + _BIAS[sensor] * _is_after_middle(table)[:, None])
+
+
+def _is_after_middle(table: NumberTable) -> BoolArray:
+    times_s = _times_s(table)
+    return np.asarray(times_s > times_s[-1] / 2 - _BEFORE_MIDDLE_S)
+
+
+def _spikes(table: NumberTable, sensor: str) -> NumberTable:
+    is_spike = np.arange(len(table.values)) % _SPIKE_EVERY == 0
+    return _valued(table, np.where(is_spike[:, None], _SPIKE[sensor], table.values))
+
+
+def _stepped(step_ns: int) -> Change:
+    """Return the change of a clock that steps after 2 s; the table stays in order of time."""
+
+    def change(table: NumberTable, _: str) -> NumberTable:
+        stamps_ns = table.stamps_ns + step_ns * (_times_s(table) > _FAULT_FROM_S)
+        order = np.argsort(stamps_ns, kind='stable')
+        return NumberTable(stamps_ns[order], table.values[order])
+
+    return change
+
+
+def _tilt() -> FloatArray:
+    return se3.exp(np.array([0.6, 0.0, 0.8, 0.0, 0.0, 0.0]) * _TURNED_RAD)[:3, :3]
 
 
 def _gaps(table: NumberTable, _: str) -> NumberTable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.slam_status import SlamState
-from hoid_common.values import NS_PER_S
+from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.inertial.imu import Imu, Up
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.tracking.tracking_result import TrackingResult
@@ -21,10 +21,10 @@ _LEVEL_SIGMA_RAD, _LEVEL_AFTER_NS = np.deg2rad(0.5), 30 * NS_PER_S
 class Leveling:
     """Turns the map frame with each new measurement of gravity, so that its z axis points up.
 
-    Measurements that the tracked motion contradicts (`Imu.confirmed_up`), and those with a
-    standard deviation above 3 degrees, are not used. The frame is kept from the measurement on
-    whose standard deviation is below 0.5 degrees, or which is more than 30 s later than the first
-    used one.
+    Measurements that are not trusted (`Imu.confirmed_up`), and those with a standard deviation
+    above 3 degrees, are not used. If the first trial of the accelerometer contradicts it, the
+    frame of the start comes back. The frame is kept from the measurement on whose standard
+    deviation is below 0.5 degrees, or which is more than 30 s later than the first used one.
 
     Args:
         frames: The frames of the robot, of which the map frame is turned.
@@ -34,6 +34,9 @@ class Leveling:
     def __init__(self, frames: RobotFrames, imu: Imu | None) -> None:
         self._frames, self._imu = frames, imu
         self._last: Up | None = None
+        # (3,) z of the map at the start, in the core's map, once an accelerometer that could not
+        # be tried yet has turned it.
+        self._up_untried: FloatArray | None = None
         self._first_ns: int | None = None
 
     def update(self, result: TrackingResult, *, is_in_main_map: bool) -> bool:
@@ -45,22 +48,41 @@ class Leveling:
             result: The result of the image; without a tracked pose, nothing is turned.
             is_in_main_map: Whether this pose is in the main map; if it is not, nothing is turned.
         """
-        if self._imu is None:
+        imu, frames = self._imu, self._frames
+        if imu is None:
             return False
-        if self._frames.is_fixed:
-            self._imu.stop_measuring_up()
-        up = self._imu.confirmed_up
-        if up is None or up is self._last or self._frames.is_fixed:
+        imu.levels = imu.levels and not frames.is_fixed
+        if frames.is_fixed or not is_in_main_map:
+            return False
+        if imu.trust.agrees is False:
+            return self._restore_start()
+        up = imu.confirmed_up
+        if up is None or up is self._last or up.sigma_rad > _MAX_SIGMA_RAD:
             return False
         is_tracked = result.state is SlamState.TRACKING and result.T_map_camera is not None
-        if not is_tracked or not is_in_main_map or up.stamp_ns != result.stamp_ns:
+        if not is_tracked or up.stamp_ns != result.stamp_ns:
             return False
-        self._last = up
-        if up.sigma_rad > _MAX_SIGMA_RAD:
-            return False
+        return self._level(imu, up, result)
+
+    def _level(self, imu: Imu, up: Up, result: TrackingResult) -> bool:
+        """Turn the map frame by gravity at a tracked image; return whether it was turned."""
+        frames = self._frames
         assert result.T_map_camera is not None
-        turned_rad = self._frames.level(result.T_map_camera[:3, :3] @ up.up_camera)
+        self._last = up
+        if imu.trust.agrees:
+            self._up_untried = None
+        elif self._first_ns is None:
+            self._up_untried = frames.T_map_core[2, :3].copy()
+        turned_rad = frames.level(result.T_map_camera[:3, :3] @ up.up_camera)
         first_ns = self._first_ns = self._first_ns or result.stamp_ns
         is_old = result.stamp_ns - first_ns > _LEVEL_AFTER_NS
-        self._frames.is_fixed = is_old or up.sigma_rad < _LEVEL_SIGMA_RAD
+        is_known = up.sigma_rad < _LEVEL_SIGMA_RAD and imu.trust.agrees is not None
+        frames.is_fixed = is_old or is_known
         return turned_rad > 0
+
+    def _restore_start(self) -> bool:
+        """Turn the map frame back unless a trial of the accelerometer has succeeded before."""
+        if self._up_untried is None:
+            return False
+        up, self._up_untried, self._first_ns = self._up_untried, None, None
+        return self._frames.level(up) > 0

@@ -8,7 +8,8 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.config.imu_config import ImuConfig
-from rgbd_slam.inertial.force_integral import force_integral
+from rgbd_slam.inertial.integrals import integrals
+from rgbd_slam.inertial.rotations import rotation_vector
 from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.motion_sources import BridgedMotion
@@ -37,10 +38,12 @@ def shaken_imu(
     )
 
 
-def track(source: InertialMotion, shaken: ShakenImu, num_images: int, seed: int = 0) -> None:
-    """Let the source observe images from the start on, with noise."""
-    rng, before = np.random.default_rng(seed), image_pose(0)
-    for k in range(num_images):
+def track(
+    source: InertialMotion, shaken: ShakenImu, num_images: int, seed: int = 0, first: int = 0
+) -> None:
+    """Let the source observe images from the first one on, with noise."""
+    rng, before = np.random.default_rng(seed), image_pose(first)
+    for k in range(first, num_images):
         shaken.sample((k + 1) * IMAGE_NS + NS_PER_S // 10)
         noise = np.r_[rng.normal(0, POSE_NOISE_RAD, 3), rng.normal(0, POSE_NOISE_M, 3)]
         now = image_pose(k + 1) @ se3.exp(noise)
@@ -94,25 +97,25 @@ def test_a_constant_force_on_a_turning_imu_is_integrated_exactly() -> None:
     rates = np.tile(np.array([0.0, 0.0, 1.0]) + bias_radps, (len(stamps_ns), 1))
     gyro.add(Samples(stamps_ns, rates))
     accelerometer.add(Samples(stamps_ns, force @ R_origin_imu + bias_mps2))
-    ends_ns = -NS_PER_S, 0, NS_PER_S
-    found = force_integral(accelerometer, gyro, ends_ns, AXES, (bias_radps, bias_mps2))
+    times_s = np.array([-1.0, -0.5, 0.25, 1.0])
+    at_ns = np.rint(1e9 * times_s).astype(np.int64)
+    samples = [sensor.between(-NS_PER_S, NS_PER_S) for sensor in (gyro, accelerometer)]
+    found = integrals(samples[0], at_ns, bias_radps, samples[1], bias_mps2)
     assert found is not None
-    for origin_s in (0.0, -0.5):
-        times_s = np.array([-1.0, -0.5, 0.25, 1.0])
-        expected = 0.5 * (times_s - origin_s)[:, None] ** 2 * (AXES @ force)
-        np.testing.assert_allclose(found.moved_m(times_s, origin_s), expected, atol=1e-4)
-        np.testing.assert_allclose(
-            found.turns_rad(times_s, origin_s), np.abs(times_s - origin_s), atol=1e-9
-        )
-    later_ns = 0, 0, NS_PER_S + NS_PER_S // 10  # 0.1 s without samples at the end
-    none = force_integral(accelerometer, gyro, later_ns, AXES, (bias_radps, bias_mps2))
-    assert none is None
+    elapsed_s = (times_s + 1.0)[:, None]
+    force_start = R_origin_imu[0].T @ force
+    np.testing.assert_allclose(found.velocity_mps, elapsed_s * force_start, atol=1e-4)
+    np.testing.assert_allclose(found.moved_m, 0.5 * elapsed_s**2 * force_start, atol=1e-4)
+    turns_rad = rotation_vector(found.R_start_imu)
+    np.testing.assert_allclose(turns_rad, elapsed_s * [0.0, 0.0, 1.0], atol=1e-9)
+    later_ns = np.array([0, NS_PER_S + NS_PER_S // 10])  # 0.1 s without samples at the end
+    assert integrals(samples[0], later_ns, bias_radps, samples[1], bias_mps2) is None
 
 
 @pytest.mark.slow
 def test_a_second_is_bridged_to_centimeters_with_an_honest_covariance() -> None:
     errors_m, ratios = [], []
-    for seed in range(6):
+    for seed in range(16):
         bridge = bridged(seed, NUM_TRACKED + 10 * seed)
         errors_m.append(error_m(bridge, NUM_TRACKED + 10 * seed))
         ratios.append(errors_m[-1] / np.sqrt(np.trace(bridge.covariance[3:, 3:])))
@@ -167,8 +170,8 @@ def test_an_accelerometer_that_agrees_with_the_tracked_motion_confirms_up(
     track(source, shaken, 100)
     assert shaken.imu.up is not None
     assert shaken.imu.confirmed_up is shaken.imu.up
-    for agrees, confirmed in ((False, None), (None, shaken.imu.up), (True, shaken.imu.up)):
-        shaken.imu.judge_accelerometer(agrees=agrees)
+    for error, confirmed in ((2.1, None), (None, shaken.imu.up), (1.9, shaken.imu.up)):
+        shaken.imu.trust.compare_positions(error)
         assert shaken.imu.confirmed_up is confirmed
 
 
@@ -184,8 +187,31 @@ def test_an_accelerometer_that_contradicts_the_tracked_motion_confirms_no_up() -
     assert shaken.imu.up is not None
     assert np.rad2deg(shaken.imu.up.sigma_rad) < 1.0
     assert shaken.imu.confirmed_up is None
-    (problem,) = [news.text for news in shaken.imu.take_news() if news.is_problem]
+    (problem,) = [news.text for news in shaken.imu.trust.take_news() if news.is_problem]
     assert problem == (
-        'imu: the map is not made level, because the accelerometer does not agree with the '
-        'tracked motion; check its axes and stamps, or turn the camera more slowly'
+        'imu: the accelerometer is left out, because it does not agree with the tracked motion; '
+        'check its axes and stamps, or turn the camera more slowly'
     )
+
+
+@pytest.mark.parametrize('images_before', [6, 9, 15])  # of which three have samples already
+def test_a_bridge_by_a_gyro_that_has_just_gone_wrong_says_how_uncertain_it_is(
+    images_before: int,
+) -> None:
+    """The bias of the gyro jumps by 0.2 rad/s shortly before the lens is covered for 1 s."""
+    shaken = shaken_imu()
+    source = InertialMotion(shaken.imu)
+    track(source, shaken, NUM_TRACKED - images_before)
+    shaken.distort = lambda rates: rates + 0.2
+    track(source, shaken, NUM_TRACKED, first=NUM_TRACKED - images_before)
+    shaken.sample((NUM_TRACKED + NUM_LOST) * IMAGE_NS + NS_PER_S // 10)
+    source.start(START_NS + NUM_TRACKED * IMAGE_NS)
+    source.advance(START_NS + (NUM_TRACKED + NUM_LOST) * IMAGE_NS)
+    bridge = source.bridge()
+    assert bridge is not None
+    true = se3.inverse(image_pose(NUM_TRACKED)) @ image_pose(NUM_TRACKED + NUM_LOST)
+    error = se3.log(se3.inverse(true) @ bridge.T_last_camera)
+    sigmas = np.sqrt(np.diag(bridge.covariance))
+    assert np.linalg.norm(error[3:]) > 0.2  # without this fault it is 0.02
+    assert np.linalg.norm(error[:3]) < 3 * np.linalg.norm(sigmas[:3])
+    assert np.linalg.norm(error[3:]) < 3 * np.linalg.norm(sigmas[3:])

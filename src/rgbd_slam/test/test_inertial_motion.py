@@ -108,7 +108,7 @@ def test_a_prior_of_the_rotation_is_near_the_truth_and_can_be_switched_off() -> 
     source.start(START_NS + (num + 9) * IMAGE_NS)  # another frame than the last one that was added
     source.advance(START_NS + (num + 10) * IMAGE_NS)
     assert source.rotation_prior() is None
-    assert shaken.imu.fault is None
+    assert shaken.imu.trust.fault is None
 
 
 def test_the_next_image_is_predicted() -> None:
@@ -161,6 +161,12 @@ def test_a_pose_with_few_inliers_is_accepted_where_the_gyro_agrees() -> None:
     moved = se3.exp(np.array([0, 0, 0, 0.1, 0, 0])) @ se3.inverse(T_now)
     assert odometry.min_inliers(se3.inverse(T_now)) == 12
     assert odometry.min_inliers(turned) == odometry.min_inliers(moved) == enough
+    later = num + 7  # 0.23 s after the last tracked image
+    odometry.follow(START_NS + later * IMAGE_NS)
+    bridge = source.bridge()
+    assert bridge is not None
+    T_camera_map = se3.inverse(T_before @ bridge.T_last_camera)
+    assert odometry.min_inliers(T_camera_map) == enough
     without = Odometry(Atlas(1.2, 8))
     without.last = tracked(T_before)
     assert without.min_inliers(se3.inverse(T_now)) == enough

@@ -7,6 +7,7 @@ from hoid_common import se3
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.slam_status import SlamState
 from hoid_common.values import FloatArray
+from rgbd_slam.inertial.rotations import rotations
 from rgbd_slam.leveling import Leveling
 from rgbd_slam.robot_frames import RobotFrames, camera_mount
 from rgbd_slam.tracking.tracking_result import TrackingResult
@@ -14,6 +15,7 @@ from rgbd_slam.tracking.tracking_result import TrackingResult
 from .shaken_imu import START_NS, UP_WORLD, ShakenImu, pose
 
 STAMP_NS = 10**9
+AXES: FloatArray = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 
 
 def tilted(pitch_deg: float, roll_deg: float = 0.0) -> FloatArray:
@@ -98,3 +100,40 @@ def test_nothing_is_turned_while_lost_or_in_another_map() -> None:
     assert not Leveling(frames, shaken.imu).update(other, is_in_main_map=False)
     assert not Leveling(frames, None).update(other, is_in_main_map=True)
     assert Leveling(frames, shaken.imu).update(other, is_in_main_map=True)
+
+
+def leveled(shaken: ShakenImu, duration_s: float) -> tuple[RobotFrames, list[float]]:
+    """Return the frames after a while, and the tilt [deg] of the map every half second."""
+    frames = RobotFrames()
+    leveling, T_start_world, tilts_deg = Leveling(frames, shaken.imu), se3.inverse(pose(0.0)), []
+    while shaken.time_s < duration_s:
+        shaken.run(shaken.time_s + 0.5)
+        stamp_ns = shaken.imu.up.stamp_ns if shaken.imu.up else START_NS
+        T_map_camera = T_start_world @ pose(1e-9 * (stamp_ns - START_NS))
+        result = TrackingResult(stamp_ns, SlamState.TRACKING, T_map_camera, T_map_camera)
+        leveling.update(result, is_in_main_map=True)
+        up_map = frames.T_map_core[:3, :3] @ T_start_world[:3, :3] @ UP_WORLD
+        tilts_deg.append(float(np.rad2deg(np.arccos(up_map[2]))))
+    return frames, tilts_deg
+
+
+@pytest.mark.parametrize('offset_s', [-1.0, -0.4, 0.4, 0.5, 1.0])
+@pytest.mark.parametrize('gyro', [True, False], ids=['both', 'accelerometer'])
+def test_an_imu_with_a_wrong_clock_levels_nothing(offset_s: float, gyro: bool) -> None:
+    """Neither its mounting nor its offset is told; its clock is wrong for both sensors."""
+    shaken = ShakenImu(AXES, offset_s, accelerometer=True, gyro=gyro)
+    frames, tilts_deg = leveled(shaken, 16.0)
+    at_start_deg = leveled(ShakenImu(gyro=False), 0.5)[1][0]
+    assert max(tilts_deg) < at_start_deg + 1.0
+    assert not frames.is_fixed
+    problem = shaken.imu.trust.problem
+    assert ('the accelerometer, because it has the same clock' in problem) == gyro
+
+
+def test_an_accelerometer_that_is_turned_against_the_gyro_tilts_nothing_for_long() -> None:
+    turned = rotations(np.deg2rad([12.0, 0.0, 16.0]))  # by 20 degrees
+    shaken = ShakenImu(accelerometer=True, distort_force=lambda forces: forces @ turned.T)
+    frames, tilts_deg = leveled(shaken, 16.0)
+    assert tilts_deg[-1] == pytest.approx(leveled(ShakenImu(gyro=False), 0.5)[1][0])
+    assert not frames.is_fixed
+    assert 'does not agree with the tracked motion' in shaken.imu.trust.problem

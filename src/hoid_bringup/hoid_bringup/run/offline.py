@@ -146,7 +146,7 @@ class OfflinePipeline:
         if done.scene_request is not None:
             self._map_scene(done.scene_request, frame, filtered.objects)
         if self._imu is not None:
-            for news in self._imu.imu.take_news():
+            for news in self._imu.imu.trust.take_news():
                 _LOG.log(logging.WARNING if news.is_problem else logging.INFO, '%s', news.text)
         self._count(filtered)
         self._time(filtered, done.status.stage_ms, track_ms)

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.inertial.gyro_integral import rotation_vector
+from rgbd_slam.inertial.rotations import rotation_vector, rotations
 
 # Chosen: time over which the tracked rotations are averaged. In this time, an error of 0.005 rad/s
 # in the bias of the gyro turns the attitude by 0.14 degrees. A prior that rests on the last image
@@ -17,6 +16,10 @@ _AVERAGING_S = 0.5
 _LEAST_S = 0.1  # chosen: before images of this time, no filtered attitude is given
 _SPREAD_S = 1.0  # chosen: time over which the spread of the tracked rotations is measured
 _INITIAL_SPREAD_RAD = np.deg2rad(0.5)  # chosen: of the rotations of blurred images
+# Chosen: time over which gyro and tracked rotations are compared to see whether the gyro has just
+# gone wrong. One that has been wrong for 0.1 s shows half of its error then, hence the factor.
+_RECENT_S, _RECENT_FACTOR = 0.15, 2.0
+_NOISE_FACTOR = 4.0  # chosen: of the variance; two standard deviations are noise of tracking
 _CORRELATED = 4.0  # chosen: factor of the variance, as errors of tracking last for some images
 _LEAST_SIGMA_RAD = np.deg2rad(0.2)  # chosen: of a prior; what the stamps leave open in fast turns
 
@@ -32,10 +35,18 @@ class AttitudeFilter:
     def __init__(self) -> None:
         self._R_filtered_tracked: FloatArray = np.eye(3)  # at the last tracked image
         self._variance_rad2 = _INITIAL_SPREAD_RAD**2  # of a tracked rotation about each axis
+        self._difference_rad: FloatArray = np.zeros(3)  # of the rotations to the last image
+        self._difference_radps: FloatArray = np.zeros(3)  # of the rates, a moment ago
+        # Variance of a tracked rotation about each axis. The change from one difference to the
+        # next one has three independent errors, with the weights 1, -2 and 1.
+        self._noise_rad2 = _INITIAL_SPREAD_RAD**2
         self._time_s = self._step_s = 0.0
 
     def restart(self) -> None:
-        """Forget the average: the next tracked image does not continue the last one."""
+        """Forget the average: the next tracked image does not continue the last one.
+
+        What is known of the errors of the gyro stays.
+        """
         self._R_filtered_tracked = np.eye(3)
         self._time_s = 0.0
 
@@ -58,7 +69,14 @@ class AttitudeFilter:
         share = min(elapsed_s / _SPREAD_S, 1.0)
         self._variance_rad2 += share * (float(error_rad @ error_rad) / 3 - self._variance_rad2)
         kept = 1.0 - min(elapsed_s / self._averaged_s, 1.0)
-        self._R_filtered_tracked = se3.exp(np.append(kept * error_rad, np.zeros(3)))[:3, :3]
+        self._R_filtered_tracked = rotations(kept * error_rad)
+        recent = math.exp(-elapsed_s / _RECENT_S)
+        difference_rad = rotation_vector(R_gyro.T @ R_tracked)
+        change_rad = difference_rad - self._difference_rad  # without the error of the gyro
+        self._noise_rad2 += share * (float(change_rad @ change_rad) / 18 - self._noise_rad2)
+        self._difference_rad = difference_rad
+        self._difference_radps *= recent
+        self._difference_radps += (1.0 - recent) / elapsed_s * difference_rad
 
     @property
     def R_tracked_filtered(self) -> FloatArray | None:  # noqa: N802
@@ -80,6 +98,19 @@ class AttitudeFilter:
         averaged_s = max(self._averaged_s, self._step_s)
         of_images = math.sqrt(_CORRELATED * self._variance_rad2 * self._step_s / averaged_s)
         return math.hypot(_LEAST_SIGMA_RAD, of_images, 0.5 * averaged_s * bias_sigma_radps)
+
+    @property
+    def rate_sigma_radps(self) -> float:
+        """Return how much the gyro's rates may be off, by the last tracked images.
+
+        It is zero if the difference between both is within the noise of tracking.
+        """
+        if self._step_s == 0.0:
+            return 0.0
+        gain_per_s = (1.0 - math.exp(-self._step_s / _RECENT_S)) / self._step_s
+        of_noise = _NOISE_FACTOR * gain_per_s**2 * self._noise_rad2
+        excess = float(self._difference_radps @ self._difference_radps) / 3 - of_noise
+        return _RECENT_FACTOR * math.sqrt(max(excess, 0.0))
 
     @property
     def _averaged_s(self) -> float:

@@ -13,20 +13,22 @@ the accelerometer and in gravity, so that each triple is stored once, as a tenso
 
 from __future__ import annotations
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
-from rgbd_slam.inertial.gyro_integral import rotation_vector, rotations
 from rgbd_slam.inertial.mounting import Mounting, snapped
-from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer
+from rgbd_slam.inertial.rotations import nearest_rotation, rotation_vector, rotations
+from rgbd_slam.inertial.sample_buffer import SampleBuffer
+from rgbd_slam.inertial.tracked_motion import TrackedMotion, TrackedPoses
 
 GRAVITY_MPS2 = 9.81  # within 0.3 % everywhere at sea level
 _HALF_NS = NS_PER_S // 4  # chosen: between the images of a triple
 _EPOCH_NS = NS_PER_S // 10  # chosen: between the centers of successive triples
-_KEPT_NS = 30 * NS_PER_S  # chosen: the tracked rotation drifts by about 1 degree in this time
+_MAX_TRIPLES = 300  # chosen: of 30 s, in which the tracked rotation drifts by about 1 degree
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: the rotation is interpolated over shorter steps only
 # Chosen: triples before a direction is given, somewhat more than a second after the first image;
 # and the fewest samples of a triple.
@@ -58,60 +60,52 @@ class GravityFit(NamedTuple):
 class _Triple(NamedTuple):
     """The equation of three images; see the docstring of this module."""
 
-    stamp_ns: int
     force: FloatArray  # (3, 9) maps the elements of R_camera_imu to the mean force in the chain
     mean_rotation: FloatArray  # (3, 3) maps a bias in the camera frame to the chain
     acceleration_mps2: FloatArray  # (3,) by the tracked positions, in the chain
 
 
 class GravityEstimator:
-    """Estimates the direction of gravity in the camera frame from a chain of tracked motions.
+    """Estimates the direction of gravity in the camera frame from a chain of tracked poses.
 
     The rotation between camera and IMU and the bias of the accelerometer are estimated as well.
+
+    Args:
+        motion: The tracked motion.
     """
 
-    def __init__(self) -> None:
-        self._stamps_ns: list[int] = []
-        self._T_chain_camera: list[FloatArray] = []
-        self._triples: list[_Triple] = []
+    def __init__(self, motion: TrackedMotion) -> None:
+        self._motion = motion
+        self._triples: deque[_Triple] = deque(maxlen=_MAX_TRIPLES)
+        self._chain_ns: int | None = None  # stamp of the start of the chain of the triples
         self._center_ns = 0  # of the last triple that was tried
-
-    def add(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
-        """Add the tracked motion (4, 4) between two images.
-
-        If `first_ns` is not the stamp of the last image, or the stamps do not increase, a new
-        chain is started: all earlier motions and equations are dropped.
-        """
-        if not self._stamps_ns or first_ns != self._stamps_ns[-1] or second_ns <= first_ns:
-            self._stamps_ns, self._T_chain_camera, self._triples = [first_ns], [np.eye(4)], []
-            self._center_ns = first_ns
-        if second_ns > first_ns:
-            self._stamps_ns.append(second_ns)
-            self._T_chain_camera.append(
-                se3.orthonormalized(self._T_chain_camera[-1] @ T_first_second)
-            )
 
     def measure(self, accelerometer: SampleBuffer, offset_ns: int) -> None:
         """Store the equations of the triples of images that samples have arrived for.
 
-        Motions and equations that are more than 30 s old are dropped.
+        The equations of an earlier chain, and those that are more than 30 s old, are dropped.
 
         Args:
             accelerometer: The samples.
             offset_ns: Time by which the stamps of the IMU are later than those of the images.
         """
-        newest_ns = accelerometer.newest_ns
-        if newest_ns is None or not self._stamps_ns:
+        if self._chain_ns != self._motion.chain_ns:
+            self._chain_ns = self._center_ns = self._motion.chain_ns
+            self._triples.clear()
+        poses, newest_ns = (
+            self._motion.chain(self._center_ns - 2 * _HALF_NS),
+            accelerometer.newest_ns,
+        )
+        if newest_ns is None or not len(poses.stamps_ns):
             return
-        end_ns = min(self._stamps_ns[-1], newest_ns - offset_ns)
+        end_ns = min(int(poses.stamps_ns[-1]), newest_ns - offset_ns) - _HALF_NS
         # After a step of the clock, the time between two images may be years.
-        self._center_ns = max(self._center_ns, end_ns - _KEPT_NS)
-        while self._center_ns + _EPOCH_NS + _HALF_NS <= end_ns:
+        self._center_ns = max(self._center_ns, end_ns - _MAX_TRIPLES * _EPOCH_NS)
+        while self._center_ns + _EPOCH_NS <= end_ns:
             self._center_ns += _EPOCH_NS
-            triple = self._triple(accelerometer, offset_ns, self._center_ns)
+            triple = _triple(poses, accelerometer, offset_ns, self._center_ns)
             if triple is not None:
                 self._triples.append(triple)
-        self._forget_old(end_ns)
 
     def fit(self, mounting: Mounting | None) -> GravityFit | None:
         """Return gravity by all stored triples of images.
@@ -127,77 +121,51 @@ class GravityEstimator:
         """
         if len(self._triples) < _MIN_EPOCHS:
             return None
-        force = np.stack([triple.force for triple in self._triples])
-        turned = np.stack([triple.mean_rotation for triple in self._triples])
-        acceleration = np.stack([triple.acceleration_mps2 for triple in self._triples])
+        equations = _Triple(*(np.stack(part) for part in zip(*self._triples, strict=True)))
         if mounting is None:
-            start = _linear_rotation(force, acceleration)
-            solved = _solve(force, turned, acceleration, start, np.pi)
-            if solved.rotation_sigma_rad > _MAX_ROTATION_SIGMA_RAD:
+            found = _solve(equations, _linear_rotation(equations), np.pi)
+            if found.rotation_sigma_rad > _MAX_ROTATION_SIGMA_RAD:
                 return None
-            mounting = Mounting(snapped(solved.R_camera_imu, solved.rotation_sigma_rad))
-        solved = _solve(force, turned, acceleration, mounting.R_camera_imu, mounting.sigma_rad)
-        length_mps2 = float(np.linalg.norm(solved.gravity_mps2))
+            mounting = Mounting(snapped(found.R_camera_imu, found.rotation_sigma_rad))
+        found = _solve(equations, mounting.R_camera_imu, mounting.sigma_rad)
+        length_mps2 = float(np.linalg.norm(found.up_camera))
         if abs(length_mps2 - GRAVITY_MPS2) > _MAX_LENGTH_ERROR_MPS2:
             return None
-        up_chain = solved.gravity_mps2 / length_mps2
-        return GravityFit(
-            self._T_chain_camera[-1][:3, :3].T @ up_chain,
-            solved.up_sigma_rad,
-            solved.R_camera_imu,
-            solved.rotation_sigma_rad,
-            solved.bias_mps2,
-        )
-
-    def _triple(
-        self, accelerometer: SampleBuffer, offset_ns: int, center_ns: int
-    ) -> _Triple | None:
-        """Return the equation of the images nearest to a time and `_HALF_NS` before and after.
-
-        None is returned if samples or images are missing.
-        """
-        stamps_ns = np.array(self._stamps_ns)
-        wanted_ns = center_ns + _HALF_NS * np.array([-1, 0, 1])
-        after = np.clip(np.searchsorted(stamps_ns, wanted_ns), 1, len(stamps_ns) - 1)
-        before = after - 1
-        is_before = wanted_ns - stamps_ns[before] < stamps_ns[after] - wanted_ns
-        i0, i1, i2 = np.where(is_before, before, after).tolist()
-        if not i0 < i1 < i2 or np.diff(stamps_ns[i0 : i2 + 1]).max() > _MAX_STEP_NS:
-            return None
-        times_s = S_PER_NS * (stamps_ns[i0 : i2 + 1] - stamps_ns[i1])
-        poses = np.stack(self._T_chain_camera[i0 : i2 + 1])
-        ends_s = times_s[[0, i1 - i0, -1]]
-        p0, p1, p2 = poses[[0, i1 - i0, -1], :3, 3]
-        step = (p2 - p1) / (ends_s[2] - ends_s[1]) - (p1 - p0) / (ends_s[1] - ends_s[0])
-        low_ns, high_ns = int(stamps_ns[i0]) + offset_ns, int(stamps_ns[i2]) + offset_ns
-        samples_ns, values = accelerometer.between(low_ns, high_ns)
-        if len(samples_ns) < _MIN_EPOCHS or np.diff(samples_ns).max() > GAP_NS:
-            return None
-        if samples_ns[0] > low_ns or samples_ns[-1] < high_ns:
-            return None
-        samples_s = S_PER_NS * (samples_ns - offset_ns - stamps_ns[i1])
-        weight = _triangle(samples_s, ends_s)
-        R = _rotations_at(samples_s, times_s, poses[:, :3, :3])
-        tensor = np.einsum('n,nij,nk->ijk', weight, R, values).reshape(3, 9)
-        mean_rotation = np.einsum('n,nij->ij', weight, R)
-        return _Triple(center_ns, tensor, mean_rotation, step / (0.5 * (ends_s[2] - ends_s[0])))
-
-    def _forget_old(self, newest_ns: int) -> None:
-        num_old = int(np.searchsorted(self._stamps_ns, newest_ns - _KEPT_NS))
-        del self._stamps_ns[:num_old], self._T_chain_camera[:num_old]
-        while self._triples and self._triples[0].stamp_ns < newest_ns - _KEPT_NS:
-            self._triples.pop(0)
+        R_chain_camera = self._motion.chain().T_chain_camera[-1, :3, :3]
+        return found._replace(up_camera=R_chain_camera.T @ found.up_camera / length_mps2)
 
 
-def _triangle(times_s: FloatArray, ends_s: FloatArray) -> FloatArray:
-    """Return the weights (N,) of samples, with the sum 1.
+def _triple(
+    poses: TrackedPoses, accelerometer: SampleBuffer, offset_ns: int, center_ns: int
+) -> _Triple | None:
+    """Return the equation of the images nearest to a time and `_HALF_NS` before and after.
 
-    They are those of a triangle that is 0 at the first and the last of the three `ends_s`, and
-    highest at the second.
+    None is returned if samples or images are missing.
     """
-    height = np.interp(times_s, ends_s, [0.0, 1.0, 0.0], left=0.0, right=0.0)
-    weight = height * np.gradient(times_s)
-    return np.asarray(weight / weight.sum())
+    wanted_ns = center_ns + _HALF_NS * np.array([-1, 0, 1])
+    i0, i1, i2 = np.abs(poses.stamps_ns[:, None] - wanted_ns).argmin(axis=0).tolist()
+    stamps_ns = poses.stamps_ns[i0 : i2 + 1]
+    if not i0 < i1 < i2 or np.diff(stamps_ns).max() > _MAX_STEP_NS:
+        return None
+    samples = accelerometer.between(*(int(end) + offset_ns for end in stamps_ns[[0, -1]]))
+    if len(samples) < _MIN_EPOCHS or not samples.cover(
+        *(int(end) + offset_ns for end in stamps_ns[[0, -1]])
+    ):
+        return None
+    times_s = S_PER_NS * (stamps_ns - stamps_ns[i1 - i0])
+    T = poses.T_chain_camera[i0 : i2 + 1]
+    ends_s = times_s[[0, i1 - i0, -1]]
+    velocity_mps = np.diff(T[[0, i1 - i0, -1], :3, 3], axis=0) / np.diff(ends_s)[:, None]
+    samples_s = S_PER_NS * (samples.stamps_ns - offset_ns - stamps_ns[i1 - i0])
+    height = np.interp(samples_s, ends_s, [0.0, 1.0, 0.0], left=0.0, right=0.0)
+    weight = height * np.gradient(samples_s)
+    weight /= weight.sum()
+    R = _rotations_at(samples_s, times_s, T[:, :3, :3])
+    return _Triple(
+        np.einsum('n,nij,nk->ijk', weight, R, samples.values).reshape(3, 9),
+        np.einsum('n,nij->ij', weight, R),
+        (velocity_mps[1] - velocity_mps[0]) / (0.5 * (ends_s[2] - ends_s[0])),
+    )
 
 
 def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray) -> FloatArray:
@@ -212,88 +180,64 @@ def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray)
     return R_known[i] @ rotations(np.clip(share, 0.0, 1.0)[:, None] * steps[i])
 
 
-class _Solution(NamedTuple):
-    gravity_mps2: FloatArray  # (3,) upwards, in the chain
-    up_sigma_rad: float
-    R_camera_imu: FloatArray  # (3, 3)
-    rotation_sigma_rad: float
-    bias_mps2: FloatArray  # (3,) in the camera frame
-
-
-def _linear_rotation(force: FloatArray, acceleration: FloatArray) -> FloatArray:
+def _linear_rotation(equations: _Triple) -> FloatArray:
     """Return the R_camera_imu (3, 3) that fits best if its nine elements are free.
 
     These elements are then orthonormalized. Gravity and bias are taken as one constant, as if the
     camera did not turn.
     """
-    num = len(force)
-    rows = np.concatenate([force, np.tile(-np.eye(3), (num, 1, 1))], axis=2).reshape(-1, 12)
+    force, _, acceleration = equations
+    rows = np.concatenate([force, np.tile(-np.eye(3), (len(force), 1, 1))], axis=2).reshape(-1, 12)
     # Chosen: a weak prior of zero, so that a direction without acceleration gives no huge element.
     prior = np.diag([_TRIPLE_MPS2] * 9 + [0.0] * 3)
     rhs = np.append(acceleration.ravel(), np.zeros(12))
     found = np.linalg.lstsq(np.vstack([rows, prior]), rhs, rcond=None)[0]
-    T = np.eye(4)
-    T[:3, :3] = found[:9].reshape(3, 3)
-    return se3.orthonormalized(T)[:3, :3]
+    return nearest_rotation(found[:9].reshape(3, 3))
 
 
-def _solve(
-    force: FloatArray,
-    turned: FloatArray,
-    acceleration: FloatArray,
-    R: FloatArray,
-    rotation_sigma_rad: float,
-) -> _Solution:
+def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> GravityFit:
     """Return the least-squares solution by Gauss-Newton, with priors of bias and length.
 
+    `up_camera` of the result is gravity upwards [m/s^2], in the chain.
+
     Args:
-        force: (N, 3, 9) of each triple.
-        turned: (N, 3, 3) mean rotations.
-        acceleration: (N, 3) by the tracked positions.
+        equations: The equations of N triples.
         R: (3, 3) rotation R_camera_imu to start with.
         rotation_sigma_rad: Standard deviation of `R` as a prior, about each axis.
     """
-    num, R_given = len(force), R
-    bias, weight = np.zeros(3), np.ones(num)
-    gravity = ((force @ R.ravel()) - acceleration).mean(axis=0)
+    (force, turned, acceleration), R_given = equations, R
+    minus_one, bias = np.tile(-np.eye(3), (len(force), 1, 1)), np.zeros(3)
+    gravity = (force @ R.ravel() - acceleration).mean(axis=0)
     gravity *= GRAVITY_MPS2 / max(float(np.linalg.norm(gravity)), 1e-3)
-    normal = np.eye(9)
+    sigmas = np.array([rotation_sigma_rad] * 3 + [_BIAS_MPS2] * 3 + [_LENGTH_MPS2])
+    prior, normal = np.zeros((7, 9)), np.eye(9)
+    prior[:6, :6] = np.eye(6)
     for _ in range(_ROUNDS):
-        measured = force @ R.ravel()
-        residual = measured - turned @ bias - gravity - acceleration
-        weight = _cauchy(residual)
+        residual = force @ R.ravel() - turned @ bias - gravity - acceleration
+        weight = np.sqrt(_cauchy(residual)) / _TRIPLE_MPS2
         # R = exp(delta) R changes the force by the columns hat(e_k) @ R.
         generators = np.stack([(se3.hat(axis) @ R).ravel() for axis in np.eye(3)], axis=1)
-        J = np.concatenate([force @ generators, -turned, np.tile(-np.eye(3), (num, 1, 1))], axis=2)
-        J = (np.sqrt(weight)[:, None, None] * J / _TRIPLE_MPS2).reshape(-1, 9)
-        r = (np.sqrt(weight)[:, None] * residual / _TRIPLE_MPS2).ravel()
-        up = gravity / max(float(np.linalg.norm(gravity)), 1e-3)
-        prior = np.zeros((7, 9))
-        prior[:3, :3] = np.eye(3) / rotation_sigma_rad
-        prior[3:6, 3:6] = np.eye(3) / _BIAS_MPS2
-        prior[6, 6:] = up / _LENGTH_MPS2
-        turned_by = rotation_vector(R @ R_given.T)
-        length = float(np.linalg.norm(gravity)) - GRAVITY_MPS2
-        r_prior = np.array(
-            [*turned_by / rotation_sigma_rad, *bias / _BIAS_MPS2, length / _LENGTH_MPS2]
-        )
-        normal = J.T @ J + prior.T @ prior
-        delta = -np.linalg.solve(normal, J.T @ r + prior.T @ r_prior)
-        R = rotations(delta[None, :3])[0] @ R
+        J = np.concatenate([force @ generators, -turned, minus_one], axis=2)
+        J = (weight[:, None, None] * J).reshape(-1, 9)
+        length = max(float(np.linalg.norm(gravity)), 1e-3)
+        prior[6, 6:] = gravity / length
+        r_prior = np.array([*rotation_vector(R @ R_given.T), *bias, length - GRAVITY_MPS2])
+        weighted = prior / np.square(sigmas)[:, None]
+        normal = J.T @ J + weighted.T @ prior
+        gradient = J.T @ (weight[:, None] * residual).ravel() + weighted.T @ r_prior
+        delta = -np.linalg.solve(normal, gradient)
+        R = rotations(delta[:3]) @ R
         bias, gravity = bias + delta[3:6], gravity + delta[6:]
     residual = force @ R.ravel() - turned @ bias - gravity - acceleration
     typical_mps2 = float(np.median(np.linalg.norm(residual, axis=1))) / _MEDIAN_LENGTH
     covariance = max(typical_mps2 / _TRIPLE_MPS2, 1.0) ** 2 * np.linalg.inv(normal)
-    up = gravity / np.linalg.norm(gravity)
-    across = np.eye(3) - np.outer(up, up)
+    across = np.eye(3) - np.outer(gravity, gravity) / (gravity @ gravity)
     up_covariance = across @ covariance[6:, 6:] @ across / GRAVITY_MPS2**2
-    return _Solution(
-        gravity,
-        float(np.sqrt(np.linalg.eigvalsh(up_covariance)[-1])),
-        R,
-        float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])),
-        bias,
+    sigma_rad, rotation_sigma_rad = (
+        float(np.sqrt(np.linalg.eigvalsh(part)[-1]))
+        for part in (up_covariance, covariance[:3, :3])
     )
+    return GravityFit(gravity, sigma_rad, R, rotation_sigma_rad, bias)
 
 
 def _cauchy(residual: FloatArray) -> FloatArray:

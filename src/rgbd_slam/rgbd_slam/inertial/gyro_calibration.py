@@ -6,21 +6,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common import se3
-from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray, IntArray
-from rgbd_slam.inertial.gyro_integral import RateIntegral, rotation_vector
-from rgbd_slam.inertial.sample_buffer import SampleBuffer
+from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray, IntArray
+from rgbd_slam.inertial.rotations import nearest_rotation, rotation_vector
+from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer
+from rgbd_slam.inertial.tracked_motion import TrackedMotion
 
 MAX_OFFSET_S = 0.1  # chosen: more than drivers of cameras with an IMU are off
-_COARSE_S, _FINE_S = 0.01, 0.0025  # chosen: steps of the search for the offset
-_NUM_FINE = 2  # chosen: fine steps to each side, as the next round goes on from there
+# Chosen: step [s] and number of steps to each side of the searches for the time offset, among all
+# offsets and near the one that was found last.
+_COARSE, _FINE = (0.01, 10), (0.0025, 2)
 _WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations that are compared with the gyro
-_RECENT_NS = 2 * NS_PER_S  # chosen: as long as the time between two comparisons
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: a longer step between tracked images is not compared
 _MIN_STEPS = 20  # chosen: fewer tracked rotations say nothing
-# Chosen: number of rounds of the search for the time offset, among all offsets and near a known
-# one. Each round weights the rotations by the residuals of the round before.
-_ROUNDS, _NEAR_ROUNDS = 3, 2
+_ROUNDS, _NEAR_ROUNDS = 3, 2  # chosen: fine searches, each with the weights of the one before
 _CAUCHY = 1.5  # chosen: residuals of this multiple of the median have the weight 0.5
 _LEAST_RAD = 1e-4  # chosen: far below the errors of tracked rotations, so that no weight is 0 / 0
 _LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median say nothing about the bias
@@ -66,129 +64,100 @@ class GyroFit(NamedTuple):
         )
 
 
-class RecentRates(NamedTuple):
-    """Comparison of a calibrated gyro's rates with the tracked rates of the last 2 s."""
-
-    scale: float  # factor that brings the rates closest to the tracked ones
-    correlation: float  # of the rates with the tracked ones, 1 for a perfect gyro of any scale
-    signal_radps: float  # RMS of the tracked rates
-
-
-class GyroCalibration:
-    """Compares the gyro with the tracked rotations of the last 20 s.
+def fit_gyro(
+    motion: TrackedMotion,
+    gyro: SampleBuffer,
+    R_camera_imu: FloatArray | None = None,
+    near_s: float | None = None,
+    window_ns: int = _WINDOW_NS,
+) -> GyroFit | None:
+    """Return the calibration of a gyro by the tracked rotations; None if there are too few.
 
     The least-squares rotation between both is that of Kabsch (1976), and the bias the mean
     difference; the offset is where the squared residuals are least.
+
+    Args:
+        motion: The tracked motion.
+        gyro: The samples.
+        R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
+        near_s: The offset (see `GyroFit.offset_s`), if it is known to 10 ms; None: all are tried.
+        window_ns: The latest time whose rotations are compared.
     """
+    steps = _tracked_steps(motion, gyro, window_ns)
+    if steps is None:
+        return None
+    searches = [_COARSE] + _ROUNDS * [_FINE] if near_s is None else _NEAR_ROUNDS * [_FINE]
+    offset_s, curvature = near_s or 0.0, 0.0
+    for step_s, count in searches:
+        near_s = float(np.clip(offset_s, -MAX_OFFSET_S, MAX_OFFSET_S))
+        tried_s = np.linspace(near_s - count * step_s, near_s + count * step_s, 2 * count + 1)
+        offset_s, curvature = _best_offset(steps, tried_s, R_camera_imu)
+        steps = steps.weighted(_residuals(_aligned(steps, offset_s, R_camera_imu)))
+    return _fit(steps, offset_s, curvature, R_camera_imu)
 
-    def __init__(self) -> None:
-        self._windows_ns: list[tuple[int, int]] = []
-        self._vectors_rad: list[FloatArray] = []
 
-    def __len__(self) -> int:
-        return len(self._windows_ns)
+def _tracked_steps(motion: TrackedMotion, gyro: SampleBuffer, window_ns: int) -> _Steps | None:
+    """Return the latest tracked rotations for which samples exist at all offsets.
 
-    def add(self, first_ns: int, second_ns: int, R_first_second: FloatArray) -> None:
-        """Add the tracked rotation (3, 3) of the camera between two images.
+    None is returned if they are fewer than 20.
+    """
+    newest_ns = gyro.newest_ns
+    if newest_ns is None or motion.newest_ns is None:
+        return None
+    first_ns, second_ns, R = motion.steps(motion.newest_ns - window_ns, _MAX_STEP_NS)
+    if len(first_ns) < _MIN_STEPS:
+        return None
+    margin_ns = round((MAX_OFFSET_S + _COARSE[0]) * NS_PER_S)
+    low_ns, high_ns = first_ns - margin_ns, second_ns + margin_ns
+    stamps_ns, rates_radps = gyro.between(int(low_ns[0]), int(high_ns[-1]))
+    is_covered = _are_covered(stamps_ns, low_ns, high_ns)
+    if np.count_nonzero(is_covered) < _MIN_STEPS:
+        return None
+    known_s = S_PER_NS * (stamps_ns - first_ns[0])
+    turns_rad = 0.5 * (rates_radps[1:] + rates_radps[:-1]) * np.diff(known_s)[:, None]
+    return _Steps(
+        S_PER_NS * (first_ns - first_ns[0])[is_covered],
+        S_PER_NS * (second_ns - first_ns[0])[is_covered],
+        rotation_vector(R[is_covered]),
+        np.ones(np.count_nonzero(is_covered)),
+        known_s,
+        np.vstack([np.zeros((1, 3)), np.cumsum(turns_rad, axis=0)]),
+    )
 
-        Rotations over more than 0.2 s, and those whose stamps do not increase, are ignored. If
-        `second_ns` is earlier than that of the last stored rotation, all stored ones are dropped.
-        """
-        if self._windows_ns and second_ns < self._windows_ns[-1][1]:
-            self._windows_ns, self._vectors_rad = [], []  # the stamps have started again
-        if 0 < second_ns - first_ns <= _MAX_STEP_NS:
-            self._windows_ns.append((first_ns, second_ns))
-            self._vectors_rad.append(rotation_vector(R_first_second))
 
-    def fit(
-        self, gyro: SampleBuffer, R_camera_imu: FloatArray | None, near_s: float | None = None
-    ) -> GyroFit | None:
-        """Return the calibration of the gyro by the tracked rotations; None if there are too few.
-
-        Args:
-            gyro: The samples.
-            R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
-            near_s: The offset (see `GyroFit.offset_s`), if it is known to 10 ms; None: all are
-                tried.
-        """
-        steps = self._steps(gyro)
-        if steps is None:
-            return None
-        for _ in range(_ROUNDS if near_s is None else _NEAR_ROUNDS):
-            offset_s, curvature = _best_offset(steps, R_camera_imu, near_s)
-            near_s = offset_s
-            residuals_rad = _residuals(_aligned(steps, offset_s, R_camera_imu))
-            steps = steps.weighted(residuals_rad)
-        return _fit(steps, offset_s, curvature, R_camera_imu)
-
-    def recent_rates(self, gyro: SampleBuffer, fit: GyroFit) -> RecentRates | None:
-        """Return how the gyro's rates of the last 2 s compare with the tracked rates.
-
-        None is returned if there are too few tracked rotations with samples. A fit to 20 s with
-        robust weights hardly shows what changed a moment ago.
-
-        Args:
-            gyro: The samples.
-            fit: How the gyro was, by an earlier comparison.
-        """
-        steps = self._steps(gyro, _RECENT_NS)
-        if steps is None:
-            return None
-        measured = steps.integral.over(steps.first_ns, steps.second_ns, fit.offset_s)
-        measured = (measured - steps.time_s[:, None] * fit.bias_radps) @ fit.R_camera_imu.T
-        common = float((measured * steps.tracked_rad).sum())
-        power = max(float(np.square(measured).sum()), _LEAST_RAD**2)
-        tracked_power = max(float(np.square(steps.tracked_rad).sum()), _LEAST_RAD**2)
-        return RecentRates(
-            common / power,
-            common / np.sqrt(power * tracked_power),
-            float(np.sqrt(tracked_power / len(steps.time_s)) / steps.time_s.mean()),
-        )
-
-    def _steps(self, gyro: SampleBuffer, window_ns: int = _WINDOW_NS) -> _Steps | None:
-        """Return the tracked rotations of the last `window_ns`, with the integral of the gyro.
-
-        Only those for which samples exist at all offsets are returned; None if they are fewer than
-        20. Rotations that are more than 20 s old are deleted.
-        """
-        if not self._windows_ns:
-            return None
-        oldest_ns = self._windows_ns[-1][1] - _WINDOW_NS
-        num_old = sum(1 for first_ns, _ in self._windows_ns if first_ns < oldest_ns)
-        del self._windows_ns[:num_old], self._vectors_rad[:num_old]
-        windows_ns = np.array(self._windows_ns, np.int64).reshape(-1, 2)
-        is_used = windows_ns[:, 0] >= windows_ns[-1, 1] - window_ns
-        windows_ns, vectors_rad = windows_ns[is_used], np.array(self._vectors_rad)[is_used]
-        if len(windows_ns) < _MIN_STEPS:
-            return None
-        margin_ns = round((MAX_OFFSET_S + _COARSE_S) * NS_PER_S)
-        integral = RateIntegral(gyro, windows_ns[0, 0] - margin_ns, windows_ns[-1, 1] + margin_ns)
-        first_ns, second_ns = windows_ns.T
-        is_covered = integral.covers(first_ns, second_ns, MAX_OFFSET_S + _COARSE_S)
-        if np.count_nonzero(is_covered) < _MIN_STEPS:
-            return None
-        return _Steps(
-            integral,
-            first_ns[is_covered],
-            second_ns[is_covered],
-            vectors_rad[is_covered],
-            np.ones(np.count_nonzero(is_covered)),
-        )
+def _are_covered(stamps_ns: IntArray, low_ns: IntArray, high_ns: IntArray) -> BoolArray:
+    """Return the mask (M,) of the times between lows and highs that samples (N,) fill."""
+    if not len(stamps_ns):
+        return np.zeros(len(low_ns), np.bool_)
+    num_gaps = np.append(0, np.cumsum(np.diff(stamps_ns) > GAP_NS))
+    low, high = np.searchsorted(stamps_ns, np.stack([low_ns, high_ns]))
+    before = num_gaps[np.maximum(low - 1, 0)]
+    after = num_gaps[np.minimum(high, len(stamps_ns) - 1)]
+    is_within = (low_ns >= stamps_ns[0]) & (high_ns <= stamps_ns[-1])
+    return np.asarray(is_within & (before == after))
 
 
 class _Steps(NamedTuple):
-    """M tracked rotations between successive images, and the integral of the gyro."""
+    """M tracked rotations between successive images, and the integral of the gyro's N samples."""
 
-    integral: RateIntegral
-    first_ns: IntArray  # (M,)
-    second_ns: IntArray  # (M,)
+    first_s: FloatArray  # (M,)
+    second_s: FloatArray  # (M,)
     tracked_rad: FloatArray  # (M, 3) rotation vectors in the camera frame
     weight: FloatArray  # (M,) from 0 to 1; small for tracked rotations that do not fit
+    known_s: FloatArray  # (N,)
+    sums_rad: FloatArray  # (N, 3)
 
     @property
     def time_s(self) -> FloatArray:
         """Return the duration of each step (M,)."""
-        return np.asarray(S_PER_NS * (self.second_ns - self.first_ns), np.float64)
+        return self.second_s - self.first_s
+
+    def measured_rad(self, offset_s: float) -> FloatArray:
+        """Return the integrals (M, 3) of the rates at an offset; their order hardly matters."""
+        ends_s = np.concatenate([self.first_s, self.second_s]) + offset_s
+        ends = [np.interp(ends_s, self.known_s, column) for column in self.sums_rad.T]
+        first, second = np.split(np.stack(ends, axis=1), 2)
+        return np.asarray(second - first)
 
     def weighted(self, residuals_rad: FloatArray) -> _Steps:
         """Return the steps with the weights of a Cauchy kernel for residuals (M,)."""
@@ -208,15 +177,13 @@ class _Alignment(NamedTuple):
 
 def _aligned(steps: _Steps, offset_s: float, R_camera_imu: FloatArray | None) -> _Alignment:
     time_s, weight = steps.time_s[:, None], steps.weight[:, None]
-    measured = steps.integral.over(steps.first_ns, steps.second_ns, offset_s)
+    measured = steps.measured_rad(offset_s)
     tracked, total_s = steps.tracked_rad, (weight * time_s).sum()
     mean_measured = (weight * measured).sum(axis=0) / total_s
     mean_tracked = (weight * tracked).sum(axis=0) / total_s
     tracked, measured = tracked - time_s * mean_tracked, measured - time_s * mean_measured
     if R_camera_imu is None:
-        T = np.eye(4)
-        T[:3, :3] = (weight * tracked).T @ measured
-        R_camera_imu = se3.orthonormalized(T)[:3, :3]
+        R_camera_imu = nearest_rotation((weight * tracked).T @ measured)
     return _Alignment(R_camera_imu, tracked, measured, mean_measured, mean_tracked)
 
 
@@ -227,23 +194,7 @@ def _residuals(aligned: _Alignment) -> FloatArray:
 
 
 def _best_offset(
-    steps: _Steps, R_camera_imu: FloatArray | None, near_s: float | None
-) -> tuple[float, float]:
-    """Return the offset [s] with the least squared residuals, and their curvature [rad^2/s^2].
-
-    Only offsets within 5 ms of `near_s` are tried; None: all offsets up to `MAX_OFFSET_S`.
-    """
-    if near_s is None:
-        tried_s = np.arange(-MAX_OFFSET_S, MAX_OFFSET_S + _COARSE_S / 2, _COARSE_S)
-        near_s = _least(steps, tried_s, R_camera_imu, _COARSE_S)[0]
-    tried_s = np.clip(near_s, -MAX_OFFSET_S, MAX_OFFSET_S) + _FINE_S * np.arange(
-        -_NUM_FINE, _NUM_FINE + 1
-    )
-    return _least(steps, tried_s, R_camera_imu, _FINE_S)
-
-
-def _least(
-    steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None, step_s: float
+    steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None
 ) -> tuple[float, float]:
     """Return the offset [s] at the minimum of a parabola, and its curvature [rad^2/s^2].
 
@@ -252,7 +203,7 @@ def _least(
     """
     aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
     cost = np.array([steps.weight @ np.square(_residuals(item)) for item in aligned])
-    best = int(np.clip(np.argmin(cost), 1, len(cost) - 2))
+    best, step_s = int(np.clip(np.argmin(cost), 1, len(cost) - 2)), float(tried_s[1] - tried_s[0])
     left, middle, right = cost[best - 1 : best + 2].tolist()
     curvature = max((left - 2 * middle + right) / step_s**2, 1e-12)
     shift_s = float(np.clip((left - right) / (2 * step_s) / curvature, -step_s, step_s))

@@ -14,7 +14,7 @@ from hoid_common.io.untrusted import expand_home
 from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import FloatArray
 from rgbd_slam.config.imu_config import ImuConfig
-from rgbd_slam.inertial.gyro_integral import rotation_vector
+from rgbd_slam.inertial.rotations import rotation_vector
 
 # Chosen: an estimated rotation is replaced by the nearest rotation between parallel axes if it
 # differs from that by less than this angle plus three standard deviations. IMUs are soldered

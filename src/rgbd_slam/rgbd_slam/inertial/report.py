@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rgbd_slam.inertial.gyro_integral import rotation_vector
+from hoid_common.values import FloatArray
 from rgbd_slam.inertial.imu import Imu
+from rgbd_slam.inertial.rotations import rotation_vector
 
 
 @dataclass(frozen=True)
@@ -25,27 +26,32 @@ class ImuReport:
     gyro_bias_radps: tuple[float, ...] | None = None  # along the axes of the IMU
     gyro_bias_sigma_radps: float | None = None
     up_sigma_deg: float | None = None  # standard deviation of the direction of gravity
-    fault: str = ''  # why the gyro is left out
+    fault: str = ''  # which sensor is left out, and why
+    problems: tuple[str, ...] = ()  # all that were reported so far
     samples_left_out: int = 0  # because no sensor measures that
 
 
 def report_of(imu: Imu) -> ImuReport:
-    """Return the calibration and the fault of an IMU as known so far; numbers are rounded."""
+    """Return the calibration and the faults of an IMU as known so far; numbers are rounded."""
     fit, up = imu.fit, imu.up
-    up_sigma_deg = None if up is None else round(float(np.rad2deg(up.sigma_rad)), 3)
-    if fit is None:
-        return ImuReport(
-            up_sigma_deg=up_sigma_deg, fault=imu.problem, samples_left_out=imu.num_impossible
-        )
-    turn_deg = np.rad2deg(rotation_vector(fit.R_camera_imu))
-    return ImuReport(
-        round(1e3 * fit.offset_s, 2),
-        round(1e3 * fit.offset_sigma_s, 2),
-        tuple(round(value, 3) for value in turn_deg.tolist()),
-        round(float(np.rad2deg(fit.rotation_sigma_rad)), 3),
-        tuple(round(value, 5) for value in fit.bias_radps.tolist()),
-        round(fit.bias_sigma_radps, 5),
-        up_sigma_deg,
-        imu.problem,
-        imu.num_impossible,
+    report = ImuReport(
+        up_sigma_deg=None if up is None else round(float(np.rad2deg(up.sigma_rad)), 3),
+        fault=imu.trust.problem,
+        problems=tuple(imu.trust.problems),
+        samples_left_out=imu.num_impossible,
     )
+    if fit is None:
+        return report
+    return replace(
+        report,
+        time_offset_ms=round(1e3 * fit.offset_s, 2),
+        time_offset_sigma_ms=round(1e3 * fit.offset_sigma_s, 2),
+        rotation_deg=_rounded(np.rad2deg(rotation_vector(fit.R_camera_imu)), 3),
+        rotation_sigma_deg=round(float(np.rad2deg(fit.rotation_sigma_rad)), 3),
+        gyro_bias_radps=_rounded(fit.bias_radps, 5),
+        gyro_bias_sigma_radps=round(fit.bias_sigma_radps, 5),
+    )
+
+
+def _rounded(values: FloatArray, digits: int) -> tuple[float, ...]:
+    return tuple(round(value, digits) for value in values.tolist())

@@ -9,9 +9,10 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
 from rgbd_slam.inertial.attitude_filter import AttitudeFilter
-from rgbd_slam.inertial.dead_reckoning import DeadReckoning, Reckoned
-from rgbd_slam.inertial.gyro_integral import rotation_vector
+from rgbd_slam.inertial.dead_reckoning import Reckoned
+from rgbd_slam.inertial.gravity import GRAVITY_MPS2
 from rgbd_slam.inertial.imu import Imu, MeasuredRotation
+from rgbd_slam.inertial.rotations import rotation_vector
 from rgbd_slam.tracking.motion_sources import BridgedMotion
 
 _DECAY_S = 0.4  # measured: a hand-held camera keeps its velocity for about this long
@@ -43,9 +44,9 @@ class InertialMotion:
         self._start_ns = self._stamp_ns = self._step_ns = 0
         self._velocity_mps: FloatArray = np.zeros(3)  # in the frame of the last tracked image
         self._attitude = AttitudeFilter()
-        self._reckoning = DeadReckoning(imu)
-        self._reckoned_ns = (0, 0)  # stamps of the motion of `_reckoned`
-        self._reckoned: Reckoned | None = None
+        # The turn and the position since the last tracked image, for the stamps of both images.
+        self._turn: tuple[tuple[int, int], MeasuredRotation | None] = (0, 0), None
+        self._reckoned: tuple[tuple[int, int], Reckoned | None] = (0, 0), None
         self._observed_ns = 0  # stamp of the last tracked image
         self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
         self._rate_at_ns: int | None = None  # stamp of the image of `_rate_radps`
@@ -79,11 +80,7 @@ class InertialMotion:
         self._velocity_mps = T_last_camera[:3, :3].T @ mean_mps
         weight = min(elapsed_s / _SPREAD_S, 1.0)
         self._variance_m2ps2 += weight * (float(mean_mps @ mean_mps) / 3 - self._variance_m2ps2)
-        self._reckoning.add(self._start_ns, self._stamp_ns, T_last_camera)
         self._imu.observe(self._start_ns, self._stamp_ns, T_last_camera)
-        up = self._imu.up
-        if self._imu.levels and up is not None and up.stamp_ns == self._stamp_ns:
-            self._imu.judge_accelerometer(agrees=self._reckoning.agrees())
 
     def reset(self) -> None:
         """Do nothing: the velocity decays by itself, and the gyro measures on."""
@@ -141,7 +138,8 @@ class InertialMotion:
         position, step = (self._position_variance_m2(s) for s in (self._elapsed_s, step_s))
         reckoned = self._reckon()
         if reckoned is not None:
-            position, step = reckoned.variance_m2, reckoned.speed_variance_m2ps2 * step_s**2
+            position = self._reckoned_variance_m2(reckoned)
+            step = float(reckoned.speed_variances_m2ps2[0]) * step_s**2
         return BridgedMotion(
             self._motion(rotation),
             np.diag([angle] * 3 + [position] * 3),
@@ -152,9 +150,19 @@ class InertialMotion:
         )
 
     def _rotation(self) -> MeasuredRotation | None:
-        if self._stamp_ns <= self._start_ns:
-            return None
-        return self._imu.rotation(self._start_ns, self._stamp_ns)
+        """Return the measured turn since the last tracked image; None if it is unknown.
+
+        Its standard deviation contains what the gyro has been off a moment ago: a gyro that has
+        just gone wrong goes on to be wrong.
+        """
+        stamps_ns = self._start_ns, self._stamp_ns
+        if self._turn[0] != stamps_ns:
+            turn = self._imu.rotation(*stamps_ns)
+            if turn is not None:
+                of_rate = self._attitude.rate_sigma_radps * self._elapsed_s
+                turn = turn._replace(sigma_rad=math.hypot(turn.sigma_rad, of_rate))
+            self._turn = stamps_ns, turn
+        return self._turn[1]
 
     def _motion(self, rotation: MeasuredRotation) -> FloatArray:
         """Return T_last_camera (4, 4): the measured rotation, and the predicted position."""
@@ -162,7 +170,7 @@ class InertialMotion:
         T[:3, :3] = rotation.R_first_second
         reckoned = self._reckon()
         if reckoned is not None:
-            T[:3, 3] = reckoned.position_m
+            T[:3, 3] = reckoned.positions_m[0]
         else:
             T[:3, 3] = _DECAY_S * -np.expm1(-self._elapsed_s / _DECAY_S) * self._velocity_mps
         return T
@@ -170,17 +178,25 @@ class InertialMotion:
     def _reckon(self) -> Reckoned | None:
         """Return the position by the accelerometer; None: predict it by the last velocity.
 
-        None is returned for the first 0.1 s, if the accelerometer is missing, not confirmed or
+        None is returned for the first 0.1 s, if the accelerometer is missing, not trusted or
         switched off (`imu.integrate`), and unless its position has a smaller variance.
         """
         stamps_ns = self._start_ns, self._stamp_ns
-        if self._elapsed_s < _LEAST_RECKONED_S or not self._imu.integrates:
+        if self._elapsed_s < _LEAST_RECKONED_S:
             return None
-        if stamps_ns != self._reckoned_ns:
-            self._reckoned_ns = stamps_ns
-            self._reckoned = self._reckoning.position(*stamps_ns)
-        reckoned, limit_m2 = self._reckoned, self._position_variance_m2(self._elapsed_s)
-        return None if reckoned is None or reckoned.variance_m2 > limit_m2 else reckoned
+        if stamps_ns != self._reckoned[0]:
+            self._reckoned = stamps_ns, self._imu.position(*stamps_ns)
+        reckoned, limit_m2 = self._reckoned[1], self._position_variance_m2(self._elapsed_s)
+        is_better = reckoned is not None and self._reckoned_variance_m2(reckoned) <= limit_m2
+        return reckoned if is_better else None
+
+    def _reckoned_variance_m2(self, reckoned: Reckoned) -> float:
+        """Return the variance of a position along each axis, with what a wrong gyro adds.
+
+        A turn that is off more and more with time lets gravity accelerate the camera to the side.
+        """
+        of_turn_m = GRAVITY_MPS2 * self._attitude.rate_sigma_radps * self._elapsed_s**3 / 6
+        return float(reckoned.variances_m2[0]) + of_turn_m**2
 
     def _position_variance_m2(self, elapsed_s: float) -> float:
         """Return the variance of the position along each axis after a time of prediction.

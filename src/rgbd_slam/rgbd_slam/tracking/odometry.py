@@ -30,6 +30,9 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 # predicted one by less than _AGREED_RAD, and its position from the predicted one by less than
 # _AGREED_M plus _AGREED_SIGMAS standard deviations of the prediction.
 _FEW_INLIERS, _AGREED_RAD, _AGREED_M, _AGREED_SIGMAS = 12, np.deg2rad(1.5), 0.02, 3.0
+# Chosen: a prediction over a longer time [s] makes few inliers no more certain. It may be wrong
+# itself, and a few chance matches agree with any pose.
+_AGREED_S = 0.2
 _NOTE = 'too few map points are seen; the pose follows {}, for {:.1f} s and {:.2f} m'
 
 
@@ -133,11 +136,11 @@ class Odometry:
     def min_inliers(self, T_camera_map: FloatArray) -> int:
         """Return the number of inliers that a pose (4, 4) of the current image needs.
 
-        If the motion by the gyro agrees with the pose, the inliers are unlikely to be chance
-        matches, and 12 are enough.
+        If the motion by the gyro since the last tracked frame agrees with the pose, and this frame
+        is not older than 0.2 s, the inliers are unlikely to be chance matches, and 12 are enough.
         """
         motion = None if self._gyro is None else self._gyro.bridge()
-        if motion is None or self.last is None:
+        if motion is None or self.last is None or motion.elapsed_s > _AGREED_S:
             return TrackingConfig.min_inliers
         error = se3.log(T_camera_map @ self.pose() @ motion.T_last_camera)
         sigma_m = float(np.sqrt(np.trace(motion.covariance[3:, 3:])))

@@ -99,16 +99,13 @@ class ImuInput:
             return
         self._diagnostics.set_count('IMU samples', self._num_samples)
         self._diagnostics.set_count('IMU samples left out', imu.num_impossible)
-        self._diagnostics.report_problem(_IMU, imu.problem)
+        self._diagnostics.report_problem(_IMU, imu.trust.problem)
         if imu.fit is not None:
             self._diagnostics.set_value('IMU time offset', f'{1e3 * imu.fit.offset_s:.0f} ms')
-        for news in imu.take_news():
-            if news.text == imu.problem:  # logged as a problem already
-                continue
-            if news.is_problem:
-                self._node.get_logger().warning(news.text)
-            else:
-                self._node.get_logger().info(news.text)
+        for text, is_problem in imu.trust.take_news():
+            if text != imu.trust.problem:  # which the diagnostics log
+                logger = self._node.get_logger()
+                (logger.warning if is_problem else logger.info)(text)
 
     def _on_message(self, msg: ImuMsg) -> None:
         sample = imu_from_msg(msg)

@@ -1,0 +1,255 @@
+"""Which sensors of an IMU may be used, by their samples and by the tracked motion.
+
+No other module decides this.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from hoid_common.values import NS_PER_S
+from rgbd_slam.inertial.gyro_calibration import GyroFit
+from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
+
+_LATE_NS = NS_PER_S // 4  # chosen: more than any driver's delay and the offsets that are found
+_EQUAL_SAMPLES = 20  # chosen: fewer equal samples may be a coincidence of coarse sensors
+_SATURATED_RADPS = 0.9  # chosen: a rate that stays equal above it is the end of the range
+_SATURATED_SAMPLES = 4  # chosen: noise makes as many equal samples rare below the end
+_UNIT_TOLERANCE = 1.5  # chosen: factor around 180 / pi within which the unit is deg/s
+_MIN_CORRELATION = 0.7  # chosen: below it, the rates are not those of the camera in another unit
+_MIN_SIGNAL_RADPS = 0.1  # chosen: below it, the tracked rates are mostly noise
+_DOUBTED_SIGNAL_RADPS = 0.05  # chosen: enough for a doubt if it lasts for 10 s
+_MAX_UNEXPLAINED = 0.8  # chosen: share of the tracked rates that a good gyro leaves unexplained
+# Chosen: the mounting of the gyro counts as known once its rates correlate with the tracked ones
+# by more than this. The first number holds if the axes of the IMU are the given ones or parallel
+# to the optical ones, the second if they were found from the images alone. Where a moving scene
+# captures the tracking of `d435_office`, a mirrored gyro reaches 0.73 with some rotation.
+_EXPECTED_CORRELATION, _FOUND_CORRELATION = 0.6, 0.85
+# Chosen: before the accelerometer has been compared with the tracked motion, the map is made level
+# only if the standard deviation of the direction of gravity is below this. On calm cameras it is
+# 1.1 to 1.2 degrees after 1.5 s, and 2.0 to 4.4 if the axes of the accelerometer are permuted.
+_UNTRIED_SIGMA_RAD = np.deg2rad(1.5)
+# Chosen: RMS of the errors of dead reckoning, in standard deviations, above which an accelerometer
+# is not used. A good one has 0.3 to 1.3; faulty ones have 3 and more as long as the camera moves.
+_MAX_TRIAL_ERROR = 2.0
+_PATIENCE_NS = 10 * NS_PER_S  # chosen: time without agreement after which that is reported
+_LEFT_OUT = 'imu: the gyro is left out: {}'
+_BOTH_LEFT_OUT = f'{_LEFT_OUT}; so is the accelerometer, because it has the same clock'
+_CONTRADICTS = (
+    'imu: the accelerometer is left out, because it does not agree with the tracked motion; check '
+    'its axes and stamps, or turn the camera more slowly'
+)
+_STUCK_ACCELEROMETER = (
+    'imu: the accelerometer is left out: its values do not change; restart its driver'
+)
+
+
+class GyroFault(Enum):
+    """Why a gyro is left out; the value says what is wrong and what to do."""
+
+    STUCK = 'its values do not change; restart its driver'
+    LATE = 'its samples are more than 0.25 s late or have stopped; check its driver and its clock'
+    UNIT = 'its rates are in degrees per second instead of radians per second; correct its driver'
+    MIRRORED = 'one of its axes points the wrong way (a left-handed frame); correct its driver'
+    DISAGREES = 'it contradicts the rotation that the images show; check its unit, axes and clock'
+    UNPROVEN = (
+        'for 10 s, the images have not confirmed it; check its axes and clock, turn the camera in '
+        'all directions, or set imu.calibration'
+    )
+
+
+class News(NamedTuple):
+    """A message about the IMU, which is reported once."""
+
+    text: str
+    is_problem: bool
+
+
+class Trust:
+    """Decides whether a gyro and an accelerometer with the same clock may be used."""
+
+    def __init__(self) -> None:
+        self.num_refused = 0  # comparisons in which the gyro had a fault
+        self.agrees: bool | None = None  # accelerometer and tracked motion; None: not tried
+        self.has_accelerometer = False
+        self._gyro: SampleBuffer | None = None  # None: there is none
+        self._fault_of_samples: GyroFault | None = None
+        self._fault_of_fit: GyroFault | None = None
+        self._is_mounting_known = False
+        self._is_accelerometer_stuck = False
+        self._since_ns: dict[str, int] = {}  # stamps since which something has been doubted
+        self._now_ns = 0  # stamp of the image of the last comparison
+        self.problems: list[str] = []  # all problems that were reported
+        self._news: list[News] = []
+        self._said: set[str] = set()
+
+    @property
+    def fault(self) -> GyroFault | None:
+        """Return why the gyro is left out; None: it has no fault."""
+        return self._fault_of_samples or self._fault_of_fit
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Return whether the samples of the gyro are late or do not change."""
+        return self._fault_of_samples is not None
+
+    @property
+    def uses_gyro(self) -> bool:
+        """Return whether the images have shown how the gyro is mounted, and no fault."""
+        return self._gyro is not None and self._is_mounting_known and self.fault is None
+
+    @property
+    def uses_accelerometer(self) -> bool:
+        """Return whether the accelerometer may be used, as far as its clock and samples show.
+
+        A clock that is wrong for the gyro is wrong for the accelerometer, too.
+        """
+        return not self._is_accelerometer_stuck and (self._gyro is None or self.uses_gyro)
+
+    def may_level(self, up_sigma_rad: float) -> bool:
+        """Return whether a direction of gravity with this standard deviation levels the map.
+
+        As long as the accelerometer could not be compared with the tracked motion, the standard
+        deviation must be below 1.5 degrees.
+        """
+        is_right = up_sigma_rad < _UNTRIED_SIGMA_RAD if self.agrees is None else self.agrees
+        return self.uses_accelerometer and is_right
+
+    @property
+    def problem(self) -> str:
+        """Return which sensor is left out and why, or ''."""
+        if self.fault is not None:
+            text = _BOTH_LEFT_OUT if self.has_accelerometer else _LEFT_OUT
+            return text.format(self.fault.value)
+        if self._is_accelerometer_stuck:
+            return _STUCK_ACCELEROMETER
+        return _CONTRADICTS if self._lasts('accelerometer') else ''
+
+    def compare_samples(self, gyro: SampleBuffer, image_ns: int, offset_ns: int) -> None:
+        """Look for a fault of the gyro that the samples show: they are late or do not change.
+
+        Args:
+            gyro: The samples.
+            image_ns: Stamp of the latest image.
+            offset_ns: Time by which the stamps of the IMU are later than those of the images.
+        """
+        self._gyro, self._now_ns, self._fault_of_samples = gyro, image_ns, None
+        latest = gyro.before(image_ns + offset_ns, 1)
+        if not len(latest) or latest.stamps_ns[0] < image_ns + offset_ns - _LATE_NS:
+            self._fault_of_samples = GyroFault.LATE
+        elif is_stuck(gyro, image_ns + offset_ns):
+            self._fault_of_samples = GyroFault.STUCK
+
+    def compare_rates(self, fit: GyroFit, recent: GyroFit | None) -> bool:
+        """Return whether the comparison with the tracked rotation shows no fault of the gyro.
+
+        While the camera hardly turns, no fault is noticed. Of the last 2 s, only another unit
+        counts, because in a blur the tracked rotation may be wrong as well.
+
+        Args:
+            fit: The comparison with the last 20 s, with any rotation to the camera.
+            recent: The comparison with the last 2 s; None: it could not be made.
+        """
+        self._fault_of_fit = _fault_of(fit)
+        if recent is not None and _is_in_degrees(recent):
+            self._fault_of_fit = GyroFault.UNIT
+        return self._fault_of_fit is None
+
+    def compare_axes(self, fit: GyroFit, *, is_expected: bool, is_certain: bool) -> None:
+        """Confirm a gyro without a fault once its rates correlate with the tracked ones.
+
+        Args:
+            fit: The comparison with the last 20 s, with the rotation to the camera that is used.
+            is_expected: Whether that rotation is the given one or none.
+            is_certain: Whether that rotation is given or known well enough.
+        """
+        needed = _EXPECTED_CORRELATION if is_expected else _FOUND_CORRELATION
+        self._is_mounting_known |= is_certain and fit.correlation > needed
+        is_turning = fit.signal_radps > _DOUBTED_SIGNAL_RADPS
+        self._note('gyro', is_doubted=is_turning and not self._is_mounting_known)
+        if self._lasts('gyro'):
+            self._fault_of_fit = GyroFault.UNPROVEN
+
+    def compare_forces(self, accelerometer: SampleBuffer, image_ns: int) -> bool:
+        """Return whether the accelerometer may be compared with the tracked positions."""
+        self.has_accelerometer, self._now_ns = True, image_ns
+        newest_ns = accelerometer.newest_ns
+        self._is_accelerometer_stuck = newest_ns is not None and is_stuck(accelerometer, newest_ns)
+        return self.uses_accelerometer
+
+    def compare_positions(self, trial_error: float | None) -> None:
+        """Store the error of dead reckoning in trials; see `Path.trial_error`."""
+        self.agrees = None if trial_error is None else trial_error <= _MAX_TRIAL_ERROR
+        self._note('accelerometer', is_doubted=self.agrees is False)
+
+    def report(self) -> None:
+        """Store a problem for `take_news` once, and count faults, after a comparison."""
+        self.num_refused += self.fault is not None
+        if self.problem:
+            self.say(self.problem)
+
+    def say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:
+        """Store a text for `take_news`, unless a text of the same kind was stored before.
+
+        Without a `kind`, only an equal text is of the same kind.
+        """
+        if (kind or text) not in self._said:
+            self._said.add(kind or text)
+            self._news.append(News(text, is_problem))
+            if is_problem:
+                self.problems.append(text)
+
+    def take_news(self) -> list[News]:
+        """Return the messages since the last call, and remove them."""
+        news, self._news = self._news, []
+        return news
+
+    def _note(self, sensor: str, *, is_doubted: bool) -> None:
+        """Store since when a sensor has been doubted without interruption."""
+        since_ns = self._since_ns.get(sensor, self._now_ns)
+        if not is_doubted or since_ns > self._now_ns:
+            self._since_ns.pop(sensor, None)
+        else:
+            self._since_ns[sensor] = since_ns
+
+    def _lasts(self, sensor: str) -> bool:
+        return self._now_ns - self._since_ns.get(sensor, self._now_ns) >= _PATIENCE_NS
+
+
+def is_stuck(sensor: SampleBuffer, stamp_ns: int) -> bool:
+    """Return whether the last 20 samples up to a time are equal, which noise makes impossible."""
+    latest = sensor.before(stamp_ns, _EQUAL_SAMPLES).values
+    return len(latest) == _EQUAL_SAMPLES and bool((latest == latest[0]).all())
+
+
+def is_saturated(samples: Samples) -> bool:
+    """Return whether a rate stays at the end of the gyro's range in four samples or more.
+
+    It does if four successive samples of one axis are exactly equal, at more than 0.9 rad/s.
+    """
+    values = samples.values
+    if len(values) < _SATURATED_SAMPLES:
+        return False
+    repeats = (values[1:] == values[:-1]) & (np.abs(values[1:]) > _SATURATED_RADPS)
+    runs = np.lib.stride_tricks.sliding_window_view(repeats, _SATURATED_SAMPLES - 1, axis=0)
+    return bool(runs.all(axis=-1).any())
+
+
+def _fault_of(fit: GyroFit) -> GyroFault | None:
+    if fit.signal_radps < _MIN_SIGNAL_RADPS:
+        return None
+    if fit.is_mirrored:
+        return GyroFault.MIRRORED
+    if _is_in_degrees(fit):
+        return GyroFault.UNIT
+    is_explained = fit.residual_radps <= _MAX_UNEXPLAINED * fit.signal_radps
+    return None if is_explained else GyroFault.DISAGREES
+
+
+def _is_in_degrees(fit: GyroFit) -> bool:
+    in_degrees = np.rad2deg(1.0) * fit.scale
+    is_like = 1 / _UNIT_TOLERANCE < in_degrees < _UNIT_TOLERANCE
+    return fit.signal_radps > _MIN_SIGNAL_RADPS and fit.correlation > _MIN_CORRELATION and is_like
