@@ -5,11 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from textwrap import dedent
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
-_BLOCK = re.compile(r'^```(\w*)\n(.*?)^```', re.DOTALL | re.MULTILINE)
+_BLOCK = re.compile(r'^ *```(\w*)\n(.*?)^ *```', re.DOTALL | re.MULTILINE)  # also in a list
 _SHELL = ('', 'bash', 'sh', 'console')
 _BEGINNING = re.compile(r'(\./hoid|make|ros2|python|colcon|source|export|sudo) ')
 _INLINE = re.compile(r'`((?:\./hoid|make|ros2|python) [^`]+)`')
@@ -30,7 +31,7 @@ def shown_commands(page: Path) -> Iterator[Shown]:
     found: list[Shown] = []
     for language, block in _BLOCK.findall(text):
         if language in _SHELL:
-            found += _of_block(name, block.replace('\\\n', ' '))
+            found += _of_block(name, dedent(block).replace('\\\n', ' '))
         elif language == 'text' and found:
             found[-1] = found[-1]._replace(output=tuple(block.splitlines()))
     yield from found
