@@ -26,6 +26,6 @@ setup(
         'tqdm',
     ],
     # Without pytest here `colcon test` runs no test at all.
-    extras_require={'test': ['hypothesis', 'mcap-ros2-support', 'pytest']},
+    extras_require={'test': ['hypothesis', 'mcap-ros2-support', 'pytest'], 'video': ['av']},
     zip_safe=True,
 )

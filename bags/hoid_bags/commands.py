@@ -65,7 +65,7 @@ def convert_command(args: argparse.Namespace) -> None:
     """
     if is_bag(args.sequence):
         _refuse_folder_options(args)
-        fault = copy_bag(args.sequence, args.bag, compress=args.compress)
+        fault = copy_bag(args.sequence, args.bag, compress=args.compress, expand=True)
         print(describe(summarize(args.bag)))
         if fault is not None:
             raise InputError(fault)

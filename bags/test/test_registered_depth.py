@@ -10,6 +10,7 @@ import pytest
 
 from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_writer import BagWriter
+from hoid_bags.bag.stamps import header
 from hoid_bags.sequence import open_sequence
 from hoid_bags.storage.bag_types import (
     CAMERA_INFO,
@@ -56,7 +57,7 @@ def static_frames(*edges: tuple[str, str, FloatArray]) -> Message:
         transforms=[
             new_message(
                 'geometry_msgs/msg/TransformStamped',
-                header=bag_messages.header(0, parent),
+                header=header(0, parent),
                 child_frame_id=child,
                 transform=transform(T),
             )

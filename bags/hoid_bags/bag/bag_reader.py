@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, Self
@@ -11,13 +12,14 @@ from typing import NamedTuple, Self
 from rosbags.interfaces import ConnectionExtRosbag2, Qos
 
 from hoid_bags.bag.metadata import METADATA, read_metadata
+from hoid_bags.bag.parts import PartReader, is_container, parts_of
 from hoid_bags.storage.chunks import DAMAGE, ZSTD_MAGIC, describe_damage, one_line, unpack_message
 from hoid_bags.storage.mcap_file import McapFile
 from hoid_bags.storage.packed_file import SUFFIX, unpack_file
 from hoid_bags.storage.ros1_file import ROS1_SUFFIX, Ros1File
 from hoid_bags.storage.sqlite_file import SqliteFile
 from hoid_bags.storage.write_ahead_log import has_log, with_log
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, MessageError
 from hoid_common.io.untrusted import open_regular
 from hoid_common.values import NS_PER_S
 
@@ -34,6 +36,9 @@ class BagTopic(NamedTuple):
     num_messages: int
     qos: Qos | None  # profile that its first publisher offered; None: unknown
     is_readable: bool = True  # False: ROS 2 lacks the type of a topic of a ROS 1 bag
+    source: str = ''  # topic whose messages contain this one, as a video contains images
+    is_video: bool = False  # whether `source` is a video
+    video_px: tuple[int, int] | None = None  # size of its images, as far as it is known
 
 
 class BagMessage(NamedTuple):
@@ -131,6 +136,27 @@ class BagReader:
             )
         return tuple(merged.values())
 
+    @cached_property
+    def parts(self) -> tuple[BagTopic, ...]:
+        """Return the topics that messages of other topics contain: images of a video or RGBD.
+
+        Their messages are read under their names by `messages`. They are in no other list.
+        """
+        found = []
+        for topic in self.topics:
+            first = None
+            if topic.is_readable and is_container(topic.type_name):
+                first = next(self.messages([topic.name]), None)
+            with suppress(MessageError):
+                for part in parts_of(topic.name, topic.type_name, first.data) if first else ():
+                    named = topic._replace(name=part.name, type_name=part.type_name)
+                    found.append(
+                        named._replace(
+                            source=topic.name, is_video=part.is_video, video_px=part.size_px
+                        )
+                    )
+        return tuple(found)
+
     @property
     def span_ns(self) -> tuple[int, int]:
         """Return the log times of the first and the last message; (0, 0) without messages."""
@@ -183,13 +209,28 @@ class BagReader:
     def _all_messages(
         self, topics: Collection[str] | None, start_ns: int | None
     ) -> Iterator[BagMessage]:
+        readers = self._part_readers(topics)
+        names = None if topics is None else {*topics, *readers}
         for file in self._files:
-            wanted = [c for c in file.connections if topics is None or c.topic in topics]
-            for connection, log_ns, data in file.messages(wanted, start_ns) if wanted else ():
-                is_packed = self._has_packed_messages or data[:4] == ZSTD_MAGIC
-                yield BagMessage(
-                    connection.topic, log_ns, unpack_message(data) if is_packed else data
-                )
+            wanted = [c for c in file.connections if names is None or c.topic in names]
+            for connection, log_ns, stored in file.messages(wanted, start_ns) if wanted else ():
+                is_packed = self._has_packed_messages or stored[:4] == ZSTD_MAGIC
+                data = unpack_message(stored) if is_packed else stored
+                if topics is None or connection.topic in topics:
+                    yield BagMessage(connection.topic, log_ns, data)
+                if (reader := readers.get(connection.topic)) is not None:
+                    yield from (BagMessage(*part) for part in reader.read(log_ns, data))
+        for reader in readers.values():
+            yield from (BagMessage(*part) for part in reader.flush())
+
+    def _part_readers(self, topics: Collection[str] | None) -> dict[str, PartReader]:
+        """Return the readers of the parts among topics, by the topics that contain them."""
+        names = {topic.name for topic in self.topics}
+        if topics is None or names.issuperset(topics):
+            return {}
+        kinds = {topic.name: topic.type_name for topic in self.topics}
+        sources = {part.source for part in self.parts if part.name in topics}
+        return {source: PartReader(source, kinds[source], topics) for source in sources}
 
     @property
     def _mcap_files(self) -> list[McapFile]:

@@ -90,6 +90,8 @@ def find_topics(
             topics are equally likely.
     """
     filled = [topic for topic in reader.topics if topic.num_messages and topic.is_readable]
+    sources = {part.source for part in reader.parts}
+    filled = [t for t in filled if t.name not in sources] + list(reader.parts)
     images, problems = _images(reader, [t for t in filled if t.type_name in _IMAGES])
     colors = [image for image in images if not image.head.is_depth]
     depths = [image for image in images if image.head.is_depth]
@@ -156,6 +158,9 @@ def _images(reader: BagReader, found: list[BagTopic]) -> tuple[list[_Image], lis
     """
     images, problems = [], []
     for topic in found:
+        if topic.is_video:  # the size is known without decoding it
+            images.append(_Image(topic, ImageHead(is_depth=False, size_px=topic.video_px)))
+            continue
         first = next(reader.messages([topic.name]), None)
         try:
             if first is not None:

@@ -44,7 +44,9 @@ def repair(path: Path) -> Path:
     return target
 
 
-def copy_bag(source: Path, target: Path, *, compress: bool = False) -> str | None:
+def copy_bag(
+    source: Path, target: Path, *, compress: bool = False, expand: bool = False
+) -> str | None:
     """Copy all readable messages of a bag to a new MCAP bag.
 
     The copy of a ROS 1 bag has messages of ROS 2. It lacks the topics whose types ROS 2 lacks; a
@@ -54,6 +56,8 @@ def copy_bag(source: Path, target: Path, *, compress: bool = False) -> str | Non
         source: The bag.
         target: Folder of the new bag.
         compress: Whether to compress the chunks of the new bag with zstd.
+        expand: Whether to write the images of videos and RGBD messages as topics of their own, to
+            which nodes can subscribe, in place of these messages.
 
     Returns:
         A line of text about damage of the source; None: no damage was found.
@@ -63,9 +67,12 @@ def copy_bag(source: Path, target: Path, *, compress: bool = False) -> str | Non
             bag exists already or cannot be written.
     """
     with BagReader(source) as reader, BagWriter(target, compress=compress) as writer:
-        for topic in readable_topics(reader):
-            if topic.num_messages:
-                writer.add_topic(topic.name, topic.type_name, topic.qos)
-        for message in reader.messages():
+        parts = reader.parts if expand else ()
+        sources = {part.source for part in parts}
+        topics = [topic for topic in readable_topics(reader) if topic.name not in sources]
+        copied = [topic for topic in (*topics, *parts) if topic.num_messages]
+        for topic in copied:
+            writer.add_topic(topic.name, topic.type_name, topic.qos)
+        for message in reader.messages([topic.name for topic in copied]):
             writer.write_serialized(message.topic, message.log_ns, message.data)
         return reader.fault

@@ -33,8 +33,24 @@ DETECTION_ARRAY = 'hoid_msgs/msg/DetectionArray'
 TF_MESSAGE = 'tf2_msgs/msg/TFMessage'
 
 EXTRINSICS = 'realsense2_camera_msgs/msg/Extrinsics'
+RGBD = 'realsense2_camera_msgs/msg/RGBD'
+FFMPEG_PACKET = 'ffmpeg_image_transport_msgs/msg/FFMPEGPacket'
+COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
 # Types of drivers whose packages need not be installed, by their fields.
-_FOREIGN = {EXTRINSICS: 'float64[9] rotation\nfloat64[3] translation'}
+_FOREIGN = {
+    EXTRINSICS: 'float64[9] rotation\nfloat64[3] translation',
+    RGBD: (
+        'std_msgs/Header header\nsensor_msgs/CameraInfo rgb_camera_info\n'
+        'sensor_msgs/CameraInfo depth_camera_info\nsensor_msgs/Image rgb\nsensor_msgs/Image depth'
+    ),
+    FFMPEG_PACKET: (
+        'std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\n'
+        'uint8 flags\nbool is_bigendian\nuint8[] data'
+    ),
+    COMPRESSED_VIDEO: (
+        'builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format'
+    ),
+}
 _NAME = re.compile(r'[A-Za-z]\w{0,99}', re.ASCII)  # name of a package or message
 _WORKSPACE_SOURCES = Path(__file__).resolve().parents[3] / 'src'
 

@@ -8,8 +8,15 @@ from contextlib import contextmanager
 from typing import Any
 
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.bag.bag_topics import TopicChoice
+from hoid_bags.bag.repair import copy_bag
 from hoid_bags.convert import ConvertConfig, convert
-from hoid_bags.options import depth_offset_ns, depth_units_per_m, open_recording
+from hoid_bags.options import (
+    chosen_topics,
+    depth_offset_ns,
+    depth_units_per_m,
+    open_recording,
+)
 from hoid_bags.sequence import Sequence
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bringup.run.no_detector import MOTION
@@ -105,24 +112,28 @@ def _max_gap_ns(args: argparse.Namespace) -> int:
 def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
     """Yield the recording that the command line names as a bag.
 
-    A TUM folder is converted to a temporary bag, which is removed at the end of the block.
+    A folder, and a bag whose images are in a video or in RGBD messages, is converted to a
+    temporary bag, which is removed at the end of the block.
 
     Raises:
         HoidError: The recording cannot be read or converted, or an option is invalid.
     """
     found = recording(args)
-    if isinstance(found, BagSequence):
+    if isinstance(found, BagSequence) and not found.topics.color.source:
         yield found
         return
     with scratch_folder(args.out, 'bag') as folder:
-        path = folder / args.input.resolve().name
-        config = ConvertConfig(
-            depth_units_per_m=depth_units_per_m(args) or ConvertConfig().depth_units_per_m
-        )
-        convert(args.input, path, config, found.camera, show_progress=True)
-        yield BagSequence(
-            path, max_gap_ns=_max_gap_ns(args), depth_offset_ns=depth_offset_ns(args)
-        )
+        path, units = folder / args.input.resolve().name, depth_units_per_m(args)
+        choice = TopicChoice()
+        if isinstance(found, BagSequence):
+            copy_bag(args.input, path, expand=True)
+            choice = chosen_topics(args)
+        else:
+            config = ConvertConfig(depth_units_per_m=units or ConvertConfig().depth_units_per_m)
+            convert(args.input, path, config, found.camera, show_progress=True)
+            units = None  # the conversion has applied them
+        gap_ns, offset_ns = _max_gap_ns(args), depth_offset_ns(args)
+        yield BagSequence(path, None, choice, gap_ns, offset_ns, units or 0.0)
 
 
 def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:

@@ -1,0 +1,124 @@
+"""Decoding of video in the messages of a topic, by PyAV, which is an optional extra."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.util import find_spec
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hoid_bags.storage.bag_types import (
+    COMPRESSED_IMAGE,
+    COMPRESSED_VIDEO,
+    FFMPEG_PACKET,
+    deserialize,
+)
+from hoid_common.errors import InputError
+from hoid_common.values import NS_PER_S, ByteArray
+
+VIDEO_TYPES = (FFMPEG_PACKET, COMPRESSED_VIDEO)
+"""Message types that always carry video. A CompressedImage does so if its format says it."""
+# FFmpeg's decoder by a part of the names that encoders and messages use.
+_CODECS = {'264': 'h264', 'avc': 'h264', '265': 'hevc', 'hevc': 'hevc', 'av1': 'av1', 'vp9': 'vp9'}
+_MAX_DELAY = 64  # chosen: packets that a decoder holds; H.264 and H.265 allow 16
+_INSTALL = './hoid env python -m pip install -r requirements/video.lock'
+
+
+class Packet(NamedTuple):
+    """One message of a video."""
+
+    stamp_ns: int
+    frame_id: str
+    codec: str  # FFmpeg's name; '' = no video
+    size_px: tuple[int, int] | None  # None: unknown before decoding
+    data: bytes
+
+
+def video_packet(data: bytes, type_name: str) -> Packet:
+    """Return the content of a serialized message, whose codec is '' if it is no video.
+
+    Raises:
+        MessageError: The data is no message of this type.
+    """
+    message = deserialize(data, type_name)
+    if type_name == COMPRESSED_VIDEO:
+        stamp, frame, name, size = message.timestamp, message.frame_id, message.format, None
+    else:
+        stamp, frame = message.header.stamp, message.header.frame_id
+        is_ffmpeg = type_name == FFMPEG_PACKET
+        name = message.encoding.partition(';')[0] if is_ffmpeg else message.format
+        size = (message.width, message.height) if is_ffmpeg else None
+    stamp_ns = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+    known = [codec for part, codec in _CODECS.items() if part in name.lower()]
+    is_image = type_name == COMPRESSED_IMAGE and not known
+    codec = '' if is_image else known[0] if known else name
+    return Packet(stamp_ns, frame, codec, size, message.data.tobytes())
+
+
+class DecodedImage(NamedTuple):
+    """One image of a video, with what its packet said."""
+
+    stamp_ns: int
+    log_ns: int
+    frame_id: str
+    image_bgr: ByteArray  # (H, W, 3) uint8
+
+
+class VideoDecoder:
+    """Decodes the packets of one topic in the order of the recording.
+
+    Packets before the first key frame, and damaged ones, give no image.
+
+    Args:
+        topic: Name of the topic, which errors name.
+        codec: FFmpeg's name of the codec.
+
+    Raises:
+        InputError: PyAV is not installed, or has no such decoder.
+    """
+
+    def __init__(self, topic: str, codec: str) -> None:
+        if find_spec('av') is None:
+            raise InputError(
+                f'{topic}: is {codec} video, which needs the extra "video": {_INSTALL}'
+            )
+        import av  # noqa: PLC0415 - optional
+
+        self._packet, self._errors = av.Packet, av.FFmpegError
+        try:
+            self._codec: Any = av.CodecContext.create(codec, 'r')
+        except (av.FFmpegError, ValueError) as error:
+            raise InputError(f'{topic}: PyAV has no decoder for {codec} video') from error
+        self._codec.thread_count = 1
+        self._fed: dict[int, tuple[Packet, int]] = {}  # by pts: packet and log time
+        self._next_pts = 0
+        self._waits_for_key = True
+
+    def decode(self, packet: Packet, log_ns: int) -> Iterator[DecodedImage]:
+        """Yield the images that a packet completes, usually its own."""
+        av_packet = self._packet(packet.data)
+        av_packet.pts = av_packet.dts = self._next_pts
+        self._fed[self._next_pts] = packet, log_ns
+        self._next_pts += 1
+        yield from self._decoded(av_packet)
+
+    def flush(self) -> Iterator[DecodedImage]:
+        """Yield the images that the decoder still holds at the end of the recording."""
+        yield from self._decoded(None)
+
+    def _decoded(self, av_packet: Any) -> Iterator[DecodedImage]:
+        try:
+            frames = self._codec.decode(av_packet)
+        except self._errors:  # damaged, or before the first key frame
+            self._waits_for_key = True
+            return
+        for frame in frames:
+            packet, log_ns = self._fed.pop(frame.pts)
+            # Decoders conceal damage by what they have seen before, until the next key frame.
+            self._waits_for_key = (self._waits_for_key or frame.is_corrupt) and not frame.key_frame
+            if not self._waits_for_key:
+                image_bgr = np.ascontiguousarray(frame.to_ndarray(format='bgr24'))
+                yield DecodedImage(packet.stamp_ns, log_ns, packet.frame_id, image_bgr)
+        for pts in [pts for pts in self._fed if pts < self._next_pts - _MAX_DELAY]:
+            del self._fed[pts]  # it gave no image
