@@ -83,7 +83,6 @@ def section(config: type[C], *, expert: bool = False) -> C:
     """Declare a nested configuration as a field of a `Config`.
 
     Args:
-        config: Class of the nested configuration.
         expert: True makes all its parameters expert parameters.
     """
     nested: C = field(default_factory=config, metadata={_EXPERT_SECTION: expert})
@@ -107,11 +106,7 @@ class Config:
                 object.__setattr__(self, f.name, checked)
 
     def params(self, prefix: str = '') -> Iterator[Param]:
-        """Yield every parameter, including those of nested configurations, in declared order.
-
-        Args:
-            prefix: Text that is put before each name.
-        """
+        """Yield every parameter, including those of nested configurations, in declared order."""
         for f in fields(self):
             value = getattr(self, f.name)
             if is_dataclass(value):
@@ -128,9 +123,6 @@ class Config:
     def updated(self, values: Mapping[str, Any]) -> Self:
         """Return a copy in which some parameters have new values.
 
-        Args:
-            values: New values by dotted name of the parameter.
-
         Raises:
             ConfigError: A name is unknown, or a value has the wrong type, is out of range, or is
                 none of the choices.
@@ -146,12 +138,10 @@ class Config:
 
 
 def _for_experts(leaf: Param) -> Param:
-    """Return a parameter as an expert parameter."""
     return leaf._replace(spec=replace(leaf.spec, expert=True))
 
 
 def _replaced(config: C, values: Mapping[str, Any]) -> C:
-    """Return a copy of a configuration with new values, given by dotted name."""
     here: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
@@ -169,12 +159,6 @@ def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
     """Return a value after checking its type, range and choices.
 
     An int becomes a float where the parameter is a float, and the tuple `('',)` becomes `()`.
-
-    Args:
-        name: Name of the parameter, with which an error begins.
-        value: The value.
-        like: Another value of the parameter, which has the right type.
-        spec: Constraints of the parameter.
 
     Raises:
         ConfigError: The value has another type, is out of range, or is none of the choices.
@@ -199,7 +183,6 @@ def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
 
 
 def _range(spec: ParamSpec) -> str:
-    """Return the range of a number in words, for an error."""
     if spec.maximum is None:
         return f'at least {spec.minimum}'
     return (

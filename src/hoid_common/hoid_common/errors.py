@@ -21,7 +21,6 @@ class HoidError(Exception):
 
 
 def _printable(text: str) -> str:
-    """Return a text in which characters that are not printable are escaped."""
     return ''.join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 

@@ -41,10 +41,6 @@ class Backoff:
 
     A problem that was resolved and returns is reported as a new one, but not before the first
     interval has passed since its last report.
-
-    Args:
-        first_s: First interval between two reports.
-        longest_s: Longest interval between two reports.
     """
 
     def __init__(self, first_s: float, longest_s: float) -> None:

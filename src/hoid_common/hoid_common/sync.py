@@ -58,8 +58,6 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
         gap_ns: Stamp of the second stream's item that is nearest to an item of the first stream,
             minus the stamp of that item. For several items it is the median of the differences.
         slop_ns: Largest difference of stamps within a match.
-        first: Name of the first stream.
-        second: Name of the second stream.
     """
     if abs(gap_ns) > _LONGEST_OFFSET_NS:
         return (
@@ -150,14 +148,11 @@ class StampMatcher:
     and on the order of arrival.
 
     Args:
-        names: Names of the streams. The first one is the reference.
-        slop_ns: Largest difference of stamps within a match.
         capacity: Number of items that wait per stream. When it is exceeded, the oldest one is
             dropped and counted.
         optional: Streams that may be missing from a match. The match waits for an item within
             `slop_ns` until a later item of the stream has arrived, or the reference has advanced
             by more than `patience_ns`. The stream's value in the match is then None.
-        patience_ns: Longest wait for an optional stream, by stamps of the reference.
     """
 
     def __init__(
@@ -219,11 +214,6 @@ class StampMatcher:
         If the item is older than the newest item of its stream by 1 s or more, all streams are
         reset, and the item becomes the first one. If it is older by less, or has the same stamp,
         it is dropped and counted as late.
-
-        Args:
-            name: Name of the stream.
-            stamp_ns: Stamp of the item.
-            value: Value of the item, which the match will contain.
         """
         newest_ns = self._newest_ns.get(name)
         if newest_ns is not None and stamp_ns <= newest_ns:
@@ -288,9 +278,6 @@ class StampMatcher:
 
         The nearest one is that of the waiting items and the newest item. Nothing is stored if the
         second stream has had no item.
-
-        Args:
-            stamp_ns: Stamp of a reference item that has no match.
         """
         other = self._names[1]
         if other in self._newest_ns:

@@ -105,7 +105,6 @@ def image_base(topic: str) -> str:
 
 
 def camera_info_beside(image_topic: str) -> str:
-    """Return the name that image_transport gives to the camera_info of an image topic."""
     return f'{image_base(image_topic).rpartition("/")[0]}/camera_info'
 
 

@@ -64,8 +64,6 @@ class CameraModel:
     """Intrinsics of a pinhole camera with plumb-bob, rational or equidistant lens distortion.
 
     Args:
-        width_px: Image width.
-        height_px: Image height.
         fx_px: Horizontal focal length, in widths of a pixel.
         fy_px: Vertical focal length, in heights of a pixel.
         cx_px: Horizontal position of the principal point, from the center of the leftmost column.
@@ -123,7 +121,6 @@ class CameraModel:
 
     @property
     def distortion_model(self) -> str:
-        """Return the name that sensor_msgs/CameraInfo has for the distortion model."""
         return EQUIDISTANT if self.is_fisheye else DISTORTION_MODELS[len(self.distortion) > 5]
 
     def scaled_to(self, size_px: tuple[int, int]) -> CameraModel | None:
@@ -359,7 +356,6 @@ class DynamicObject:
 
     @property
     def is_dynamic(self) -> bool:
-        """Return whether the filter classifies the object as dynamic."""
         return self.reason is not Reason.STATIC
 
 

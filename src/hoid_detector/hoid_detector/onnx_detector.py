@@ -231,7 +231,6 @@ class OnnxDetector:
 def _layout_and_class_names(
     network: Network, config: DetectorConfig
 ) -> tuple[Layout, tuple[str, ...]]:
-    """Run the network once on noise, and return its layout and class names."""
     names = known_names(config.class_names_file, network.metadata)
     size_wh = _input_size(network, (640, 480), config)
     noise = np.random.default_rng(0).integers(0, 256, (size_wh[1], size_wh[0], 3), np.uint8)

@@ -75,7 +75,7 @@ class PlusConfig(Config):
     """Parameters of the strategy `hoid+` that extend the HOID paper's rules."""
 
     bridge_misses: bool = param(
-        default=True,  # ablation of masks: without it 15 times as many moving corners are kept
+        default=True,  # docs/results/ablation.md, masks
         description='Whether hoid+ predicts the boxes of people and handled objects that the '
         'detector misses, for at most plus.coast_s. Set it to false for a detector that misses '
         'nobody.',
@@ -93,7 +93,7 @@ class PlusConfig(Config):
         read_only=False,
     )
     doubt_large_people: bool = param(
-        default=True,  # ablation, false_every=10: ATE 0.0068 m with it, 0.0154 m without
+        default=True,  # docs/results/ablation.md, false_every
         description='Whether hoid+ ignores a person with a score below 0.5 whose box covers more '
         'than 0.4 of the image, until the person was detected four times in a row, or once with '
         'a higher score or a smaller box. Set it to false when a person close to the camera is '
@@ -109,7 +109,7 @@ class PlusConfig(Config):
         read_only=False,
     )
     remember: bool = param(
-        default=True,  # ablation of masks: without it 2 to 10 times as many moving corners
+        default=True,  # docs/results/ablation.md, masks
         description='Whether hoid+ keeps an object dynamic until it has been seen for a second '
         'with nobody handling it, and regards a handled object as still handled while a person at '
         'its depth (see depth_limit_m) covers more of its box than half of min_interaction_area. '
@@ -117,7 +117,7 @@ class PlusConfig(Config):
         read_only=False,
     )
     keep_background: bool = param(
-        default=True,  # ablation, carry-screen: ATE 0.0034 m with it, 0.0215 m without
+        default=True,  # docs/results/ablation.md, carry-screen
         description='Whether hoid+ masks only those pixels of a dynamic box whose depth is near '
         'that of the person or object. Set it to false to mask the whole box, as the HOID paper '
         'does, for a camera with poor depth.',
@@ -125,7 +125,7 @@ class PlusConfig(Config):
     )
 
     # Chosen: a person is suspected to be a false detection at a score below `doubt_score` when its
-    # box covers a larger share of the image than `doubt_area`, or when the camera turns faster
+    # box covers a larger ratio of the image than `doubt_area`, or when the camera turns faster
     # than `doubt_turn_radps`: 0.5 rad/s blur a VGA image by 8 px in 30 ms, the exposure time in a
     # dim room (decision 050). The suspicion ends after `doubt_detections` detections in a row, or
     # one that is not suspected.
@@ -134,7 +134,7 @@ class PlusConfig(Config):
     doubt_turn_radps: ClassVar[float] = 0.5
     doubt_detections: ClassVar[int] = 4
     # Chosen: with `remember`, a handled object stays handled while a person at its depth covers
-    # more of its box than `min_interaction_area` times this share.
+    # more of its box than `min_interaction_area` times this ratio.
     release_share: ClassVar[float] = 0.5
     # Chosen: greatest depth difference between a person's torso and another pixel of the person,
     # and between the middle of an object and another pixel of the object.
@@ -152,21 +152,21 @@ class MotionConfig(Config):
     """Motion segmentation from depth and tracked points; used by `motion` and `hoid+`."""
 
     enabled: bool = param(
-        default=True,  # ablation: crowd 0.0019 m with it, 0.0022 m without
+        default=True,  # docs/results/ablation.md, crowd
         description='Whether hoid+ also masks moving regions that the detector does not find. Set '
         'it to false to save processor time where only known classes move. It has no effect on '
         'the strategy motion, which always masks them.',
         read_only=False,
     )
     in_front: bool = param(
-        default=True,  # ablation, slow-6: ATE 0.0034 m with it, 0.0075 m without
+        default=True,  # docs/results/ablation.md, slow-6
         description='Whether a surface that appears in front of the depth of earlier images is '
         'evidence of a moving object, for the strategies hoid+ (with motion.enabled) and motion. '
         'Set it to false when poor depth makes static surface look as if it moved.',
         read_only=False,
     )
     off_course: bool = param(
-        default=True,  # ablation, carry-screen: ATE 0.0026 m with it, 0.6272 m without
+        default=True,  # docs/results/ablation.md, carry-screen
         description='Whether points whose image motion contradicts the camera motion are evidence '
         'of a moving object, for the strategies hoid+ (with motion.enabled) and motion. Set it to '
         'false when repetitive texture makes static surface look as if it moved.',
@@ -174,7 +174,7 @@ class MotionConfig(Config):
     )
 
     depth_decides: bool = param(
-        default=True,  # hand_held.md: before a screen 0.0075 m with it, 0.4550 m without
+        default=True,  # docs/results/hand_held.md
         description='Whether earlier depth decides between two camera motions that both explain '
         'much of the image, as where a large screen shows a moving picture, for the strategies '
         'hoid+ (with motion.enabled) and motion. Set it to false when poor depth leads to a wrong '

@@ -40,10 +40,10 @@ _BAR_BGR: Bgr = (50, 50, 50)
 
 
 def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
-    """Return a copy of the image (H, W, 3) on which features and the boxes of objects are drawn.
+    """Return a copy of the image (H, W, 3) with features and the boxes of objects.
 
-    Kept features are green, removed features red. The color of a box shows why the object is
-    static or dynamic (`REASON_BGR`); `label` makes the text at its upper edge.
+    Kept features are green, removed ones red. The color of a box shows why the object is static
+    or dynamic (`REASON_BGR`).
     """
     picture = image_bgr.copy()
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
@@ -56,13 +56,12 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
 
 
 def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
-    """Draw a small circle onto the picture (H, W, 3) at each of the (N, 2) positions."""
     for center in np.rint(uv_px).astype(int).tolist():
         cv2.circle(picture, center, _RADIUS_PX, color, 1, cv2.LINE_AA)
 
 
 def draw_legend(picture: ByteArray) -> ByteArray:
-    """Return the picture (H, W, 3) with rows of 26 px below it that explain the colors."""
+    """Return the picture with rows of 26 px below it that explain the colors."""
     width_px = picture.shape[1]
     bars = [np.full((_BAR_PX, width_px, 3), _BAR_BGR, np.uint8)]
     x = _LEGEND_GAP_PX
@@ -98,11 +97,7 @@ def _draw_label(picture: ByteArray, item: DynamicObject) -> None:
 
 
 def label(item: DynamicObject) -> str:
-    """Return the text of an object's label: its class and score.
-
-    If a person's box overlaps the object's box, the share of the object's box that is covered
-    follows, and then the depth difference to the person if it is known.
-    """
+    """Return the text of a label: class, score, and overlap and depth gap to a person."""
     text = f'{item.class_name} {item.score:.2f}'
     if item.overlap_ratio > 0:
         text += f' {item.overlap_ratio:.0%}'
@@ -112,7 +107,7 @@ def label(item: DynamicObject) -> str:
 
 
 def draw_title(picture: ByteArray, text: str) -> ByteArray:
-    """Return the picture (H, W, 3) with a bar of 26 px above it that shows the text."""
+    """Return the picture with a bar of 26 px above it that shows the text."""
     bar = np.full((_BAR_PX, picture.shape[1], 3), _BAR_BGR, np.uint8)
     cv2.putText(bar, text, (8, _BAR_PX - 8), _FONT, 0.6, _TEXT_BGR, 1, cv2.LINE_AA)
     return np.vstack([bar, picture])

@@ -56,10 +56,8 @@ class FeatureFilter:
     stages one by one: `detect_corners`, then `select_and_describe` with the moving regions of an
     earlier image, then `detect_motion`, then `reevaluate` for the final verdict on the features.
 
-    Args:
-        config: Parameters of the filter.
-        camera: Camera model, which may also be set later. While it is None, or not of the size of
-            the images, motion is not segmented, and 3-D positions of objects are NaN.
+    The camera model may also be set later. While it is None, or not of the size of the images,
+    motion is not segmented, and 3-D positions of objects are NaN.
 
     Raises:
         ConfigError: The strategy cannot be loaded.
@@ -73,18 +71,15 @@ class FeatureFilter:
         self.counters: Counter[str] = Counter()
 
     def reconfigure(self, config: FilterConfig) -> None:
-        """Apply parameters that changed at run time, and forget all earlier images.
+        """Apply parameters that changed at run time, but those of the extraction.
 
-        The parameters of the extraction stay those of the constructor.
+        Forget earlier images.
         """
         self._config = config
         self.reset()
 
     def reset(self) -> None:
-        """Forget all earlier images, tracked objects and moving regions.
-
-        Call this when the stamps go back.
-        """
+        """Forget all earlier images, tracked objects and moving regions."""
         self._strategy = make_strategy(self._config)
         self._motion = (
             MotionDetector(self._config.motion) if self._strategy.senses_motion else None
@@ -95,16 +90,12 @@ class FeatureFilter:
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
     ) -> FilterResult:
-        """Filter the next image: return its features on static surface and all its objects.
+        """Return the features of the next image on static surface and all its objects.
 
-        Images must come in order of time, because tracked objects and motion evidence are updated.
-
-        Args:
-            frame: The next image; color and depth must have the same size.
-            detections: Boxes of this image, or of an older one, from which boxes in this image
-                are predicted. None when the detector has sent no new message; empty detections
-                mean that it found nothing.
-            for_picture: Whether to return the positions of removed features for a debug image.
+        Images must come in order of time, because tracked objects and motion evidence are
+        updated. `detections` are of this image, or of an older one, from which boxes in this
+        image are predicted. None: the detector has sent no new message; empty detections: it
+        found nothing. `for_picture` asks for the positions of removed features.
 
         Raises:
             MessageError: Color and depth differ in size.
@@ -118,10 +109,9 @@ class FeatureFilter:
         return result
 
     def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
-        """Return the FAST corners of an image on all pyramid levels.
+        """Return the FAST corners of all pyramid levels.
 
-        Raises:
-            MessageError: Color and depth differ in size.
+        MessageError if color and depth differ in size.
         """
         check_sizes(frame)
         start = time.thread_time()
@@ -132,9 +122,9 @@ class FeatureFilter:
     def detect_motion(self, detected: DetectedCorners) -> None:
         """Segment motion in the next image and store its moving regions.
 
-        Nothing is segmented in three cases: no camera model has the size of the image (such images
-        are counted, whether or not the strategy uses motion), the strategy does not use motion, or
-        the color image is a copy of an earlier one (copies are counted).
+        Nothing is segmented if no camera model has the size of the image, if the strategy does
+        not use motion, or if the color image is a copy of an earlier one. Such images are
+        counted.
         """
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
@@ -158,8 +148,7 @@ class FeatureFilter:
 
         Some drivers repeat color images. The depth image then shows a later moment than the color
         image, so that static surface would seem to move. An image is compared with the last image
-        that was no copy, if that is at most 250 ms older. Copies are counted; an image that is no
-        copy is stored for later comparisons.
+        that was no copy, if that is at most 250 ms older.
         """
         original = self._original
         if (
@@ -175,14 +164,10 @@ class FeatureFilter:
 
     @property
     def needs_detections(self) -> bool:
-        """Return whether the strategy uses the boxes of an object detector."""
         return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        """Return whether motion was segmented in an image, or the strategy does not use motion.
-
-        Only the last 60 images in which motion was segmented are known.
-        """
+        """Return whether motion was segmented in an image of the last 60, or is not used."""
         return self._motion is None or self._motion.has_result(stamp_ns)
 
     def select_and_describe(
@@ -192,17 +177,10 @@ class FeatureFilter:
         *,
         for_picture: bool = False,
     ) -> FilterResult:
-        """Return the features on static surface and all objects, as `process` does.
+        """Return the features on static surface and all objects; arguments as in `process`.
 
-        The strategy updates its tracked objects with the detections. Of the moving regions, those
-        of the newest image in which motion was segmented are used: of this image if
-        `detect_motion` has segmented it before, else of an earlier one. The mask of the detected
-        dynamic objects is stored for the next call of `detect_motion`.
-
-        Args:
-            detected: The image and its corners, from `detect_corners`.
-            detections: As in `process`.
-            for_picture: As in `process`.
+        Of the moving regions, those of the newest image in which motion was segmented are used.
+        The mask of the detected dynamic objects is stored for the next call of `detect_motion`.
         """
         frame, corners, corners_s = detected
         start_s = time.thread_time()
@@ -236,8 +214,6 @@ class FeatureFilter:
     ) -> FinalVerdict:
         """Classify an image again with what is known by now, and return its final verdict.
 
-        Tracked objects are updated with the detections.
-
         Args:
             features: Features that `select_and_describe` returned for the image, which must be
                 at most a second old.
@@ -267,7 +243,6 @@ class FeatureFilter:
         depth_m: Float32Array,
         corner_pixels: IntArray,
     ) -> Verdict:
-        """Drop or clip invalid boxes, count them, and return the strategy's verdict."""
         height, width = depth_m.shape
         if detections is not None:
             valid = sanitize(detections, width, height, self._config.max_detections)
@@ -279,11 +254,7 @@ class FeatureFilter:
         return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return the (N, 2) positions of features that only the filter removes.
-
-        Without the filter, these features on dynamic objects would be chosen. The array is empty
-        if `wanted` is False.
-        """
+        """Return the (N, 2) positions of features that would be chosen without the filter."""
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)
@@ -293,10 +264,7 @@ class FeatureFilter:
     def _objects(
         self, found: ObjectVerdicts, size_px: tuple[int, int]
     ) -> tuple[DynamicObject, ...]:
-        """Return the objects of an image with their 3-D centers and sizes.
-
-        Centers and sizes are NaN where the depth, or the camera of the image, is unknown.
-        """
+        """Return the objects with 3-D centers and sizes, NaN where depth or camera are unknown."""
         boxes = found.boxes_xyxy_px.astype(np.float64)
         centers = np.full((len(boxes), 3), np.nan)
         sizes = np.full((len(boxes), 2), np.nan)
@@ -331,7 +299,6 @@ def _are_equal(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def check_sizes(frame: RgbdFrame) -> None:
-    """Raise MessageError when color and depth differ in size."""
     if frame.image_bgr.shape[:2] != frame.depth_m.shape:
         raise MessageError(
             f'depth image is {frame.depth_m.shape[1]}x{frame.depth_m.shape[0]} but color is '

@@ -67,7 +67,8 @@ class LiveFilter:
     1. *Held*: the image waits for the first message of the detector, for at most `wait_s`. Before
        this message there is no box from which people could be predicted, and a map must not start
        with people in it. Held images cost no processor time, which leaves it to the detector.
-    2. *Published*: the features are published, classified by the boxes and moving regions that are
+    2. *Published*: the features are published, classified by the boxes and moving regions that
+    are
        known so far. The verdict is provisional if better detections or moving regions of the image
        may still become known.
     3. *Motion segmented*: moving regions are found as soon as no message waits (`on_idle`) or
@@ -78,13 +79,10 @@ class LiveFilter:
     5. *Final*: the final verdict on the published features is published, if the verdict was
        provisional (decision 031).
 
-    Images are dropped when the stamps go back, and by `on_loss` "stop" while the detector is lost.
+    Images are dropped when the stamps go back, and by `on_loss` "stop" while the detector is
+    lost.
 
     Args:
-        config: How images and detections are combined.
-        feature_filter: Filters the images.
-        outputs: Publishes the results.
-        diagnostics: Counts images and reports a lost detector.
         request_idle: Function that schedules a call of `on_idle` after all messages that have
             arrived by then.
         clock: A steady clock, in seconds.
@@ -107,7 +105,6 @@ class LiveFilter:
         self._clear()
 
     def _clear(self) -> None:
-        """Drop all images and detections, and reset what is known about the detector."""
         self._held: deque[_Held] = deque()
         self._newest: _Published | None = None
         self._awaiting: deque[_Awaiting] = deque()
@@ -120,17 +117,14 @@ class LiveFilter:
         self._newest_image_ns: int | None = None  # its stamp
 
     def forget(self) -> None:
-        """Drop all images, detections and tracked objects."""
         self._filter.reset()
         self._clear()
 
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
         """Publish an image now, or hold it until the detector has sent its first message.
 
-        An image waits for this message for at most `wait_s`, and only if the strategy uses
-        detections. If images are held, this image is held behind them: each call publishes at most
-        one image, the oldest. All earlier images and objects are forgotten when the stamps go back
-        by a second or more.
+        Each call publishes at most one image, the oldest. All earlier images and objects are
+        forgotten when the stamps go back by a second or more.
         """
         newest_ns = self._newest_image_ns
         if newest_ns is not None and newest_ns - frame.stamp_ns >= RESTART_NS:
@@ -146,8 +140,8 @@ class LiveFilter:
         """Publish the final verdict on all awaiting images up to the stamp of these detections.
 
         Motion is segmented in the newest image first. Detections that no awaiting image used, or
-        that are newer than the newest image, are stored for later images. At last, the oldest held
-        image is published.
+        that are newer than the newest image, are stored for later images. At last, the oldest
+        held image is published.
 
         Raises:
             MessageError: The stamp is later than that of any image that can exist by now.
@@ -169,10 +163,9 @@ class LiveFilter:
         self._publish_held()
 
     def poll(self) -> None:
-        """Publish the final verdict on images that have waited too long for their detections.
+        """Publish the final verdict on images that waited too long.
 
-        Call this several times within `wait_s`. It also publishes the oldest held image when its
-        wait is over.
+        To be called several times in `wait_s`.
         """
         overdue = []
         while self._awaiting and self._is_overdue(self._awaiting[0]):
@@ -184,8 +177,8 @@ class LiveFilter:
     def on_idle(self) -> None:
         """Segment motion in the newest image, since no message waits.
 
-        The first call after an image was published only requests a second call: the next image may
-        have arrived meanwhile, and publishing its features has priority.
+        The first call after an image was published only requests a second call: the next image
+        may have arrived meanwhile, and publishing its features has priority.
         """
         if self._has_published:
             self._has_published = False
@@ -194,10 +187,7 @@ class LiveFilter:
             self.segment_motion()
 
     def segment_motion(self) -> None:
-        """Segment motion in the newest published image, and move it to its next state.
-
-        Nothing is done when motion has been segmented in that image already.
-        """
+        """Segment motion in the newest published image, and move it to its next state."""
         if self._newest is not None:
             image, self._newest = self._newest, None
             self._num_without_motion = 0
@@ -205,9 +195,9 @@ class LiveFilter:
             self._follow_up(image)
 
     def _restart(self, stamp_ns: int) -> None:
-        """Forget images, objects and detections after the stamps went back to `stamp_ns`.
+        """Forget images, objects and detections.
 
-        Detections up to this stamp belong to the new stream and are kept.
+        Those up to `stamp_ns` belong to the new stream.
         """
         self._awaiting.clear()
         self._held.clear()
@@ -235,28 +225,23 @@ class LiveFilter:
             self._publish(header, frame, detections, has_final_detections=is_final)
 
     def _must_wait(self, held: _Held) -> bool:
-        """Return whether an image must still wait for the first message of the detector."""
         is_first = not self._has_detector_answered and not self._is_detector_lost
         return is_first and self._clock() - held.since_s < self.config.wait_s
 
     def _note_image(self, stamp_ns: int) -> None:
-        """Store the stamp of the newest image, and the present time as the time of its arrival.
+        """Store the stamp and arrival of the newest image.
 
-        If it is the first image since the last detections, the silence of the detector begins now.
+        The silence of the detector may begin now.
         """
         self._newest_image_s, self._newest_image_ns = self._clock(), stamp_ns
         if self._unanswered_since_s is None:
             self._unanswered_since_s = self._newest_image_s
 
     def _take_detections(self, stamp_ns: int) -> tuple[Detections | None, bool]:
-        """Remove the unused detections up to an image's stamp, and return the newest of them.
+        """Remove the unused detections up to a stamp; return the newest, and whether it is final.
 
-        An image that will never have detections of its own is counted.
-
-        Returns:
-            The newest removed detections, or None, and whether they are final. They are final when
-            detections of this or a later image have arrived (a detector may skip images), or when
-            the detector is lost.
+        They are final when detections of this or a later image have arrived (a detector may skip
+        images), or when the detector is lost.
         """
         is_answered = any(found.stamp_ns >= stamp_ns for found in self._unused_detections)
         past = self._unused_until(stamp_ns)
@@ -271,7 +256,6 @@ class LiveFilter:
         return newest, is_final
 
     def _unused_until(self, stamp_ns: int) -> list[Detections]:
-        """Return the unused detections up to a stamp, and leave them in the queue."""
         return [found for found in self._unused_detections if found.stamp_ns <= stamp_ns]
 
     def _publish(
@@ -282,7 +266,6 @@ class LiveFilter:
         *,
         has_final_detections: bool,
     ) -> None:
-        """Filter and publish an image, after `_overtake` has moved the previous image on."""
         self._has_published = True
         self._request_idle()
         self._overtake(frame.stamp_ns)
@@ -299,9 +282,8 @@ class LiveFilter:
     def _overtake(self, stamp_ns: int) -> None:
         """Move the newest published image to its next state, before another image replaces it.
 
-        Motion is segmented in it only if it was not segmented in the three images before. If its
-        stamp is later than `stamp_ns`, the stamp of the other image, it is dropped without a final
-        verdict.
+        Motion is segmented in it only if it was not in the three images before. If its stamp is
+        later than that of the other image, it is dropped without a final verdict.
         """
         if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
             self._newest = None  # the stamps went back
@@ -314,11 +296,7 @@ class LiveFilter:
             self._diagnostics.count('images without motion segmentation')
 
     def _follow_up(self, image: _Published) -> None:
-        """Publish the masks of an image and, if its verdict was provisional, the final verdict.
-
-        The masks are published only if anybody subscribes to them. If the detections of the image
-        are not final, it awaits them, and its final verdict is published later.
-        """
+        """Publish the masks, if anybody subscribes, and a verdict on final detections."""
         depth_m = image.corners.frame.depth_m
         if self._outputs.wants_masks:
             verdict = self._filter.reevaluate(image.features, depth_m, None)
@@ -334,7 +312,6 @@ class LiveFilter:
             self._diagnostics.set_count(name, number)
 
     def _finish(self, images: Iterable[_Awaiting], detections: Detections | None) -> None:
-        """Classify images again with these detections, and publish their final verdicts."""
         for image in images:
             verdict = self._filter.reevaluate(image.features, image.depth_m, detections)
             height, width = image.depth_m.shape
@@ -342,10 +319,7 @@ class LiveFilter:
         self._diagnostics.set_count('images without detections', self._num_without_detections)
 
     def _is_overdue(self, image: _Awaiting) -> bool:
-        """Return whether an image must no longer wait for its detections.
-
-        This is the case after `wait_s`, if the detector is lost, or if more than 30 images wait.
-        """
+        """Return whether `wait_s` is over, the detector is lost, or more than 30 images wait."""
         return (
             self._clock() - image.since_s >= self.config.wait_s
             or self._is_detector_lost

@@ -23,25 +23,20 @@ class LiveOutputs(Protocol):
     def publish(
         self, frame: RgbdFrame, result: FilterResult, header: Any, *, provisional: bool
     ) -> None:
-        """Publish the features and objects, and the debug image if anybody subscribes to it.
+        """Publish features and objects, and the debug image if anybody subscribes to it.
 
-        `provisional` says that the verdict may still change: `publish_final` follows, unless the
-        image is dropped before.
+        If `provisional`, `publish_final` follows, unless the image is dropped before.
         """
 
     def publish_final(self, final: FinalVerdict, header: Any, size_px: tuple[int, int]) -> None:
-        """Publish the final verdict on an image that was published provisionally.
-
-        `size_px` is the width and height of the image.
-        """
+        """Publish the final verdict on an image that was published provisionally."""
 
     def publish_masks(
         self, final: FinalVerdict, depth_m: Float32Array, header: Any, camera: CameraModel | None
     ) -> None:
         """Publish the masked images and the point clouds that have subscribers.
 
-        `depth_m` is the (H, W) depth of the image. Without `camera`, or if its size is not that of
-        the image, no point clouds are published.
+        Without `camera`, or if its size is not that of the image, no point clouds are published.
         """
 
 

@@ -12,14 +12,7 @@ _POINT_STRIDE_PX = 8  # 1.5 cm at 1 m in a VGA image, finer than the 5 cm cells 
 
 
 def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
-    """Return the (H, W) mask of the dynamic pixels of an image.
-
-    If the strategy has returned no mask of pixels, the boxes of the dynamic objects are masked.
-
-    Args:
-        verdict: Verdict of a strategy on the image.
-        size_px: Width and height of the image.
-    """
+    """Return the (H, W) mask of dynamic pixels, or else of the boxes of dynamic objects."""
     if verdict.dynamic_mask is not None:
         low = verdict.dynamic_mask.astype(np.uint8)
         return cv2.resize(low, size_px, interpolation=cv2.INTER_NEAREST) > 0
@@ -33,14 +26,9 @@ def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
 
 
 def points_m(depth_m: Float32Array, mask: BoolArray, camera: CameraModel) -> Float32Array:
-    """Return the (N, 3) points, in the optical frame, of the pixels in a mask that have depth.
+    """Return the (N, 3) points, in the optical frame, of masked pixels (H, W) that have depth.
 
     Only every eighth pixel of every eighth row is used.
-
-    Args:
-        depth_m: (H, W); 0 or NaN = no reading.
-        mask: (H, W) flags of the wanted pixels.
-        camera: Camera model of an image of size (H, W).
     """
     step = _POINT_STRIDE_PX
     wanted = mask[::step, ::step] & (depth_m[::step, ::step] > 0)

@@ -54,14 +54,9 @@ class FilterNode(ManagedNode):
         self.begin(autostart=config.autostart)
 
     def clean_up(self) -> None:
-        """Forget tracked objects and all images that wait for a verdict."""
         self._live.forget()
 
     def _subscribe(self, config: FilterNodeConfig) -> None:
-        """Subscribe to images and camera_info, and to detections if the strategy uses them.
-
-        In the latter case, a timer polls the live filter.
-        """
         inputs = Inputs(self, config.input, self.diagnostics)
         matcher = StampMatcher(('color', 'depth'), int(config.sync_slop_s * 1e9))
         images = Synchronizer(matcher, self._on_images, self.diagnostics)
@@ -88,7 +83,6 @@ class FilterNode(ManagedNode):
                 )
 
     def _on_images(self, match: Match) -> None:
-        """Filter a color image and the depth image that was matched with it."""
         (header, image_bgr), (depth_header, depth_m) = match.values
         size_px = image_bgr.shape[1], image_bgr.shape[0]
         if size_px != self._size_px:
@@ -143,5 +137,4 @@ class FilterNode(ManagedNode):
 
 
 def main() -> int:
-    """Run the node until it is shut down, and return the exit status of the process."""
     return run_node(FilterNode)

@@ -27,7 +27,7 @@ class FilterInput(NamedTuple):
     # Detected boxes of this image, of an older one or, when the image is classified again, of a
     # later one, clipped to the image. None: no new ones have come since the last call.
     detections: Detections | None
-    depth_m: Float32Array  # (H, W); 0 = no reading
+    depth_m: Float32Array  # (H, W); 0 = no depth
     # (K,) FAST corners or, when the image is classified again, published features, as indices into
     # the flattened image.
     corner_pixels: IntArray
@@ -43,7 +43,7 @@ class ObjectVerdicts(NamedTuple):
     scores: Float32Array  # (N,) confidences of the detections, in [0, 1]
     reasons: tuple[Reason, ...]  # N reasons why an object is static or dynamic
     track_ids: IntArray  # (N,); -1 = not tracked
-    overlap_ratios: FloatArray  # (N,) in [0, 1]: share of the object that a person's box covers
+    overlap_ratios: FloatArray  # (N,) in [0, 1]: ratio of the object that a person's box covers
     depths_m: FloatArray  # (N,); NaN = unknown
     depth_gaps_m: FloatArray  # (N,) depth difference to that person; NaN = unknown
     velocities_mps: FloatArray  # (N, 3) relative to the world, along camera axes; NaN = unknown
@@ -56,16 +56,9 @@ class ObjectVerdicts(NamedTuple):
         reasons: tuple[Reason, ...],
         **known: NDArray[Any],
     ) -> ObjectVerdicts:
-        """Return the verdicts on N objects; fields that are not given are marked as unknown.
+        """Return the verdicts on N objects; fields that are not in `known` are marked as unknown.
 
         The overlap ratios are 0 if they are not given.
-
-        Args:
-            boxes_xyxy_px: (N, 4) in the image.
-            class_names: N names of classes.
-            scores: (N,) confidences of the detections.
-            reasons: N reasons why an object is static or dynamic.
-            **known: Further fields of `ObjectVerdicts`, such as `depths_m`.
         """
         num = len(class_names)
         unknown: dict[str, NDArray[Any]] = {
@@ -78,12 +71,10 @@ class ObjectVerdicts(NamedTuple):
         return ObjectVerdicts(boxes_xyxy_px, class_names, scores, reasons, **(unknown | known))
 
     def joined(self, other: ObjectVerdicts) -> ObjectVerdicts:
-        """Return these objects, followed by other objects in the same image."""
         return ObjectVerdicts._make(map(_concatenated, self, other))
 
 
 def _concatenated(first: Any, second: Any) -> Any:
-    """Return two tuples or two arrays as one, concatenated along the first axis."""
     return first + second if isinstance(first, tuple) else np.concatenate([first, second])
 
 
@@ -127,19 +118,10 @@ class FilterStrategy(Protocol):
 
 
 def make_strategy(config: FilterConfig) -> FilterStrategy:
-    """Return a new object of the strategy that the parameter `strategy` names.
-
-    Raises:
-        ConfigError: The strategy cannot be loaded (see `load_strategy`).
-    """
+    """Return a new object of the strategy in `config`; ConfigError if it cannot be loaded."""
     strategy: FilterStrategy = load_strategy(config.strategy)(config)
     return strategy
 
 
 def needs_detections(config: FilterConfig) -> bool:
-    """Return whether the configured strategy uses the boxes of an object detector.
-
-    Raises:
-        ConfigError: The strategy cannot be loaded (see `load_strategy`).
-    """
     return bool(load_strategy(config.strategy).needs_detections)

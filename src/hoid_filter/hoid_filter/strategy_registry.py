@@ -25,10 +25,7 @@ _BUILT_IN = {
 
 
 def _find_strategies() -> dict[str, EntryPoint]:
-    """Return the entry points of all strategies by name, built-in strategies first.
-
-    A built-in strategy takes precedence over one of the same name in another package.
-    """
+    """Return the entry points of all strategies by name; built-in ones take precedence."""
     found = {
         name: EntryPoint(name, f'hoid_filter.strategies.{target}', ENTRY_POINT_GROUP)
         for name, target in _BUILT_IN.items()

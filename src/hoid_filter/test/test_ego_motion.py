@@ -55,7 +55,7 @@ def test_the_pose_that_explains_most_area_is_chosen(share: float) -> None:
     found = EgoMotion(CAMERA).estimate(two_motions(share), GUESSES)
     expected = T_SCREEN if share > 0.5 else T_ROOM
     np.testing.assert_allclose(found.T_camera_world, expected, atol=2e-3)
-    assert found.share == pytest.approx(max(share, 1 - share), abs=0.1)
+    assert found.ratio == pytest.approx(max(share, 1 - share), abs=0.1)
 
 
 @pytest.mark.parametrize('share', [0.3, 0.7])

@@ -28,9 +28,6 @@ class CameraInfoCheck:
 
     A calibration of another size than the images is scaled if one size is a whole multiple of the
     other, as drivers that reduce images publish it. One of the right size is preferred.
-
-    Args:
-        remedy: What to do when the calibration changes after the trial.
     """
 
     def __init__(self, remedy: str) -> None:
@@ -99,9 +96,6 @@ class CameraInfoCheck:
 
         Before the first calibration, the image is not counted, and its size is only stored. Also
         updates `problem`.
-
-        Args:
-            size_px: Width and height of the image.
 
         Returns:
             Whether the calibration in use has just been scaled to the size of the first image.

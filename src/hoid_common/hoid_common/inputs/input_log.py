@@ -33,7 +33,6 @@ class InputLog:
     missing, except for an occasional one.
 
     Args:
-        logger: Receives the lines.
         is_cause: Returns whether a topic is to be logged when its messages are missing or arrive.
             A node that only waits for another one leaves that to the other node.
         start_s: Steady time of the start. Missing inputs are not logged in the first five seconds.
@@ -54,8 +53,6 @@ class InputLog:
         """Log the problems that are due, and inputs that arrive; called once a second.
 
         Args:
-            now_s: Steady time.
-            watches: All inputs.
             missing: Text by topic of each missing input. Those for which `is_cause` returns True
                 are logged in one line.
             others: Text by kind of each other problem; each is logged in a line of its own.

@@ -35,7 +35,6 @@ class InputWatch:
     _losing_reliability: str = ''  # what the subscription requested at the last loss
 
     def record_message(self, now_s: float) -> None:
-        """Count a received message."""
         self.last_s = now_s
         self.num_received += 1
 
@@ -56,7 +55,6 @@ class InputWatch:
         """Return one line about the current series of losses: how many, and what to do.
 
         Args:
-            now_s: Steady time.
             profile: Path of the Fast DDS profile for images, which the text recommends to the
                 publisher; empty with another DDS.
         """

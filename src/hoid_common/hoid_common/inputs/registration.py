@@ -24,8 +24,6 @@ class Registration:
     """Maps depth images of one camera to the pixels of another, by the geometry of both.
 
     Args:
-        depth: Camera of the depth images.
-        color: Camera of the color images.
         T_color_depth: (4, 4) pose of the depth camera in the frame of the color camera.
     """
 
@@ -106,7 +104,6 @@ class DepthAligner:
             depth_m: (h, w) depth in m; 0 = no reading.
             depth_frame: Frame of the depth image; '' = unknown.
             color_frame: Frame of the color image; '' = unknown.
-            size_px: Width and height of the color image.
 
         Raises:
             MessageError: Depth has another size, and is not known to be registered.
@@ -157,8 +154,6 @@ def check_multiple(size_px: tuple[int, int], color_px: tuple[int, int], remedy: 
     """Raise MessageError unless color images are a whole number of times larger than depth.
 
     Args:
-        size_px: Width and height of a depth image.
-        color_px: Width and height of the color image.
         remedy: What to do otherwise, with which the error ends.
     """
     factor = color_px[0] // size_px[0]

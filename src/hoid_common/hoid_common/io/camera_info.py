@@ -39,7 +39,6 @@ def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
     are applied to both.
 
     Args:
-        info: The message.
         image_topic: Name of the topic of the images; see `is_rectified`.
 
     Raises:
@@ -77,7 +76,6 @@ def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
 
 
 def is_rectified(image_topic: str) -> bool:
-    """Return whether a topic has the name of rectified images, such as image_rect_color."""
     return _RECTIFIED.search(image_topic) is not None
 
 

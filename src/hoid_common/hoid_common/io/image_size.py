@@ -73,12 +73,7 @@ def is_safe_to_decode(data: bytes | memoryview) -> bool:
 
 
 def check_image_size(data: bytes | memoryview, what: str) -> None:
-    """Raise MessageError if data has no valid header of an image, or more than MAX_PIXELS.
-
-    Args:
-        data: The compressed image.
-        what: Name of the image, with which the error begins.
-    """
+    """Raise MessageError if data has no valid header of an image, or more than MAX_PIXELS."""
     size = image_size_px(data)
     if size is None:
         raise MessageError(f'{what} of {len(data)} bytes is not a readable JPEG, PNG or TIFF')

@@ -121,7 +121,6 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
     value is changed.
 
     Args:
-        image: The message.
         units_per_m: Depth units per meter in the message; 0: those of its encoding (1000 for whole
             numbers, 1 for floats).
 

@@ -68,11 +68,9 @@ class Record:
         )
 
     def arrays(self) -> dict[str, Array]:
-        """Return the arrays by field name."""
         return {name: getattr(self, name) for name in self.columns()}
 
     def lengths(self) -> dict[str, int]:
-        """Return the lengths of the named axes."""
         return {
             axis: length
             for name, column in self.columns().items()

@@ -43,7 +43,6 @@ class OrderedStamps(NamedTuple):
     num_late: int  # items that came after a newer one
 
     def __str__(self) -> str:
-        """Return what was wrong with the order as text, or '' if nothing was."""
         parts = (
             (self.num_repeated, 'repeated stamps left out'),
             (self.num_late, 'late stamps sorted in'),

@@ -100,7 +100,6 @@ def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> WrittenPoses:
 
 
 def _lines(trajectory: Trajectory) -> Iterator[tuple[int, str]]:
-    """Yield stamp and line of each pose."""
     quats_xyzw = se3.quat_xyzw_from_rotation(trajectory.T_world_camera[:, :3, :3])
     rows = np.hstack([trajectory.T_world_camera[:, :3, 3], quats_xyzw])
     for stamp_ns, row in zip(trajectory.stamps_ns.tolist(), rows.tolist(), strict=True):

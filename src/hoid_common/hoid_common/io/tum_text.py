@@ -80,8 +80,6 @@ def read_numbers(
     zeros while they do not see their target.
 
     Args:
-        path: The file.
-        columns: Number of numbers after the stamp.
         problem: Returns what is wrong with the (columns,) numbers of a row, or None.
         is_finite: False: rows with numbers that are not finite are kept.
 

@@ -77,7 +77,6 @@ def expand_home(text: str, what: str) -> Path:
     """Return the path of a text in which `~` or `~user` at the beginning is a home folder.
 
     Args:
-        text: The path as the user gave it.
         what: Name of the parameter or variable, with which the error begins.
 
     Raises:
@@ -96,7 +95,6 @@ def check_path_name(text: str, what: str) -> None:
     """Raise ConfigError for a path that is empty, too long or not UTF-8, or contains a NUL.
 
     Args:
-        text: The path as the user gave it.
         what: Name of the option, such as "--out", with which the error begins.
     """
     if not text:

@@ -50,7 +50,6 @@ def parse_yaml(text: str, source: str) -> Any:
     """Return the content of a YAML text, as `read_yaml` does.
 
     Args:
-        text: A single document.
         source: Name of the file or option, with which an error begins.
 
     Raises:
@@ -104,7 +103,6 @@ class _PlainLoader(yaml.SafeLoader):
         return cast('dict[Any, Any]', super().construct_mapping(node, deep=deep))
 
     def number(self, node: yaml.ScalarNode) -> int | float:
-        """Return the int or float of a scalar that has the form of a number."""
         text: str = node.value
         if len(text) > _MAX_DIGITS:
             raise _refusal(f'a number of {len(text)} characters', node.start_mark)
@@ -117,7 +115,6 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def _refusal(what: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
-    """Return the error for content that is not accepted, with its position in the text."""
     return yaml.MarkedYAMLError(problem=what, problem_mark=mark)
 
 
@@ -127,7 +124,6 @@ def _cut(text: str) -> str:
 
 
 def _line(error: yaml.YAMLError) -> str:
-    """Return the line number and the reason of an error, in one printable line."""
     mark = getattr(error, 'problem_mark', None)
     where = '' if mark is None else f'line {mark.line + 1}: '
     what = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'

@@ -48,10 +48,6 @@ class KeyframePoses(NamedTuple):
         Of the keyframes of the same map that remain, it is the one with the highest uid below that
         of the removed keyframe. If there is none, it is the one with the lowest uid.
 
-        Args:
-            removed_uid: Uid of the removed keyframe, which is in this snapshot.
-            after: The snapshot without the removed keyframe.
-
         Returns:
             The uid of the remaining keyframe, and the pose (4, 4) of the removed keyframe relative
             to it, by the poses of this snapshot; None if no keyframe of the map remains.

@@ -17,14 +17,7 @@ _MAX_FRAMES = 1000
 
 
 def check_frame_limit(what: str, name: str, number: int, limit: int) -> None:
-    """Raise MessageError if one more frame would exceed the greatest number of stored frames.
-
-    Args:
-        what: Kind of the frames, with which the error begins.
-        name: Name of the frame that would be added.
-        number: Number of frames that are stored already.
-        limit: Greatest number of frames.
-    """
+    """Raise MessageError if one more frame would exceed the greatest number of stored frames."""
     if number >= limit:
         raise MessageError(
             f'{what}: frame "{name}" exceeds the limit of {limit} frames; '

@@ -129,7 +129,6 @@ class ChildWorker(Generic[Message, Report]):
     The constructor starts the process. Only `receive`, `close` and `restart` wait for the child.
 
     Args:
-        name: Name of the process, which errors mention.
         target: Main function of the child. Its arguments are the connection to receive messages
             from, the connection to send reports to, and `args`. It must return when receiving
             raises EOFError, which happens when the parent closes the connection or is killed.
@@ -233,7 +232,6 @@ class ChildWorker(Generic[Message, Report]):
 
 
 def _send_all(to_send: SimpleQueue[Message | _Mark], pipe: Connection) -> None:
-    """Send queued messages up to the end mark, then close the pipe."""
     with pipe, suppress(OSError):  # the child has ended, which `receive` reports
         while not isinstance(message := to_send.get(), _Mark):
             pipe.send(message)

@@ -46,9 +46,6 @@ def start(module: str) -> NoReturn:
 
     If the node's package defines `CHILD_MODULES`, a fork server with these modules is started for
     the child processes of the node (see `preload`).
-
-    Args:
-        module: Dotted name of the module.
     """
     signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -132,7 +132,6 @@ def _close_all_but(kept: set[int]) -> None:
 
 
 def _relay(channels: list[_Channel], finish: int) -> None:
-    """Relay until all pipes have ended or `finish` is written to."""
     while open_pipes := [channel.reader for channel in channels if channel.is_open]:
         targets = [channel.stream for channel in channels if channel.waits]
         ready, writable, _ = select.select([finish, *open_pipes], targets, [])
@@ -164,7 +163,6 @@ class _Channel:
 
     Args:
         reader: Descriptor of the pipe to which the process writes.
-        stream: Descriptor of the stream.
     """
 
     def __init__(self, reader: int, stream: int) -> None:

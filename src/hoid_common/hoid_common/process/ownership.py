@@ -21,7 +21,6 @@ class Ownership:
 
     Args:
         path: The lock file. It is made if it is missing, and stays when the process ends.
-        name: Name of the owner, which another process is told.
 
     Raises:
         InputError: Another process owns the store; the text says which one, and where it runs.
@@ -35,7 +34,6 @@ class Ownership:
             self._lock(self._descriptor, path.parent, name)
 
     def close(self) -> None:
-        """Release the store."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None

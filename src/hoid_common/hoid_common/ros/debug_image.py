@@ -24,7 +24,6 @@ class DebugImages:
 
     @property
     def is_watched(self) -> bool:
-        """Return whether one of the topics has a subscriber."""
         publishers = (self._raw, self._compressed)
         return any(publisher.get_subscription_count() for publisher in publishers)
 
@@ -49,7 +48,6 @@ class MaskedImages:
 
     @property
     def is_watched(self) -> bool:
-        """Return whether one of the topics has a subscriber."""
         return any(p.get_subscription_count() for p in (self._mask, self._depth))
 
     def publish(self, mask: ByteArray, depth_m: Float32Array, header: Header) -> None:
@@ -58,7 +56,6 @@ class MaskedImages:
         Args:
             mask: (H, W) uint8, 255 = static, 0 = dynamic.
             depth_m: (H, W) float32 depth of static pixels; dynamic pixels must be 0.
-            header: Header of the color image.
         """
         if self._mask.get_subscription_count():
             self._mask.publish(conversions.mask_to_msg(mask, header))

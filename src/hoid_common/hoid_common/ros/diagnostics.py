@@ -82,9 +82,7 @@ class Diagnostics:
         `record_loss` for lost ones.
 
         Args:
-            topic: Full name of the topic.
             what: The messages in the plural, such as "depth images".
-            reliability: Reliability that the subscription requests.
             is_occasional: Whether it is normal that no message arrives for long. Messages are
                 then counted, but never reported as missing.
             is_latched: Whether it is normal that no message follows the first one.
@@ -103,7 +101,6 @@ class Diagnostics:
         self._counts[name] += number
 
     def set_count(self, name: str, number: int) -> None:
-        """Set a counter to a number that the caller has counted."""
         self._counts[name] = number
 
     def set_value(self, name: str, value: str) -> None:
@@ -118,7 +115,6 @@ class Diagnostics:
         line up to five minutes.
 
         Args:
-            name: Name of the problem.
             text: What happened and what to do.
             severe: Whether the level is ERROR instead of WARN.
         """
@@ -145,7 +141,6 @@ class Diagnostics:
 
         Args:
             error: Errors of one counter whose texts begin with the same word are of the same kind.
-            what: Name of the counter.
         """
         self.count(what)
         kind = f'{what}: {str(error).split(maxsplit=1)[0]}'
@@ -180,7 +175,6 @@ class Diagnostics:
         )
 
     def _missing_inputs(self) -> dict[str, str]:
-        """Return one line of text about each missing input, by topic."""
         now_s = time.monotonic()
         return {
             watch.topic: watch.missing_message(now_s, self._offered(watch.topic))
@@ -211,7 +205,6 @@ class Diagnostics:
         return ''
 
     def _offered(self, topic: str) -> list[str]:
-        """Return the reliability that each publisher of a topic offers."""
         infos = self._node.get_publishers_info_by_topic(topic)
         return [info.qos_profile.reliability.name.lower() for info in infos]
 

@@ -61,13 +61,9 @@ def listen_to_transforms(
     """Subscribe to /tf or /tf_static; malformed messages and edges are counted and logged.
 
     Args:
-        node: Node that subscribes.
-        topic: Name of the topic.
         profile: Quality of service of the subscription.
-        what: The transforms in the plural, such as "static transforms".
         take: Function that is called with each edge of the frame tree, whose frame names have no
             leading slashes. It may raise MessageError.
-        diagnostics: Diagnostics of the node.
     """
 
     def on_transforms(msg: TFMessage) -> None:
@@ -102,8 +98,6 @@ class LiveAlignment:
     """Brings the depth images of a node to the pixels of its color images.
 
     Args:
-        node: Node that receives the images.
-        inputs: Inputs of the node.
         diagnostics: Diagnostics of the node, which show whether depth may not be registered.
     """
 
@@ -123,9 +117,6 @@ class LiveAlignment:
 
         Args:
             depth_m: (h, w) depth in m; 0 = no reading.
-            depth: Header of the depth image.
-            color: Header of the color image.
-            size_px: Width and height of the color image.
 
         Raises:
             MessageError: Depth has another size, and is not known to be registered.
@@ -159,11 +150,6 @@ class FrameListener:
         """Return T_a_b (4, 4) between two frames at a time; None if it is unknown for that time.
 
         Transforms on /tf are interpolated, and extrapolated by up to 0.2 s (see `PoseBuffer.at`).
-
-        Args:
-            a: Name of the frame to which points are mapped.
-            b: Name of the frame in which points are given.
-            stamp_ns: The time.
 
         Raises:
             MessageError: There are more than 1000 frames.

@@ -43,8 +43,6 @@ class Inputs:
     is counted and logged, and the message is dropped.
 
     Args:
-        node: Node that subscribes.
-        config: QoS and transport of the subscriptions.
         diagnostics: Diagnostics of the node, which report missing, lost and bad messages.
     """
 
@@ -132,7 +130,6 @@ class Inputs:
         that is empty too, the function sets a problem in the diagnostics and raises MessageError.
 
         Args:
-            callback: Function that is called with each message and its new frame name.
             what: The messages in the plural, such as "color images".
         """
 
@@ -188,8 +185,6 @@ class Inputs:
         """Subscribe to a topic.
 
         Args:
-            type_: Type of the messages.
-            topic: Name of the topic.
             callback: Function that is called with each message. It may raise HoidError.
             what: The messages in the plural, such as "depth images".
             reliability: Reliability to request; by default that of the parameter `reliability`.
@@ -214,13 +209,9 @@ class _Input:
     has no publisher.
 
     Args:
-        node: Node that subscribes.
         watch: Counter of received and lost messages. Its `reliability` is at first the parameter,
             and then the reliability that the subscription requests.
         on_bytes: Function that is called with each serialized message.
-        type_: Type of the messages.
-        topic: Name of the topic.
-        depth: Length of the queue.
     """
 
     def __init__(
@@ -318,11 +309,7 @@ def checked_callback(
     A HoidError, also of a message that cannot be deserialized, is counted and logged.
 
     Args:
-        callback: Function that is called with each message. It may raise HoidError.
-        type_: Type of the messages.
-        topic: Full name of the topic.
         what: The messages in the plural, such as "depth images".
-        diagnostics: Diagnostics of the node.
     """
 
     def on_bytes(data: bytes) -> None:

@@ -26,7 +26,6 @@ _SLAM = 'rgbd_slam'  # the package of the node that stores its map
 
 
 def switch(name: str, description: str, *, default: bool = False) -> Argument:
-    """Return the declaration of a launch argument that is true or false."""
     return Argument(
         name, default_value=str(default).lower(), description=description, choices=list(_SWITCH)
     )
@@ -36,7 +35,6 @@ def common_arguments(package: str, params_file: str) -> list[Argument]:
     """Return the launch arguments that every launch file of the suite declares.
 
     Args:
-        package: Package of the default parameter file.
         params_file: Name of the default parameter file in the package's folder `config`.
     """
     params = PathJoinSubstitution([FindPackageShare(package), 'config', params_file])
@@ -70,12 +68,10 @@ def common_arguments(package: str, params_file: str) -> list[Argument]:
 
 
 def value(context: LaunchContext, name: str) -> str:
-    """Return the value of a launch argument as text."""
     return str(LaunchConfiguration(name).perform(context))
 
 
 def is_on(context: LaunchContext, name: str) -> bool:
-    """Return whether a boolean launch argument is true."""
     return value(context, name).lower() == 'true'
 
 
@@ -91,9 +87,7 @@ def suite_node(
     `respawn`. Before that, a running SLAM node gets FAILURE_SIGNAL, so that its map is kept.
 
     Args:
-        context: Context of the launch.
         package: Package of the node, whose executable is `<package>_node`.
-        parameters: String parameters by name, which override the parameter file.
         remappings: Remappings (from, to) of topics, besides those of `tf_remappings`.
     """
     respawn = is_on(context, 'respawn')
@@ -128,7 +122,6 @@ def tf_remappings(context: LaunchContext) -> list[tuple[str, str]]:
 
 
 def camera_arguments() -> list[Argument]:
-    """Return the launch arguments that name the topics of a camera."""
     return [
         Argument('image', default_value=topics.RGB_IMAGE, description='topic of color images'),
         Argument(
@@ -153,15 +146,6 @@ def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
 def one_node(
     package: str, parameters: Mapping[str, str], arguments: Sequence[Argument]
 ) -> LaunchDescription:
-    """Return the launch description of a single node with a camera.
-
-    Args:
-        package: Package of the node.
-        parameters: Map from the name of a parameter to the name of the launch argument that sets
-            it.
-        arguments: Declarations of these launch arguments.
-    """
-
     def node(context: LaunchContext) -> list[LifecycleNode]:
         values = {name: value(context, argument) for name, argument in parameters.items()}
         return [suite_node(context, package, values, camera_remappings(context))]

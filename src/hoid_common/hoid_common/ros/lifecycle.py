@@ -54,9 +54,6 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
 
         The constructor of a subclass calls this last.
 
-        Args:
-            autostart: Whether the node activates itself.
-
         Raises:
             HoidError: With autostart, `configure` has failed, and the node is destroyed. (Without
                 autostart, the lifecycle manager gets a failed transition instead.)

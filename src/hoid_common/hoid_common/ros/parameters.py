@@ -58,8 +58,6 @@ class Parameters(Generic[C]):
     logged.
 
     Args:
-        node: Node that gets the parameters.
-        defaults: The config whose fields become parameters.
         on_change: Function that is called with the new config after parameters that were set at
             run time have changed it.
         approve: Function that is called with the new config before parameters are set at run time.
@@ -98,7 +96,6 @@ class Parameters(Generic[C]):
 
     @property
     def config(self) -> C:
-        """Return the current config."""
         return self._config
 
     def _typed(self, parameters: list[Parameter]) -> list[Parameter]:
@@ -114,7 +111,6 @@ class Parameters(Generic[C]):
         return parameter
 
     def _updated(self, parameters: Iterable[Parameter]) -> C:
-        """Return the config with new values of parameters."""
         return self._config.updated(
             {p.name: _from_ros(p.value) for p in parameters if p.name in self._leaves}
         )
@@ -148,13 +144,7 @@ def _take_overrides(node: Node) -> dict[str, Any]:
 
 
 def _warn(node: Node, names: Iterable[str], leaves: Mapping[str, Param]) -> None:
-    """Log which given parameters have no effect, because they are not declared or do not exist.
-
-    Args:
-        node: Node that logs.
-        names: Names of the given parameters without effect.
-        leaves: All parameters of the node by name, expert parameters included.
-    """
+    """Log which given parameters have no effect, because they are not declared or do not exist."""
     hidden = sorted(name for name in names if name in leaves)
     if hidden:
         node.get_logger().warning(
@@ -174,7 +164,6 @@ def _to_ros(value: Any) -> Any:
 
 
 def _descriptor(leaf: Param) -> ParameterDescriptor:
-    """Return the ROS descriptor of a parameter: its description and constraints."""
     spec = leaf.spec
     descriptor = ParameterDescriptor(
         description=spec.description,

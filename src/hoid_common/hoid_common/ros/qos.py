@@ -37,7 +37,6 @@ def input_qos(reliability: str, depth: int) -> QoSProfile:
     Args:
         reliability: 'best_effort', which receives from every publisher, or 'reliable', which
             receives from reliable publishers only.
-        depth: Length of the queue.
     """
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,

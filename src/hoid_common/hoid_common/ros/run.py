@@ -43,7 +43,6 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     end (see `limit_exit_time`).
 
     Args:
-        make_node: Constructor of the node.
         args: Command-line arguments; by default those of the process.
     """
     _reduce_processor_load()

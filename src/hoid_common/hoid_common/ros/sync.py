@@ -30,7 +30,6 @@ class Synchronizer:
             "color" and "depth".
         callback: Function that is called with each match of `Stamped` values. A HoidError that it
             raises is counted and logged.
-        diagnostics: Diagnostics of the node.
     """
 
     def __init__(
@@ -44,7 +43,6 @@ class Synchronizer:
         """Return the subscription callback of a stream.
 
         Args:
-            name: Name of the stream.
             convert: Function that converts each message. It runs before matching, so that an error
                 is reported for this stream.
         """

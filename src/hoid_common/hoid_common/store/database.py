@@ -39,10 +39,6 @@ class Database:
 
     Every method raises MapFileError, with one line that names the file, if the database cannot be
     read or written or is damaged. Make one with `create`, `start`, `open` or `read`.
-
-    Args:
-        path: Its file.
-        connection: The connection.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -254,10 +250,6 @@ def kept(path: Path, name: Path) -> Path:
     """Rename a database that nobody uses, with the files of its journal; return its new path.
 
     Nothing is overwritten: if the name is taken, `-2`, `-3` ... is appended to it.
-
-    Args:
-        path: The database.
-        name: The path that it gets if no file has it.
 
     Raises:
         MapFileError: It cannot be renamed.

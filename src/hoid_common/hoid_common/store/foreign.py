@@ -56,7 +56,6 @@ def check_content(connection: sqlite3.Connection, tables: Sequence[Table]) -> fr
     """Check the schema of a database, then all of its pages; return the names of its tables.
 
     Args:
-        connection: The database.
         tables: The tables that will be used. The database need not have them all.
 
     Raises:

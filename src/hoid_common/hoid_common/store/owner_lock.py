@@ -21,7 +21,6 @@ class OwnerLock:
     a file system without locks, everybody owns the database.
 
     Args:
-        path: The file of the lock, which stays.
         owner: Who takes the lock, such as the full name of a node; the error names it to others.
 
     Raises:

@@ -1,7 +1,7 @@
 """Finished boxes: outputs after non-maximum suppression, or of networks that need none.
 
 Exporters write the same boxes with different columns and class ids. Both follow from the names of
-the outputs and the metadata where these state them. Otherwise, of the known readings (orders of
+the outputs and the metadata where these state them. Otherwise, of the known formats (orders of
 columns with conventions of class ids), the first is used that fits the outputs for all images so
 far. A warning names another one that fits but gives other boxes, and outputs that fit none are
 refused.
@@ -153,7 +153,7 @@ def columns(table: Float32Array, order: Order) -> Columns:
     return Columns(boxes, found['score'][:, 0], found['class'][:, 0], batch[:, 0])
 
 
-class Reading(NamedTuple):
+class TableFormat(NamedTuple):
     """An interpretation of the rows of a table: order of columns, and convention of class ids."""
 
     order: Order
@@ -176,13 +176,13 @@ class Reading(NamedTuple):
 
 @dataclass
 class FinishedDecoder:
-    """Decoder of finished boxes, which excludes readings that do not fit the outputs so far."""
+    """Decoder of finished boxes, which excludes formats that do not fit the outputs so far."""
 
     table_of: Callable[[Outputs], Float32Array]  # returns the (N, C) table of the outputs
-    readings: Sequence[Reading]  # that fit the outputs of all runs so far; the first is used
+    formats: Sequence[TableFormat]  # that fit the outputs of all runs so far; the first is used
     normalized: bool | None  # boxes are fractions of the input, else pixels; None: not known yet
     has_answered: bool = False  # whether the outputs for an image had a box above the threshold
-    reported: set[str] = field(default_factory=set)  # other readings that a warning has named
+    reported: set[str] = field(default_factory=set)  # other formats that a warning has named
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         """Return the candidates whose score is at least the threshold.
@@ -192,7 +192,7 @@ class FinishedDecoder:
         """
         table = self.rows(outputs)
         self.learn(table, score_threshold)
-        found = self.readings[0].candidates(table, score_threshold)
+        found = self.formats[0].candidates(table, score_threshold)
         self._report_doubt(table, found, score_threshold)
         return in_pixels(found, size_wh, normalized=bool(self.normalized))
 
@@ -204,12 +204,12 @@ class FinishedDecoder:
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude the readings that do not fit a table, and find the unit of boxes.
+        """Exclude the formats that do not fit a table, and find the unit of boxes.
 
         Raises:
-            ModelError: No reading is left.
+            ModelError: No format is left.
         """
-        orders = dict.fromkeys(reading.order for reading in self.readings)
+        orders = dict.fromkeys(table_format.order for table_format in self.formats)
         plausible = {
             order: found
             for order in orders
@@ -221,23 +221,23 @@ class FinishedDecoder:
                 f'set the parameter "layout" to one of {", ".join(TABLE_LAYOUTS)}'
             )
         ids = {order: np.rint(f.ids[f.scores > 0]) for order, f in plausible.items()}
-        readings = [r for r in self.readings if r.order in ids and r.ids.fit(ids[r.order])]
-        if not readings:
+        formats = [r for r in self.formats if r.order in ids and r.ids.fit(ids[r.order])]
+        if not formats:
             seen = _text(np.unique(next(iter(ids.values()))))
             raise ModelError(
                 f'the answer contains the class ids {seen}, which do not fit the class names; set '
                 'class_names_file or class_ids, or the parameter "layout"'
             )
-        if self.has_answered and str(readings[0]) != str(self.readings[0]):
-            _LOG.warning('detector: earlier boxes were misread, now: %s', readings[0])
-        self.readings = readings
-        found = plausible[readings[0].order]
+        if self.has_answered and str(formats[0]) != str(self.formats[0]):
+            _LOG.warning('detector: earlier boxes were misread, now: %s', formats[0])
+        self.formats = formats
+        found = plausible[formats[0].order]
         self.has_answered |= bool((found.scores >= threshold).any())
         if self.normalized is None:
             self.normalized = _are_normalized(found, threshold)
 
     def _report_doubt(self, table: Float32Array, found: Candidates, threshold: float) -> None:
-        for other in self.readings[1:]:
+        for other in self.formats[1:]:
             if str(other) not in self.reported and not _are_equal(
                 found, other.candidates(table, threshold)
             ):
@@ -245,7 +245,7 @@ class FinishedDecoder:
                 _LOG.warning(
                     'detector: boxes are read as %s, but may be %s; the first row is %s; set the '
                     'parameters "layout" and "class_ids" to what is right',
-                    self.readings[0], other, _text(table[0]),
+                    self.formats[0], other, _text(table[0]),
                 )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from hoid_detector.model.finished_boxes import (
     ClassIds,
     FinishedDecoder,
     Order,
-    Reading,
+    TableFormat,
     class_ids,
     known_orders,
     num_columns_of,
@@ -113,8 +113,8 @@ def _finished(
     probe: Probe, table_of: Callable[[Outputs], Float32Array], orders: Sequence[Order]
 ) -> FinishedDecoder:
     normalized = None if probe.box_units == AUTO else probe.box_units == 'normalized'
-    readings = [Reading(order, ids) for order in orders for ids in _conventions(probe)]
-    decoder = FinishedDecoder(table_of, readings, normalized)
+    formats = [TableFormat(order, ids) for order in orders for ids in _conventions(probe)]
+    decoder = FinishedDecoder(table_of, formats, normalized)
     decoder.learn(decoder.rows(probe.outputs), _PROBE_THRESHOLD)
     decoder.has_answered = False
     return decoder

@@ -114,7 +114,6 @@ def _values_of_bytes(
 
 @lru_cache(maxsize=8)
 def placement(image_wh: tuple[int, int], network_wh: tuple[int, int], mode: str) -> Placement:
-    """Return the placement of an image by a mode of `Preprocessing.placement`."""
     scales = (network_wh[0] / image_wh[0], network_wh[1] / image_wh[1])
     if mode == 'stretch':
         return Placement(*image_wh, *scales, 0, 0, *network_wh)

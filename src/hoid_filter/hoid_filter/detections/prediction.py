@@ -13,10 +13,8 @@ _MIN_IOU = 0.2  # chosen: least overlap of the boxes of one object in two succes
 class BoxPredictor:
     """Predicts boxes at constant velocity from the last two `Detections`, which may be empty.
 
-    A box without a match in the earlier detections stays where it is.
-
-    Args:
-        limit_s: Longest time before or after the last detections for which boxes are predicted.
+    A box without a match in the earlier detections stays where it is. `limit_s` is the longest
+    time before or after the last detections for which boxes are predicted.
     """
 
     def __init__(self, limit_s: float) -> None:
@@ -25,15 +23,14 @@ class BoxPredictor:
         self._previous: Detections | None = None
 
     def observe(self, detections: Detections) -> None:
-        """Store detections if they are newer than the stored detections."""
         if self._last is None or detections.stamp_ns > self._last.stamp_ns:
             self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
         """Return the boxes predicted for a stamp, which may reach outside the image.
 
-        Classes and scores are those of the newest detections. The result is empty if no detections
-        are stored, or if the newest are more than `limit_s` away from the stamp.
+        The result is empty if no detections are stored, or if the newest are more than `limit_s`
+        away from the stamp.
         """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)
@@ -51,29 +48,14 @@ class BoxPredictor:
 def match_boxes(
     detections: Detections, others: Detections, min_iou: float
 ) -> tuple[IntArray, IntArray]:
-    """Match the boxes of the same class in two detections, greedily by overlap.
-
-    Args:
-        detections: Detections of N boxes.
-        others: Detections of M boxes.
-        min_iou: Least intersection over union of two matched boxes.
-
-    Returns:
-        Indices (K,) into `detections` and (K,) into `others` of the K matched pairs.
-    """
+    """Return the indices (K,) and (K,) of boxes of one class, matched greedily by overlap."""
     iou = intersections_over_union(detections.boxes_xyxy_px, others.boxes_xyxy_px)
     same = np.array(detections.class_names)[:, None] == np.array(others.class_names)[None]
     return match_greedily(np.where(same, iou, 0.0), min_iou)
 
 
 def match_greedily(score: np.ndarray, minimum: float) -> tuple[IntArray, IntArray]:
-    """Match rows and columns of an (N, M) table of scores one to one, the highest score first.
-
-    Pairs with a score below `minimum` are not matched.
-
-    Returns:
-        Rows (K,) and columns (K,) of the K matched pairs.
-    """
+    """Return the rows (K,) and columns (K,) of an (N, M) table, matched one to one, best first."""
     rows, columns = np.nonzero(score >= minimum)
     order = np.argsort(-score[rows, columns], kind='stable')
     free_row, free_column = set(rows.tolist()), set(columns.tolist())

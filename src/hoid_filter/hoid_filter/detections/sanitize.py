@@ -23,9 +23,9 @@ def sanitize(
 ) -> Sanitized:
     """Return the detections with boxes clipped to the image and scores clipped to [0, 1].
 
-    Boxes that are NaN, infinite, inverted or without area inside the image are dropped, and so are
-    boxes whose score is NaN or infinite. If more than `max_detections` boxes are left, those of
-    highest score remain.
+    Boxes that are NaN, infinite, inverted or without area inside the image are dropped, and so
+    are boxes whose score is NaN or infinite. If more than `max_detections` boxes are left, those
+    of highest score remain.
     """
     raw, scores = detections.boxes_xyxy_px, detections.scores
     if len(raw) <= max_detections and _are_valid(raw, scores, width_px, height_px):

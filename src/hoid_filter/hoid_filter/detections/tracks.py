@@ -24,11 +24,11 @@ _MIN_IOU_OTHER_CLASS = 0.5  # decision 011
 # the same class is preferred.
 _OTHER_CLASS_PENALTY = 0.15
 _VELOCITY_GAIN = 0.3  # chosen: beta of an alpha-beta filter with alpha = 1; box edges are noisy
-_MIN_VISIBLE_SHARE = 0.15  # chosen: with less of its box inside the image, an object has left it
+_MIN_VISIBLE_RATIO = 0.15  # chosen: with less of its box inside the image, an object has left it
 # Chosen: a track with fewer than `_ESTABLISHED_HITS` detections may be false. When it is missed,
-# it is kept for only `_NEW_TRACK_COAST_SHARE` of `coast_s`, and predicted only for a person.
+# it is kept for only `_NEW_TRACK_COAST_RATIO` of `coast_s`, and predicted only for a person.
 _ESTABLISHED_HITS = 3
-_NEW_TRACK_COAST_SHARE = 0.3
+_NEW_TRACK_COAST_RATIO = 0.3
 
 
 @dataclass
@@ -54,17 +54,15 @@ class BoxTrack:
 
     @property
     def is_person(self) -> bool:
-        """Return whether the track is a person."""
         return self.class_name == PERSON
 
     @property
     def is_established(self) -> bool:
-        """Return whether the track has enough detections that it is probably not false."""
         return self.hits >= _ESTABLISHED_HITS
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the track has one trusted detection, or enough doubtful ones, to be used.
+        """Return whether the track has one trusted detection or enough tentative ones.
 
         A person who is not confirmed does not count as a person.
         """
@@ -73,17 +71,10 @@ class BoxTrack:
     def observe(
         self, box: list[float], expected: list[float], class_name: str, score: float, stamp_ns: int
     ) -> None:
-        """Update box, velocity, class, score and number of detections with a new detection.
+        """Update the track with a new detection; `expected` is the box predicted for its stamp.
 
-        The track then counts as not missed. The velocity changes, and the time since the last
-        detection is added to `untouched_s`, only if the new detection has a later stamp.
-
-        Args:
-            box: x1, y1, x2, y2 of the detection in px.
-            expected: The box predicted for the stamp of the detection, in the same form.
-            class_name: Class of the detection.
-            score: Score of the detection.
-            stamp_ns: Stamp of the image in which the detection was made.
+        The velocity changes, and the time since the last detection is added to `untouched_s`,
+        only if the new detection has a later stamp.
         """
         step_s = (stamp_ns - self.seen_ns) * S_PER_NS
         if step_s > 0:
@@ -119,13 +110,9 @@ class BoxTracker:
     def observe(self, detections: Detections, is_unsure: BoolArray) -> None:
         """Update the tracks with N detections, and start new tracks for unmatched detections.
 
-        Detections that are no newer than the previous ones are ignored.
-
-        Args:
-            detections: Detections in one image.
-            is_unsure: (N,) flags of doubtful detections, which may be false. A track of doubtful
-                detections only is not confirmed until it has `hits_to_confirm` of them, and it is
-                deleted by the first image in which it is not detected.
+        Detections that are no newer than the previous ones are ignored. `is_unsure` (N,) flags
+        tentative detections: a track of them only is not confirmed until it has
+        `hits_to_confirm`, and it is deleted by the first image in which it is not detected.
         """
         stamp_ns = detections.stamp_ns
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
@@ -156,16 +143,11 @@ class BoxTracker:
     def _similarity(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray
     ) -> FloatArray:
-        """Return the (T, N) similarities of T tracks and N detections.
+        """Return the (T, N) similarities of predicted boxes (T, 4) and detections (N, 4).
 
         A similarity is the intersection over union of the two boxes, less 0.15 if the classes
         differ. It is 0 between a person and an object, and if the classes differ and the
         intersection over union is below 0.5.
-
-        Args:
-            expected: (T, 4) boxes that are predicted for the tracks.
-            detections: N detections.
-            boxes: (N, 4) boxes of the detections, in float64.
         """
         if not self._tracks or not len(boxes):
             return np.zeros((len(self._tracks), len(boxes)))
@@ -190,11 +172,6 @@ class BoxTracker:
 
         A track counts as outside if at most 15 % of its predicted box is inside the image.
 
-        Args:
-            stamp_ns: Stamp for which boxes are predicted.
-            width_px: Width of the image.
-            height_px: Height of the image.
-
         Returns:
             The T active tracks, those in the newest detections first, and their (T, 4) predicted
             boxes, clipped to the image. A missed object is active only if it has at least three
@@ -203,7 +180,7 @@ class BoxTracker:
         """
         boxes = boxes_at(self._tracks, stamp_ns)
         inside = clip_boxes(boxes, width_px, height_px)
-        is_visible = areas_px2(inside) > _MIN_VISIBLE_SHARE * areas_px2(boxes)
+        is_visible = areas_px2(inside) > _MIN_VISIBLE_RATIO * areas_px2(boxes)
         kept = [
             n
             for n, track in enumerate(self._tracks)
@@ -219,28 +196,21 @@ class BoxTracker:
         """Return the longest time [s] for which a track is kept after its last detection."""
         if not track.is_missed:
             return self._limits.silent_s
-        share = 1.0 if track.is_established else _NEW_TRACK_COAST_SHARE
-        return share * self._limits.coast_s
+        ratio = 1.0 if track.is_established else _NEW_TRACK_COAST_RATIO
+        return ratio * self._limits.coast_s
 
     def _is_active(self, track: BoxTrack) -> bool:
-        """Return whether a track is not missed, or is a person or a recently handled object.
-
-        An object counts as recently handled only if it has at least three detections.
-        """
+        """Return whether a track is detected, a person, or an established object in use."""
         was_handled = track.is_established and track.untouched_s < self._limits.rest_s
         return not track.is_missed or track.is_person or was_handled
 
 
 def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
-    """Return the time [s] from the last detection of a track to a stamp."""
     return (stamp_ns - track.seen_ns) * S_PER_NS
 
 
 def boxes_at(tracks: list[BoxTrack], stamp_ns: int) -> FloatArray:
-    """Return the (T, 4) boxes predicted for a stamp at constant image velocity.
-
-    They are not clipped to the image, and are at least 1 px wide and high.
-    """
+    """Return the (T, 4) boxes at constant velocity, unclipped, at least 1 px wide and high."""
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
     velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)
     since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * S_PER_NS

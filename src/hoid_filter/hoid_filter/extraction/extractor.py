@@ -56,16 +56,12 @@ class OrbExtractor:
         )
 
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
-        """Select the corners to describe, distributed evenly; return their ascending indices.
+        """Return the ascending indices of the corners to describe, distributed evenly.
 
-        With `refill`, up to `num_features` corners are selected from `kept`, distributed over the
-        static area (decision 014). Without it, up to `num_features` are selected from all corners,
-        and those that are not in `kept` are then removed.
-
-        Args:
-            corners: All corners of the image.
-            kept: Ascending indices of the corners on static surface; None: all are.
-            static_area_px: Unmasked area of the image.
+        With `refill`, up to `num_features` corners are selected from `kept` (ascending indices;
+        None: all), distributed over the static area (decision 014). Without it, up to
+        `num_features` are selected from all corners, and those that are not in `kept` are then
+        removed.
         """
         uv_px, octave, score = corners.uv_px, corners.octave, corners.score
         if kept is not None and self._config.refill:
@@ -86,12 +82,10 @@ class OrbExtractor:
     ) -> Features:
         """Return the ORB features of the chosen corners, at subpixel positions and with depth.
 
-        All of them may seed map points.
-
         Args:
             corners: All corners of the image.
             chosen: Ascending indices of the corners to describe, hence in order of octave.
-            depth_m: (H, W) depth of the image; 0 or NaN = no reading.
+            depth_m: (H, W) depth of the image; 0 or NaN = no measurement.
             stamp_ns: Stamp of the image.
             dynamic_xyxy_px: (N, 4) boxes of dynamic objects. A corner that subpixel refinement
                 would move into one of them keeps its unrefined position.
@@ -124,14 +118,9 @@ class OrbExtractor:
 def _describe(
     levels: Sequence[ByteArray], xy_px: Int32Array, octave: ByteArray
 ) -> tuple[Float32Array, Float32Array, ByteArray]:
-    """Return the angles (N,), subpixel offsets (N, 2) and descriptors (N, 32) of corners.
+    """Return the angles [deg] (N,), subpixel offsets (N, 2) and descriptors (N, 32) of corners.
 
-    Angles are in degrees; offsets are in pixels of the corner's level.
-
-    Args:
-        levels: Images of the pyramid.
-        xy_px: (N, 2) positions of the corners in their level.
-        octave: (N,) index of the level of each corner, ascending.
+    Positions (N, 2) and offsets are in pixels of the corner's level; octaves (N,) ascend.
     """
     x, y = np.ascontiguousarray(xy_px.T)
     angle_deg = np.empty(len(octave), np.float32)
@@ -150,12 +139,7 @@ def _describe(
 
 
 def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
-    """Return (K, N) flags: whether the pixel nearest to each position lies in each box.
-
-    Args:
-        uv_px: (K, 2) positions.
-        boxes_xyxy_px: (N, 4) boxes.
-    """
+    """Return (K, N) flags: whether the pixel nearest to a position (K, 2) is in a box (N, 4)."""
     # One coordinate at a time, as `all` over an axis of length 2 takes ten times as long.
     u, v = np.rint(uv_px).T[:, :, None]
     left, top, right, bottom = boxes_xyxy_px.T
@@ -164,10 +148,7 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
 
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
-    """Return the (num_levels,) numbers of features per level, in proportion to 1 / scale.
-
-    Their sum is `num_features`.
-    """
+    """Return the numbers of features per level, in proportion to 1 / scale; their sum is given."""
     weights = scale_factor ** -np.arange(num_levels, dtype=np.float64)
     ends = np.round(np.cumsum(weights) / weights.sum() * num_features).astype(np.int64)
     return np.concatenate([ends[:1], ends[1:] - ends[:-1]])

@@ -25,11 +25,11 @@ _AGE_TOLERANCE, _MIN_AGE_TOLERANCE_S = 0.3, 0.1
 # above depth noise, which grows with the square of the depth, and the error of the poses.
 _OCCLUSION_MARGIN = 0.03, 0.015, 0.008
 _OCCLUSION_LOG_ODDS = 1.5  # chosen: a segment wholly in front is certain within 2 images
-# Chosen: where a smaller share of a segment is in front, this is an effect of its depth edges.
-_MIN_OCCLUDING_SHARE = 0.1
-# Chosen: where a larger share of a segment is in front, unchanged depth of its other pixels is no
+# Chosen: where a smaller ratio of a segment is in front, this is an effect of its depth edges.
+_MIN_OCCLUDING_RATIO = 0.1
+# Chosen: where a larger ratio of a segment is in front, unchanged depth of its other pixels is no
 # evidence that it is static.
-_MIXED_SHARE = 0.25
+_MIXED_RATIO = 0.25
 
 
 class _Baseline(NamedTuple):
@@ -66,10 +66,7 @@ class _PastDepth(NamedTuple):
 
 
 class DepthHistory:
-    """The depth images of the last 3.25 s, with their camera poses.
-
-    The poses are in the world frame of `MotionSegmentation`.
-    """
+    """The depth images of the last 3.25 s, with camera poses in the first camera's frame."""
 
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
@@ -91,12 +88,8 @@ class DepthHistory:
     ) -> None:
         """Store the depth of a view, and drop depths that are more than 3.25 s older.
 
-        A view that is less than 25 ms newer than the last stored one is not stored.
-
-        Args:
-            view: The view.
-            T_world_camera: (4, 4) camera pose of the view.
-            turn_radps: (3,) turn rate of the camera in the view.
+        A view that is less than 25 ms newer than the last stored one is not stored. `turn_radps`
+        is the turn rate (3,) of the camera in the view.
         """
         if self._past and view.stamp_s - self._past[-1].stamp_s < _MIN_SPACING_S:
             return
@@ -113,13 +106,8 @@ class DepthHistory:
         """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each depth segment moves.
 
         A surface in front of the depth of an earlier image has moved there since. Unchanged depth
-        is evidence against motion. A surface behind the earlier depth may have been hidden before,
-        which is no evidence; without any, the value is 0.
-
-        Args:
-            view: The current view with S depth segments.
-            T_world_camera: (4, 4) camera pose of the view.
-            turn_radps: (3,) turn rate of the camera in the view.
+        is evidence against motion. A surface behind the earlier depth may have been hidden
+        before, which is no evidence; without any, the value is 0.
         """
         focal_px = self._camera.depth_pinhole.fx_px
         earlier = [
@@ -138,31 +126,27 @@ class DepthHistory:
             len(view.segments.region),
             earlier,
             _OCCLUSION_MARGIN,
-            (_OCCLUSION_LOG_ODDS, _MIN_OCCLUDING_SHARE, _MIXED_SHARE),
+            (_OCCLUSION_LOG_ODDS, _MIN_OCCLUDING_RATIO, _MIXED_RATIO),
         )
 
     def contradiction(self, view: DownscaledView, T_world_camera: FloatArray) -> float:
-        """Return the share of a view that would be in front of earlier depth, at a camera pose.
+        """Return the ratio of a view that would be in front of earlier depth at a pose (4, 4).
 
         If everything were at rest, it would be 0 at the right pose. It is the mean over the depth
-        images of 0.4 and 1 s before, of their pixels with a reading; 0 without such an image.
-
-        Args:
-            view: The current view.
-            T_world_camera: (4, 4) camera pose of the view that is assumed.
+        images of 0.4 and 1 s before, of their pixels with depth; 0 without such an image.
         """
         depth_m = view.depth_m[::_STEP_PX, ::_STEP_PX].ravel()
         points_m = self._rays[depth_m > 0] * depth_m[depth_m > 0, None].astype(np.float64)
         world_m = se3.transform(T_world_camera, points_m)
-        shares = [
-            self._share_in_front(past, se3.transform(past.T_camera_world, world_m))
+        ratios = [
+            self._ratio_in_front(past, se3.transform(past.T_camera_world, world_m))
             for baseline in _COMPARED_BASELINES
             if (past := self._nearest(view.stamp_s, baseline.age_s)) is not None
         ]
-        return float(np.mean(shares)) if shares else 0.0
+        return float(np.mean(ratios)) if ratios else 0.0
 
-    def _share_in_front(self, past: _PastDepth, points_m: FloatArray) -> float:
-        """Return the share of points (N, 3) in a past camera's frame in front of its depth."""
+    def _ratio_in_front(self, past: _PastDepth, points_m: FloatArray) -> float:
+        """Return the ratio of points (N, 3) in a past camera's frame in front of its depth."""
         pinhole, (height, width) = self._camera.depth_pinhole, self._camera.shape_hw
         x, y, z = points_m[points_m[:, 2] > 0].T
         u = np.rint(x / z * pinhole.fx_px + pinhole.cx_px)
@@ -179,7 +163,7 @@ class DepthHistory:
     def _nearest(self, now_s: float, age_s: float) -> _PastDepth | None:
         """Return the stored depth image whose age is nearest to `age_s`.
 
-        None is returned if this age differs from `age_s` by more than the tolerance.
+        None outside the tolerance.
         """
         if not self._past:
             return None
@@ -192,9 +176,9 @@ class DepthHistory:
 
 
 def _widened(range_m: Float32Array, by_px: FloatArray) -> Float32Array:
-    """Return the (h, w, 2) depth ranges of neighborhoods that are larger by `by_px` to each side.
+    """Return the (h, w, 2) depth ranges of neighborhoods larger by `by_px` (rounded) to each side.
 
-    `by_px` is rounded to whole pixels. Pixels without a reading in the given range stay without.
+    Pixels without depth in the given range stay without.
     """
     side = 2 * round(float(by_px)) + 1
     if side == 1:

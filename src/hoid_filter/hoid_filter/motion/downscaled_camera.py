@@ -45,7 +45,7 @@ class DownscaledCamera:
         self.downscaled_of_pixel = self._downscaled_of_pixel()
 
     def depth(self, depth_m: Float32Array) -> Float32Array:
-        """Return the low-resolution depth (h, w) of an (H, W) image; 0 = no measurement."""
+        """Return the low-resolution depth (h, w) of an (H, W) depth image; 0 = no measurement."""
         sampled_m = depths_at(depth_m, self._sampled)
         sampled_m[self._sampled < 0] = 0.0
         return sampled_m.reshape(self.shape_hw)
@@ -65,14 +65,10 @@ class DownscaledCamera:
         return (full_px + np.float32(0.5)) / np.float32(self._gray_scale) - np.float32(0.5)
 
     def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) stereo observations u, v, u_right of pixels, without lens distortion.
+        """Return the (N, 3) stereo observations u, v, u_right of pixels (N, 2) of the full image.
 
-        They are in pixels of the gray image. u_right is the column in a virtual right camera; it
-        is NaN where there is no depth.
-
-        Args:
-            full_px: (N, 2) positions in the full image.
-            depth_m: (N,) depths at these positions; 0 = no reading.
+        They are in pixels of the gray image, without lens distortion. u_right is the column in a
+        virtual right camera; it is NaN where there is no depth (0).
         """
         observed_px = np.empty((len(full_px), 3))
         observed_px[:, :2] = self.gray_px(self.camera.undistort_px(full_px))
@@ -82,23 +78,18 @@ class DownscaledCamera:
         return observed_px
 
     def points_m(self, observed_px: FloatArray, depth_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) points in the camera frame of observed pixels; zero without depth.
+        """Return the (N, 3) points in the camera frame of observations (N, 3).
 
-        Args:
-            observed_px: (N, 3) stereo observations, as `measure` returns them.
-            depth_m: (N,) depths; 0 = no reading.
+        Zero without depth.
         """
         rays = _rays(self.gray_pinhole, observed_px[:, 0], observed_px[:, 1])
         return rays * depth_m[:, None]
 
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
-        """Convert boxes in the depth image to boxes (N, 4), as x1, y1, x2, y2, in the full image.
+        """Convert boxes x, y, w, h (N, 4) in the depth image to x1, y1, x2, y2 in the full image.
 
         Each result encloses the corners, the centers of the sides and the center of the box after
         lens distortion, and is clipped to the full image.
-
-        Args:
-            boxes_xywh_px: (N, 4) left, top, width and height in the low-resolution depth image.
         """
         left_top, size = boxes_xywh_px[:, None, :2], boxes_xywh_px[:, None, 2:]
         at_px = left_top + size * _BOX_POINTS - 0.5  # (N, 9, 2)
@@ -109,10 +100,9 @@ class DownscaledCamera:
         return boxes_px
 
     def _sample_pixels(self) -> IntArray:
-        """Return the (h * w,) flat index into the full image for each pixel of the depth image.
+        """Return the (h * w,) flat full-image index for each pixel of the depth image.
 
-        The depth image samples these pixels. The index is -1 where the pixel would lie outside the
-        full image.
+        -1 = outside.
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
@@ -128,8 +118,8 @@ class DownscaledCamera:
 
         A pixel that the depth image does not cover gets an index on its border. Only as many
         pixels as the depth image has are undistorted, and the others are interpolated:
-        undistorting all takes as long as the time between two images. With strong lens distortion,
-        0.35 % of the indices differ from the exact ones.
+        undistorting all takes as long as the time between two images. With strong lens
+        distortion, 0.35 % of the indices differ from the exact ones.
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
@@ -149,9 +139,9 @@ def depths_at(depth_m: Float32Array, pixels: IntArray) -> Float32Array:
 
 
 def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
-    """Return the (N,) flat indices of the pixels nearest to (N, 2) positions u, v in an image.
+    """Return the (N,) flat indices of the pixels nearest to positions (N, 2).
 
-    A position outside the image gets a pixel on its border.
+    Outside: on the border.
     """
     height, width = shape_hw
     column, row = np.rint(uv_px).astype(np.int64).T
@@ -165,7 +155,6 @@ def _clip(indices: IntArray, size: int) -> IntArray:
 
 
 def _shape_hw(camera: CameraModel, width_px: int) -> tuple[int, int]:
-    """Return the height and width of an image that is downscaled to a width."""
     return max(round(camera.height_px * width_px / camera.width_px), 1), width_px
 
 
@@ -179,7 +168,6 @@ def _rays(pinhole: Pinhole, u_px: FloatArray, v_px: FloatArray) -> FloatArray:
 
 
 def _pinhole(camera: CameraModel, width_px: int) -> Pinhole:
-    """Return the intrinsics of an image that is downscaled to a width, without distortion."""
     scale = width_px / camera.width_px
     return Pinhole(
         camera.fx_px * scale,

@@ -29,7 +29,7 @@ class MotionView(NamedTuple):
     stamp_ns: int
     camera: CameraModel
     image_gray: ByteArray  # (H, W)
-    depth_m: Float32Array  # (H, W); 0 = no reading
+    depth_m: Float32Array  # (H, W); 0 = no depth
     corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
     corner_scores: ByteArray  # (K,) strength of each corner
     # (h, w), at any resolution: dynamic objects that a detector has found in this image or in the
@@ -37,11 +37,7 @@ class MotionView(NamedTuple):
     detected_mask: BoolArray | None = None
 
     def is_detected(self, pixels: IntArray) -> BoolArray:
-        """Return (N,) flags: whether each pixel lies on a detected dynamic object.
-
-        Args:
-            pixels: (N,) indices into the flattened full-resolution image.
-        """
+        """Return (N,) flags: whether each pixel (flat index) lies on a detected dynamic object."""
         if self.detected_mask is None:
             return np.zeros(len(pixels), np.bool_)
         (height, width), (mask_height, mask_width) = self.depth_m.shape, self.detected_mask.shape
@@ -56,15 +52,12 @@ class DownscaledView(NamedTuple):
 
     stamp_s: float
     gray: ByteArray  # about (2h, 2w), as its resolution is twice that of the depth image
-    depth_m: Float32Array  # (h, w); 0 = no reading
+    depth_m: Float32Array  # (h, w); 0 = no depth
     segments: Segments  # S pieces of smooth depth, cut along depth edges and a grid
 
 
 def downscale(view: MotionView, camera: DownscaledCamera) -> DownscaledView:
-    """Return a view at low resolution, with the depth image cut into segments of smooth depth.
-
-    The gray image has about twice as many rows and columns as the depth image.
-    """
+    """Return a view at low resolution, with the depth image cut into segments of smooth depth."""
     depth_m = camera.depth(view.depth_m)
     segments = depth_segments(depth_m, _SEGMENT_CELL_PX)
     gray = camera.gray(view.image_gray)

@@ -22,21 +22,21 @@ _MIN_NOISE_PX, _MAX_NOISE_PX = 0.25, 0.8  # chosen: limits of the estimated nois
 _NOISE_PER_MEDIAN = 1.3
 _NOISE_GAIN = 0.1  # chosen: the estimated noise follows an average over about 10 images
 _REFINE_FACTOR = 1.5  # chosen: a pose is refined with points up to 1.5 times the inlier limit
-# Chosen: a pose that explains a larger share of the area is not compared with other hypotheses.
-_SUFFICIENT_SHARE = 0.92
+# Chosen: a pose that explains a larger ratio of the area is not compared with other hypotheses.
+_SUFFICIENT_RATIO = 0.92
 # Chosen: numbers of regions that yield a hypothesis, and of points that such a region must have.
 _MAX_REGION_HYPOTHESES, _MIN_REGION_POINTS = 4, 8
 # Number of RANSAC samples of three points. If half of the points are static, the probability that
 # every sample contains a moving point is 1.4 %.
 _NUM_SAMPLES = 32
-# Chosen: share of the area that the best pose without the prior must explain in addition to the
+# Chosen: ratio of the area that the best pose without the prior must explain in addition to the
 # best pose with the prior. In a trial without this comparison, a wrong prior confirmed itself in
 # one of four runs.
-_SWITCH_SHARE = 0.15
-# Chosen: least share of the area that another pose must explain, and the best one does not, before
+_SWITCH_RATIO = 0.15
+# Chosen: least ratio of the area that another pose must explain, and the best one does not, before
 # depth decides between the two.
-_MIN_RIVAL_SHARE = 0.12
-# Chosen: depth decides for the other pose if the share of the image that contradicts earlier depth
+_MIN_RIVAL_RATIO = 0.12
+# Chosen: depth decides for the other pose if the ratio of the image that contradicts earlier depth
 # is lower by 1 % of the image and by a factor of 0.6.
 _LESS_CONTRADICTION, _CONTRADICTION_RATIO = 0.01, 0.6
 
@@ -55,17 +55,16 @@ class PointObservations(NamedTuple):
     weights: FloatArray
 
     def select(self, mask: BoolArray) -> PointObservations:
-        """Return the points of an (N,) mask."""
         return PointObservations._make(values[mask] for values in self)
 
 
 class EgoMotionEstimate(NamedTuple):
-    """A camera pose, and the share of the image area that it explains."""
+    """A camera pose, and the ratio of the image area that it explains."""
 
     T_camera_world: FloatArray  # (4, 4)
     # Mean of 1 - (residual / inlier limit)^2 over all points, weighted by column 1 of their
     # `weights`, in [0, 1]. Outliers count as 0.
-    share: float
+    ratio: float
     # Whether surface that counted as static in earlier images would have to move at this pose.
     contradicts_prior: bool
 
@@ -80,7 +79,7 @@ class EgoMotion:
         self.noise_px = _MAX_NOISE_PX
 
     def update_noise(self, residuals_px: FloatArray) -> None:
-        """Update `noise_px` with the (N,) reprojection errors of mostly static points.
+        """Update `noise_px` with (N,) reprojection errors of mostly static points.
 
         Fewer than `MIN_POINTS` errors are ignored.
         """
@@ -111,16 +110,16 @@ class EgoMotion:
         Args:
             points: Observations of at least `MIN_POINTS` points.
             guesses: One or more predicted poses T_camera_world (4, 4), the most probable first.
-            contradiction: Returns the share of the image that contradicts earlier depth at a pose
+            contradiction: Returns the ratio of the image that contradicts earlier depth at a pose
                 T_camera_world; None: depth does not decide.
         """
         is_static = points.static_probability > 0.5
         if np.count_nonzero(is_static) < _MIN_REGION_POINTS:
             is_static = np.ones_like(is_static)
         poses = [*guesses, self._fit(points, is_static, guesses[0])]
-        shares = self._shares(points, poses)
-        if shares[:, 1].max() >= _SUFFICIENT_SHARE:
-            return self._refine_best(points, poses, shares, 0)
+        ratios = self._explained_ratios(points, poses)
+        if ratios[:, 1].max() >= _SUFFICIENT_RATIO:
+            return self._refine_best(points, poses, ratios, 0)
         poses += self._hypotheses(points, guesses[0])
         best = self._best(points, poses)
         rival = None if contradiction is None else self._rival(points, poses, best)
@@ -132,43 +131,40 @@ class EgoMotion:
 
     def _best(self, points: PointObservations, poses: list[FloatArray]) -> EgoMotionEstimate:
         """Return the best of the poses with the prior, or without it if that is clearly better."""
-        shares = self._shares(points, poses)
-        with_prior = self._refine_best(points, poses, shares, 0)
-        if shares[:, 1].max() <= with_prior.share:
+        ratios = self._explained_ratios(points, poses)
+        with_prior = self._refine_best(points, poses, ratios, 0)
+        if ratios[:, 1].max() <= with_prior.ratio:
             return with_prior
-        without_prior = self._refine_best(points, poses, shares, 1)
-        if without_prior.share > with_prior.share + _SWITCH_SHARE:
+        without_prior = self._refine_best(points, poses, ratios, 1)
+        if without_prior.ratio > with_prior.ratio + _SWITCH_RATIO:
             return without_prior._replace(contradicts_prior=True)
         return with_prior
 
     def _rival(
         self, points: PointObservations, poses: list[FloatArray], best: EgoMotionEstimate
     ) -> EgoMotionEstimate | None:
-        """Return the pose that explains most of the area that the best one does not explain.
+        """Return the pose fitted to the area that the best one does not explain.
 
-        It is fitted to that area. None is returned if it explains less than 12 % of the area.
+        None below 12 % of it.
         """
         gate_px = _GATE_SIGMAS * self.noise_px
         is_left = self.residuals_px(points, best.T_camera_world) >= gate_px
         area = points.weights[is_left, 1]
         all_area = max(float(points.weights[:, 1].sum()), 1e-9)
-        if area.sum() < _MIN_RIVAL_SHARE * all_area:
+        if area.sum() < _MIN_RIVAL_RATIO * all_area:
             return None
         left = points.select(is_left)
         own = (self._all_residuals_px(left, np.array(poses)) < gate_px) @ area
         k = int(np.argmax(own))
-        if own[k] < _MIN_RIVAL_SHARE * all_area:
+        if own[k] < _MIN_RIVAL_RATIO * all_area:
             return None
         near = self.residuals_px(points, poses[k]) < _REFINE_FACTOR * gate_px
         T = self._fit(points, near & is_left, poses[k])
-        share = float(self._shares(points, [T])[0, 1])
-        return EgoMotionEstimate(T, share, contradicts_prior=True)
+        ratio = float(self._explained_ratios(points, [T])[0, 1])
+        return EgoMotionEstimate(T, ratio, contradicts_prior=True)
 
     def residuals_px(self, points: PointObservations, T_camera_world: FloatArray) -> FloatArray:
-        """Return the (N,) reprojection errors of points at a pose, in pixels of the gray image.
-
-        An error is the distance in u and v; the disparity does not count.
-        """
+        """Return the (N,) reprojection errors in u and v, in pixels of the gray image."""
         return self._errors_px(points, se3.transform(T_camera_world, points.world_m).T)
 
     def _all_residuals_px(self, points: PointObservations, poses: FloatArray) -> FloatArray:
@@ -187,10 +183,7 @@ class EgoMotion:
         return errors_px
 
     def _hypotheses(self, points: PointObservations, guess: FloatArray) -> list[FloatArray]:
-        """Return poses (4, 4) of which each assumes that another part of the image is static.
-
-        They are fitted to the largest regions of smooth depth and to random samples of points.
-        """
+        """Return poses (4, 4) fitted to the largest smooth regions and to random samples."""
         counts = np.bincount(points.region + 1)[1:]
         largest = np.argsort(-counts, kind='stable')[:_MAX_REGION_HYPOTHESES]
         enough = largest[counts[largest] >= _MIN_REGION_POINTS]
@@ -202,26 +195,22 @@ class EgoMotion:
         return poses
 
     def _refine_best(
-        self, points: PointObservations, poses: list[FloatArray], shares: FloatArray, column: int
+        self, points: PointObservations, poses: list[FloatArray], ratios: FloatArray, column: int
     ) -> EgoMotionEstimate:
         """Return the pose that explains most area, refined on its inliers where that is better.
 
-        Args:
-            points: Observations of N points.
-            poses: M camera poses T_camera_world.
-            shares: (M, 2) shares of the area that the poses explain (see `_shares`).
-            column: Column of `shares` that decides: 0 with the prior, 1 without it.
+        `column` of `_explained_ratios` decides: 0 with the prior, 1 without it.
         """
-        T = poses[int(shares[:, column].argmax())]
+        T = poses[int(ratios[:, column].argmax())]
         errors_px = self.residuals_px(points, T)
         near = errors_px < _REFINE_FACTOR * _GATE_SIGMAS * self.noise_px
         refined = self._fit(points, near, T) if np.count_nonzero(near) >= MIN_POINTS else T
-        both = self._shares(points, [refined, T])
+        both = self._explained_ratios(points, [refined, T])
         k = int(both[:, column].argmax())
         return EgoMotionEstimate((refined, T)[k], float(both[k, 1]), contradicts_prior=False)
 
-    def _shares(self, points: PointObservations, poses: list[FloatArray]) -> FloatArray:
-        """Return (M, 2) shares of the image area that each of M poses explains, in [0, 1].
+    def _explained_ratios(self, points: PointObservations, poses: list[FloatArray]) -> FloatArray:
+        """Return (M, 2) ratios of the image area that each of M poses explains, in [0, 1].
 
         Column 0 weights area by its prior probability of being static; column 1 is all area.
         """
@@ -234,8 +223,8 @@ class EgoMotion:
             points.observed_px,
             points.weights,
         )
-        shares: FloatArray = scores / np.maximum(points.weights.sum(axis=0), 1e-9)
-        return shares
+        ratios: FloatArray = scores / np.maximum(points.weights.sum(axis=0), 1e-9)
+        return ratios
 
     def _fit(self, points: PointObservations, mask: BoolArray, guess: FloatArray) -> FloatArray:
         """Return the robust least-squares pose of the points in an (N,) mask, from a guess."""
@@ -254,7 +243,6 @@ class EgoMotion:
         ).T_camera_map
 
     def _stereo(self) -> StereoParams:
-        """Return the virtual stereo camera of the gray image, with the current noise."""
         pinhole = self._camera.gray_pinhole
         return StereoParams(
             pinhole.fx_px,

@@ -26,8 +26,8 @@ _MAX_LOG_ODDS = 3.0
 # Chosen: a region consists of pixels with a probability of motion above 0.67, and contains a pixel
 # with a probability above 0.88 (hysteresis).
 _MOVING_LOG_ODDS, _CERTAIN_LOG_ODDS = 0.7, 2.0
-# Chosen: share of the image, 38 px of 160x120. Smaller regions are mostly noise at depth edges.
-_MIN_REGION_SHARE = 0.002
+# Chosen: ratio of the image, 38 px of 160x120. Smaller regions are mostly noise at depth edges.
+_MIN_REGION_RATIO = 0.002
 # Pixels on a depth edge belong to no segment and get no evidence. Therefore regions are grown.
 _EDGE_WIDTH_PX = 2
 
@@ -40,12 +40,10 @@ class LabeledRegions(NamedTuple):
 
     @staticmethod
     def none(shape_hw: tuple[int, ...]) -> LabeledRegions:
-        """Return a label image without any moving region."""
         return LabeledRegions(np.zeros(shape_hw, np.int64), np.empty((0, 4), np.int64))
 
     @property
     def num_regions(self) -> int:
-        """Return the number of moving regions."""
         return len(self.boxes_xywh_px)
 
 
@@ -63,15 +61,10 @@ class MotionLogOdds:
         self.log_odds = np.zeros(camera.shape_hw, np.float32)
 
     def reset(self) -> None:
-        """Set all log-odds to 0: nothing is known."""
         self.log_odds = np.zeros_like(self.log_odds)
 
     def static_probability(self, pixels: IntArray) -> FloatArray:
-        """Return the (N,) probabilities that pixels are static.
-
-        Args:
-            pixels: (N,) indices into the flattened downscaled image.
-        """
+        """Return the (N,) probabilities that pixels (flat, downscaled) are static."""
         log_odds: FloatArray = self.log_odds.ravel()[pixels].astype(np.float64)
         return 1 / (1 + np.exp(log_odds))
 
@@ -110,7 +103,7 @@ class MotionLogOdds:
         Regions of less than 0.2 % of the image are ignored.
         """
         certain, moving = self.log_odds > _CERTAIN_LOG_ODDS, self.log_odds > _MOVING_LOG_ODDS
-        min_area_px = _MIN_REGION_SHARE * moving.size
+        min_area_px = _MIN_REGION_RATIO * moving.size
         if not certain.any() or np.count_nonzero(moving) < min_area_px:
             return LabeledRegions.none(certain.shape)
         # 16-bit labels take a third of the time of 32-bit ones.
@@ -131,10 +124,7 @@ class MotionLogOdds:
 
 
 def dilate_labels(label: IntArray) -> ByteArray:
-    """Return a label image (h, w) in which each region is grown by 2 px, over its depth edge.
-
-    There must be fewer than 256 regions.
-    """
+    """Return a label image (h, w) in which each of up to 255 regions is grown by 2 px."""
     side = 2 * _EDGE_WIDTH_PX + 1
     dilated = cv2.dilate(label.astype(np.uint8), np.ones((side, side), np.uint8))
     return np.asarray(dilated, np.uint8)

@@ -59,7 +59,6 @@ class PointPixels(NamedTuple):
     depth_m: FloatArray  # (N,); 0 = no reading
 
     def select(self, mask: BoolArray) -> PointPixels:
-        """Return the points of an (N,) mask."""
         return PointPixels(self.pixel[mask], self.depth_m[mask])
 
 
@@ -85,7 +84,6 @@ class MotionSegmentation:
         self._restart()
 
     def _restart(self) -> None:
-        """Forget all images."""
         self._log_odds = MotionLogOdds(self.camera, self._config.decay_s)
         self._history = DepthHistory(self.camera)
         self._ego_motion = EgoMotion(self.camera)
@@ -99,10 +97,7 @@ class MotionSegmentation:
         self.displacements = PointDisplacements.none()  # of the points in the last view
 
     def segment(self, view: MotionView) -> LabeledRegions:
-        """Process the next view: update the camera pose and evidence, and return moving regions.
-
-        Views must come in order of time.
-        """
+        """Update pose and evidence with the next view in time, and return the moving regions."""
         small = downscale(view, self.camera)
         if self._view is not None and not 0 < small.stamp_s - self._view.stamp_s < _MAX_GAP_S:
             self._restart()
@@ -132,9 +127,9 @@ class MotionSegmentation:
 
     @property
     def turn_radps(self) -> float:
-        """Return the speed [rad/s] at which the camera turned between the last two views.
+        """Return the speed [rad/s] of the camera's turn between the last two views.
 
-        It is 0 after a restart.
+        0 after a restart.
         """
         return float(np.linalg.norm(self._turn_radps))
 
@@ -149,13 +144,7 @@ class MotionSegmentation:
     ) -> PointPixels:
         """Track the points into a view, and drop those that are lost or on another surface.
 
-        Args:
-            view: The full-resolution view.
-            small: The same view, downscaled.
-            T_next_world: (4, 4) predicted camera pose of the view, as T_camera_world.
-
-        Returns:
-            Pixels and depths of the points that remain in the tracks.
+        `T_next_world` (4, 4) is the predicted T_camera_world of the view.
         """
         if self._view is None:
             return PointPixels(np.empty(0, np.int64), np.empty(0))
@@ -172,7 +161,6 @@ class MotionSegmentation:
         return PointPixels(pixel, depth_m).select(is_same)
 
     def _observe_points(self, pixels: PointPixels, small: DownscaledView) -> SegmentedPoints:
-        """Return the observations of the tracked points, with the area that each represents."""
         depth_m = pixels.depth_m
         observed_px = self.camera.measure(self.camera.full_px(self._tracks.uv_px), depth_m)
         downscaled_pixel = self.camera.downscaled_of_pixel[pixels.pixel]
@@ -201,15 +189,10 @@ class MotionSegmentation:
     ) -> None:
         """Update the camera pose from the tracked points; with too few points, restart.
 
-        Points on detected people and objects are used only when fewer than `MIN_POINTS` others are
-        left, because people may cover more of the image than the static scene does (decision 027).
-        If the pose contradicts the log-odds of motion, these are reset.
-
-        Args:
-            tracked: Observations of N tracked points.
-            is_undetected: (N,) flags: whether a point lies outside the detected dynamic objects.
-            predictions: Predicted poses T_camera_world (4, 4), the most probable first.
-            small: The view.
+        Points on detected people and objects (not `is_undetected`) are used only when fewer than
+        `MIN_POINTS` others are left, because people may cover more of the image than the static
+        scene does (decision 027). If the pose contradicts the log-odds of motion, these are
+        reset.
         """
         if self._view is None:
             return
@@ -232,11 +215,7 @@ class MotionSegmentation:
         self._T_world_camera, self._T_camera_world = T_world_camera, estimate.T_camera_world
 
     def _evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
-        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each depth segment moves.
-
-        They are the sum of the evidence from occlusion and from tracked points, as far as the
-        parameters `in_front` and `off_course` enable it.
-        """
+        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, from occlusion and from points."""
         evidence = np.zeros(len(small.segments.region))
         if self._config.in_front:
             evidence += self._history.occlusion_evidence(
@@ -247,7 +226,6 @@ class MotionSegmentation:
         return evidence
 
     def _displacements(self, tracked: SegmentedPoints, now_s: float) -> PointDisplacements:
-        """Return the displacements in the world of the points with depth since their anchors."""
         if not len(self._tracks):
             return PointDisplacements.none()
         has_depth = tracked.points.has_depth
@@ -299,13 +277,7 @@ class MotionSegmentation:
         return tracked.downscaled_pixel[kept]
 
     def _add_points(self, view: MotionView, small: DownscaledView, occupied: IntArray) -> None:
-        """Track new corners where no point is, and update the static probabilities of all points.
-
-        Args:
-            view: The full-resolution view.
-            small: The same view, downscaled.
-            occupied: (N,) indices of the tracked points in the flattened downscaled depth image.
-        """
+        """Track new corners where no point is, and update all static probabilities."""
         pixels = self._free_corners(view, small)
         depth_m = depths_at(view.depth_m, pixels).astype(np.float64)
         width = view.depth_m.shape[1]
@@ -328,10 +300,10 @@ class MotionSegmentation:
         self._static_probability = self._log_odds.static_probability(at)
 
     def _free_corners(self, view: MotionView, small: DownscaledView) -> IntArray:
-        """Return the pixel (flat index) of the strongest corner in each grid cell without a point.
+        """Return the flat pixels of the strongest corner in each grid cell without a point.
 
-        At most as many are returned as points are missing. Corners without depth are left out, and
-        so are corners at a depth edge, because their depth may be that of either side.
+        At most as many are returned as points are missing. Corners without depth are left out,
+        and so are corners at a depth edge, because their depth may be that of either side.
         """
         missing = self._config.num_points - len(self._tracks)
         height, width = view.depth_m.shape
@@ -353,15 +325,10 @@ class MotionSegmentation:
 
 
 def _area_per_point(area_px: Int32Array, segment: Int32Array) -> FloatArray:
-    """Return the (N,) image areas [px] that points represent.
+    """Return the (N,) image areas [px] that points represent, by their segment (-1: 2 px).
 
-    The area of a segment is divided by the number of its points. A point in no segment represents
-    2 px.
-
-    Args:
-        area_px: (S,) areas of the segments.
-        segment: (N,) segment of each point; -1 = none.
+    The area of a segment (S,) is divided by the number of its points.
     """
     num_points = np.bincount(segment + 1, minlength=len(area_px) + 1)[1:]
-    share = np.append(area_px / np.maximum(num_points, 1), _UNSEGMENTED_AREA_PX)
-    return share[segment]
+    per_point_px = np.append(area_px / np.maximum(num_points, 1), _UNSEGMENTED_AREA_PX)
+    return per_point_px[segment]

@@ -28,12 +28,7 @@ class MovingRegions(NamedTuple):
     camera_turn_radps: float = 0.0  # how fast the camera turns; 0 = unknown
 
     def label_at(self, pixels: IntArray) -> ByteArray:
-        """Return the labels of pixels: 0 = static, else 1 + index of the region.
-
-        Args:
-            pixels: Indices into the flattened full-resolution image, in an array of any shape,
-                which the result has too.
-        """
+        """Return the labels of flat full-image pixels: 0 = static, else 1 + index of region."""
         if self.camera is None or not len(self.depths_m):
             return np.zeros(pixels.shape, np.uint8)
         return self.label.ravel()[self.camera.downscaled_of_pixel[pixels]]
@@ -63,7 +58,7 @@ class MotionDetector:
     def detect(self, view: MotionView) -> None:
         """Segment motion in the next view and store its moving regions.
 
-        Segmentation starts anew when the camera differs from that of the previous view.
+        A new camera starts anew.
         """
         if self._segmentation is None or self._segmentation.camera.camera != view.camera:
             self._segmentation = MotionSegmentation(self._config, view.camera)
@@ -75,7 +70,6 @@ class MotionDetector:
         self._results.append((view.stamp_ns, moving))
 
     def has_result(self, stamp_ns: int) -> bool:
-        """Return whether the result of the view with this stamp is stored."""
         return any(result_ns == stamp_ns for result_ns, _ in self._results)
 
     def regions_at(self, stamp_ns: int) -> MovingRegions:
@@ -85,7 +79,6 @@ class MotionDetector:
 
 
 def _describe(regions: LabeledRegions, segmentation: MotionSegmentation) -> MovingRegions:
-    """Return the regions of the last view with their boxes, median depths and velocities."""
     depth_m = segmentation.depth_m
     depths_m = [np.median(depth_m[regions.label == n + 1]) for n in range(regions.num_regions)]
     return MovingRegions(

@@ -42,7 +42,6 @@ class PointTracks:
 
     @staticmethod
     def none() -> PointTracks:
-        """Return tracks without points."""
         empty = np.empty(0)
         three = np.empty((0, 3))
         return PointTracks(np.empty((0, 2), np.float32), three, empty, three, empty, empty)
@@ -51,12 +50,10 @@ class PointTracks:
         return len(self.anchored_s)
 
     def select(self, mask: BoolArray) -> PointTracks:
-        """Return the points of an (N,) mask."""
         index = np.flatnonzero(mask)
         return PointTracks(**{name: values.take(index, 0) for name, values in vars(self).items()})
 
     def concatenate(self, other: PointTracks) -> PointTracks:
-        """Return the points of this object, followed by the points of `other`."""
         mine, theirs = vars(self), vars(other)
         return PointTracks(**{n: np.concatenate([mine[n], theirs[n]]) for n in mine})
 
@@ -68,15 +65,7 @@ class PointTracks:
         now_s: float,
         for_s: float,
     ) -> PointTracks:
-        """Return a copy of the tracks in which some points have a new anchor.
-
-        Args:
-            mask: (N,) flags of the points that get a new anchor.
-            points_world_m: (N, 3) positions in the world; used where the flag is set.
-            turn_radps: (3,) present turn rate of the camera.
-            now_s: Time of the new anchors.
-            for_s: Time for which they are valid.
-        """
+        """Return the tracks with new anchors (N, 3) in the world where `mask` (N,) is set."""
         return dataclasses.replace(
             self,
             anchor_m=np.where(mask[:, None], points_world_m, self.anchor_m),
@@ -94,13 +83,8 @@ def predict_px(
 ) -> Float32Array:
     """Return the (N, 2) pixels at which the points would appear next if they were static.
 
-    The predicted motion of a point is limited to 40 px in each coordinate.
-
-    Args:
-        tracks: N points.
-        T_camera_world: (4, 4) camera pose of the image in which they were tracked last.
-        T_next_world: (4, 4) predicted pose T_camera_world of the next image.
-        camera: Camera of the gray images.
+    The predicted motion of a point is limited to 40 px in each coordinate. `T_next_world` is the
+    predicted T_camera_world of the next image.
     """
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
     before, after = (
@@ -121,20 +105,11 @@ def _normalized(points_m: FloatArray) -> FloatArray:
 def track(
     previous: ByteArray, current: ByteArray, tracks: PointTracks, predicted_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
-    """Track N points from the previous gray image into the current one.
+    """Return the points found again in the current image, with their pixels, and their (N,) mask.
 
-    A point counts as found if optical flow finds it at least 3 px inside the current image, and
-    tracking it back ends within 0.5 px, in u and in v, of where it began.
-
-    Args:
-        previous: The previous downscaled gray image.
-        current: The current downscaled gray image.
-        tracks: The points, with their pixels in the previous image.
-        predicted_px: (N, 2) pixels in the current image at which the search starts.
-
-    Returns:
-        The points that were found, with their pixels in the current image, and the (N,) mask of
-        these points.
+    A point counts as found if optical flow from `predicted_px` (N, 2) finds it at least 3 px
+    inside the current image, and tracking it back ends within 0.5 px, in u and in v, of where it
+    began.
     """
     if not len(tracks):
         return tracks, np.empty(0, np.bool_)
@@ -157,12 +132,7 @@ def _optical_flow(
 ) -> tuple[Float32Array, BoolArray]:
     """Return the (N, 2) pixels of points in the current image, and (N,) flags of found points.
 
-    Args:
-        previous: The image in which the points are known.
-        current: The image in which they are searched.
-        from_px: (N, 2) pixels in the previous image.
-        start_px: (N, 2) pixels in the current image at which the search starts.
-        max_level: Number of further pyramid levels; 0 = only full resolution.
+    `max_level` is the number of further pyramid levels; 0 = only full resolution.
     """
     uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
         previous,

@@ -23,7 +23,6 @@ class PointDisplacements(NamedTuple):
 
     @staticmethod
     def none() -> PointDisplacements:
-        """Return displacements without points."""
         return PointDisplacements(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
 
     def region_velocities_mps(self, regions: LabeledRegions) -> FloatArray:

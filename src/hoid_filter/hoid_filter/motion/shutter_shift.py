@@ -18,13 +18,8 @@ _MIN_SHIFT_PX = 1.5
 def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
     """Return the (...) largest shift [px] of a row between two images, against the middle row.
 
-    It is 0 if the turn rates are nearly the same in both images, which are then distorted alike:
-    a shift below 1.5 px counts as none, because the measured noise contains it.
-
-    Args:
-        turn_radps: (..., 3) turn rates of the camera in one image.
-        earlier_radps: (..., 3) turn rates in the other image.
-        focal_px: Focal length, in the pixels that the result has as well.
+    Turn rates are (..., 3). If they are nearly the same, both images are distorted alike: a shift
+    below 1.5 px counts as none, because the measured noise contains it.
     """
     change_radps = np.linalg.norm(turn_radps - earlier_radps, axis=-1)
     shift_px = 0.5 * _READOUT_S * focal_px * change_radps

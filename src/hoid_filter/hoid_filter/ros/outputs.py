@@ -41,12 +41,10 @@ class FilterOutputs:
 
     @property
     def wants_picture(self) -> bool:
-        """Return whether anybody subscribes to the debug image."""
         return self._debug_images.is_watched
 
     @property
     def wants_masks(self) -> bool:
-        """Return whether anybody subscribes to the masked images or the point clouds."""
         return self._masked_images.is_watched or bool(self._watched_clouds())
 
     def publish(
@@ -57,14 +55,6 @@ class FilterOutputs:
         *,
         provisional: bool,
     ) -> None:
-        """Publish features and objects, then the debug image if anybody subscribes to it.
-
-        Args:
-            frame: The color and depth image.
-            result: Result of the filter for the image.
-            header: Header of the color image.
-            provisional: Whether a final verdict may follow by `publish_final`.
-        """
         counts = conversions.FeatureCounts(
             result.num_features_in,
             result.num_removed,
@@ -86,15 +76,6 @@ class FilterOutputs:
         header: Header,
         camera: CameraModel | None,
     ) -> None:
-        """Publish the masked images and the point clouds that have subscribers.
-
-        Args:
-            final: The verdict on the image.
-            depth_m: (H, W) depth of the image.
-            header: Header of the color image.
-            camera: Camera model. If it is None or of another image size, no point cloud is
-                published.
-        """
         is_dynamic = dynamic_mask(final.verdict, depth_m.shape[::-1])
         is_static = ~is_dynamic
         mask = is_static.astype(np.uint8) * np.uint8(255)
@@ -107,13 +88,6 @@ class FilterOutputs:
             publisher.publish(conversions.cloud_to_msg(cloud, header))
 
     def publish_final(self, final: FinalVerdict, header: Header, size_px: tuple[int, int]) -> None:
-        """Publish the final verdict on an image that was published provisionally.
-
-        Args:
-            final: The final verdict on its features and objects.
-            header: Header of the color image.
-            size_px: Width and height of the image.
-        """
         self._verdicts.publish(conversions.feature_verdicts_to_msg(final.feature_verdicts, header))
         self._publish_objects(final.objects, header, size_px, provisional=False)
 

@@ -13,10 +13,7 @@ STRIDE_PX = 4  # chosen: 160x120 of VGA, at which a mask takes a sixteenth of th
 
 
 def subsample(depth_m: Float32Array) -> Float32Array:
-    """Return every fourth pixel of every fourth row of an (H, W) depth image, as (h, w).
-
-    The first of these pixels is in row 2 and column 2.
-    """
+    """Return every fourth pixel of every fourth row of depth (H, W), from row and column 2 on."""
     half = STRIDE_PX // 2
     return np.ascontiguousarray(depth_m[half::STRIDE_PX, half::STRIDE_PX])
 
@@ -30,12 +27,7 @@ def subsampled_pixels(shape_hw: tuple[int, ...]) -> IntArray:
 
 
 def subsampled_boxes(boxes_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> Int32Array:
-    """Return the (N, 4) smallest boxes x1, y1, x2, y2 at low resolution that cover given boxes.
-
-    Args:
-        boxes_xyxy_px: (N, 4) boxes in the full image.
-        shape_hw: Height and width of the low-resolution image, to which the boxes are clipped.
-    """
+    """Return the (N, 4) smallest low-resolution boxes that cover given ones, clipped."""
     height, width = shape_hw
     covering = boxes_xyxy_px / STRIDE_PX
     covering[:, :2] = np.floor(covering[:, :2])

@@ -20,7 +20,7 @@ from hoid_native import segment_objects
 # in octave 0, shows the moving object.
 _MARGIN_PX = 8
 _MARGIN_KERNEL = np.ones((2 * round(_MARGIN_PX / STRIDE_PX) + 1,) * 2, np.uint8)
-# Chosen: a predicted box is enlarged by this share of its width and height to each side, because
+# Chosen: a predicted box is enlarged by this ratio of its width and height to each side, because
 # it may be displaced by as much.
 _PREDICTION_MARGIN = 0.1
 
@@ -34,12 +34,7 @@ class Mask(NamedTuple):
 
 
 def dilate_mask(is_dynamic: BoolArray, image: FilterInput) -> Mask:
-    """Return the mask of an image: its dynamic pixels, grown by a margin of 8 px.
-
-    Args:
-        is_dynamic: (h, w) at low resolution: the dynamic pixels without the margin.
-        image: The image, whose corners are compared with the mask.
-    """
+    """Return the mask of an image: its dynamic pixels (h, w), grown by a margin of 8 px."""
     size_px = image.depth_m.size
     if not is_dynamic.any():
         return Mask(is_dynamic, size_px, None)
@@ -82,16 +77,10 @@ def mask_objects(
 ) -> BoolArray:
     """Return the (h, w) mask of the dynamic objects, without a margin.
 
-    Of each box, and of a tenth of its sides around it, only the surface near the object's depth is
-    masked, so that features on the background inside the box are kept. The whole box is masked if
-    the object's depth is unknown, or with `keep_background` off. Predicted boxes are enlarged by
-    10 % to each side first.
-
-    Args:
-        snapshot: N tracked people and objects.
-        reasons: N reasons why a track is static or dynamic.
-        low_depth_m: (h, w) subsampled depth.
-        plus: Parameters with the depth extent of people and objects.
+    Of each box, and of a tenth of its sides around it, only the surface near the object's depth
+    is masked, so that features on the background inside the box are kept. The whole box is masked
+    if the object's depth is unknown, or with `keep_background` off. Predicted boxes are enlarged
+    by 10 % to each side first.
     """
     dynamic = [n for n, reason in enumerate(reasons) if reason is not Reason.STATIC]
     if not dynamic:

@@ -20,9 +20,9 @@ from hoid_filter.strategies.motion_only import moving_objects
 from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 from hoid_native import box_center_depths_m, person_depths_m
 
-# Chosen: a moving region of which a larger share lies on detected dynamic objects is a part of
+# Chosen: a moving region of which a larger ratio lies on detected dynamic objects is a part of
 # these objects, and is not reported a second time.
-_MAX_DETECTED_SHARE = 0.5
+_MAX_DETECTED_RATIO = 0.5
 
 
 class HoidPlus:
@@ -43,10 +43,7 @@ class HoidPlus:
         )
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Update the tracks, and return the verdict on an image.
-
-        Its objects are the tracked people and objects, then the undetected moving regions.
-        """
+        """Return the verdict on tracked objects, followed by undetected moving regions."""
         plus = self._config.plus
         if image.detections is not None:
             unsure = self._unsure(
@@ -75,11 +72,6 @@ class HoidPlus:
 
         Such detections are often false. Depth does not reveal it: at arm's length a desk is as
         wide as a person. With `doubt_large_people` off, a large box alone is no reason.
-
-        Args:
-            detections: N detections.
-            image_area_px2: Area of the image.
-            are_blurred: Whether the camera turns fast.
         """
         plus = self._config.plus
         is_suspicious = np.full(len(detections), are_blurred)
@@ -93,10 +85,7 @@ class HoidPlus:
         return is_suspicious & is_weak & is_person
 
     def _turns_fast(self, image: FilterInput) -> bool:
-        """Return whether the camera turns so fast that detections are doubtful (decision 050).
-
-        The result is False with `doubt_in_turns` off, and while the turn rate is unknown.
-        """
+        """Return whether the camera turns so fast that detections are tentative (decision 050)."""
         plus = self._config.plus
         turn_radps = image.moving_regions.camera_turn_radps
         return plus.doubt_in_turns and turn_radps > plus.doubt_turn_radps
@@ -104,9 +93,8 @@ class HoidPlus:
     def _snapshot(self, image: FilterInput, low_depth_m: Float32Array) -> TrackSnapshot:
         """Predict the tracks to the stamp of the image, and return them with their depths.
 
-        The tracker deletes tracks that were missed for too long or have left the image and, while
-        the camera turns fast, all missed tracks. The torso depth of each person is stored on the
-        track.
+        While the camera turns fast, all missed tracks are deleted. The torso depth of each person
+        is stored on the track.
         """
         height, width = image.depth_m.shape
         if self._turns_fast(image):
@@ -126,18 +114,14 @@ def _undetected(
 ) -> MovingRegions:
     """Return the moving regions that lie mostly outside the detected dynamic objects.
 
-    Args:
-        regions: All moving regions of the image.
-        label: (h, w) label image at low resolution: 0 = static, else 1 + index of the region.
-        detected_mask: (h, w) at low resolution: the pixels of detected dynamic objects.
+    `label` (h, w) is 0 = static, else 1 + index of the region.
     """
     area = np.bincount(label.ravel(), minlength=len(regions.depths_m) + 1)[1:]
     detected_area = np.bincount(label[detected_mask], minlength=len(area) + 1)[1:]
-    return regions.select(np.flatnonzero(detected_area < _MAX_DETECTED_SHARE * area))
+    return regions.select(np.flatnonzero(detected_area < _MAX_DETECTED_RATIO * area))
 
 
 def _tracked_objects(snapshot: TrackSnapshot, found: Interactions) -> ObjectVerdicts:
-    """Return the verdicts on the tracks, except for static objects that the detector missed."""
     tracks = snapshot.tracks
     reported = [
         n

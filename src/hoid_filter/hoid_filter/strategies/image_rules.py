@@ -30,7 +30,7 @@ _PREDICTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PREDICTED, ROLE_CANDIDATE: R
 class Rule(NamedTuple):
     """The condition under which a person handles an object."""
 
-    min_overlap: float  # the person's box covers more than this share of the object's box
+    min_overlap: float  # the person's box covers more than this ratio of the object's box
     max_depth_gap_m: float  # and their depths differ by less than this, or a depth is unknown
     # If it is not NaN, it replaces `min_overlap`: at least one corner (FAST) of the image must lie
     # in the object's box, and at most this far outside the person's box along rows and columns.
@@ -62,11 +62,7 @@ class ImageRule(ABC):
         """Return the condition under which a person handles an object."""
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict on an image: which detected or predicted objects are dynamic.
-
-        Everything inside a dynamic box is masked. The detections are stored, to predict boxes in
-        later images.
-        """
+        """Return the verdict on an image; everything inside a dynamic box is masked."""
         aligned = align_detections(image, self._predictor)
         found = aligned.detections
         names = found.class_names
@@ -91,7 +87,6 @@ class ImageRule(ABC):
         return Verdict(objects, judged.area_px, kept)
 
     def _role(self, class_name: str) -> int:
-        """Return the role of a class: person, object that people may handle, or 0 for others."""
         if class_name == PERSON:
             return ROLE_PERSON
         return ROLE_CANDIDATE if self.config.may_be_handled(class_name) else 0
@@ -107,10 +102,6 @@ class NoFilter:
         self._sample_box_px = config.sample_box_px
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict that all objects are static and all corners are kept.
-
-        The detections are stored, to predict boxes in later images.
-        """
         found = align_detections(image, self._predictor).detections
         objects = ObjectVerdicts.of(
             found.boxes_xyxy_px,
@@ -126,15 +117,13 @@ class PersonOnly(ImageRule):
     """Removes the features inside the boxes of people, and keeps all others."""
 
     def rule(self) -> Rule:
-        """Return a condition that no object fulfills."""
         return Rule(math.inf, math.inf)
 
 
 class Hoid2d(ImageRule):
-    """The paper's 2-D rule: a person's box covers more than a share of the object's box."""
+    """The paper's 2-D rule: a person's box covers more than a ratio of the object's box."""
 
     def rule(self) -> Rule:
-        """Return the minimum overlap, at any depth."""
         return Rule(self.config.min_interaction_area, math.inf)
 
 
@@ -146,7 +135,6 @@ class Hoid3d(ImageRule):
     """
 
     def rule(self) -> Rule:
-        """Return the minimum overlap and the maximum depth difference."""
         return Rule(self.config.min_interaction_area, self.config.depth_limit_m)
 
 
@@ -163,10 +151,7 @@ class Descriptor(ImageRule):
 
 
 def align_detections(image: FilterInput, predictor: BoxPredictor) -> AlignedDetections:
-    """Return the boxes at the stamp of an image, detected in it or else predicted by `predictor`.
-
-    Detections of the input are stored in the predictor.
-    """
+    """Return the boxes at the stamp of an image, detected in it or else predicted."""
     detections = image.detections
     is_detected = detections is not None and detections.stamp_ns == image.stamp_ns
     if detections is not None:
@@ -179,6 +164,5 @@ def align_detections(image: FilterInput, predictor: BoxPredictor) -> AlignedDete
 
 
 def _reasons(dynamic_roles: ByteArray, is_detected: bool) -> tuple[Reason, ...]:
-    """Return the reason of each box from its role, where the role of static boxes is 0."""
     reason_of = _DETECTED if is_detected else _PREDICTED
     return tuple([reason_of[role] for role in dynamic_roles.tolist()])

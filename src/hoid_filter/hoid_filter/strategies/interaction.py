@@ -18,7 +18,7 @@ class Interactions:
     """The interaction of each of N tracked objects with people."""
 
     reasons: tuple[Reason, ...]  # N reasons why a track is static or dynamic
-    # (N,) share of the box that is covered by the person who handles the object, or, where nobody
+    # (N,) ratio of the box that is covered by the person who handles the object, or, where nobody
     # handles it, by the person who covers most; 0 for people, and if there are no people.
     overlap_ratios: FloatArray
     # (N,) absolute depth difference to the same person; NaN = unknown, or there is no such person.
@@ -41,15 +41,13 @@ class TrackSnapshot:
 
 
 def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
-    """Return how each track interacts with people, and update the tracks.
+    """Return how each track interacts with people, and store on each whether it is handled.
 
     A confirmed person handles an object if three conditions hold. The class of the object may be
     handled. The person's box covers more than `min_interaction_area` of the object's box. The
     object is at most `reach_m` nearer to the camera than the person's torso and at most
     `depth_limit_m` farther; an unknown depth fits. With `remember`, `release_share` of this area
-    is enough for an object that was handled in the image before (hysteresis). Whether an object is
-    handled is stored on its track for the next images; if it is, the time since it was handled
-    last is reset to 0.
+    is enough for an object that was handled in the image before (hysteresis).
     """
     plus = config.plus
     tracks = snapshot.tracks
@@ -96,7 +94,6 @@ def _reasons(
 
 
 def _reason(track: BoxTrack, stamp_ns: int, is_dynamic: bool, is_handled: bool) -> Reason:
-    """Return why a track is static or dynamic in the image of a stamp."""
     if not is_dynamic:
         return Reason.STATIC
     if track.seen_ns != stamp_ns:
@@ -107,5 +104,4 @@ def _reason(track: BoxTrack, stamp_ns: int, is_dynamic: bool, is_handled: bool) 
 
 
 def _flags(values: Iterable[bool]) -> BoolArray:
-    """Return booleans as an array (N,)."""
     return np.array(list(values), np.bool_)

@@ -21,7 +21,6 @@ class MotionOnly:
         """Ignore the configuration: this strategy has no parameters of its own."""
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return a verdict in which each moving region is a dynamic object of unknown class."""
         regions = image.moving_regions
         is_moving = regions.label_at(subsampled_pixels(image.depth_m.shape)) > 0
         mask = dilate_mask(is_moving, image)

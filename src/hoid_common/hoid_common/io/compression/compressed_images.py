@@ -126,9 +126,7 @@ def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
     """Return the pixels of a JPEG, PNG or TIFF.
 
     Args:
-        data: The compressed image.
         flags: OpenCV's flags for reading.
-        what: Name of the image, with which an error begins.
 
     Raises:
         MessageError: The data is no such image, has more than MAX_PIXELS, is not safe to decode

@@ -34,8 +34,6 @@ def float_array(field: Any, name: str, length: int) -> Float32Array:
     """Return a float32 copy (length,) of a float32[] field.
 
     Args:
-        field: Value of the field.
-        name: Name of the field, for the error.
         length: Expected number of elements.
 
     Raises:

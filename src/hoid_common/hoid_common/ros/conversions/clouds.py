@@ -91,7 +91,6 @@ def point_table(cloud: Cloud) -> ByteArray:
 
 
 def _fields(cloud: Cloud) -> list[PointField]:
-    """Return the fields of a cloud's points, four bytes each."""
     names = _FIELDS[: 3 if cloud.colors_bgr is None else 4]
     types = [(name, PointField.FLOAT32) for name in names]
     if cloud.labels is not None:

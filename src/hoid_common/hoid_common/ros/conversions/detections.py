@@ -44,8 +44,6 @@ def detections_to_msg(
     """Return the DetectionArray message of the objects detected in an image.
 
     Args:
-        detections: Boxes, classes and scores.
-        header: Header of the color image.
         image_size_px: Width and height of the image that the boxes refer to.
         class_names: Class names of the model. The index of a detection's class in them becomes its
             `class_id`; a class that is not among them gets -1.

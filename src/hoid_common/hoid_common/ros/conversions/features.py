@@ -68,10 +68,7 @@ def features_to_msg(
     """Return the Features message of an image; if all `may_seed` are True, that field is empty.
 
     Args:
-        features: The features that the filter has kept.
-        header: Header of the color image.
         image_size_px: Width and height of the image from which the features were extracted.
-        counts: Statistics of the filter.
     """
     seeds_all = bool(features.may_seed.all())
     return FeaturesMsg(
@@ -107,12 +104,7 @@ def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
 
 
 def feature_verdicts_to_msg(verdicts: FeatureVerdicts, header: Header) -> FeatureVerdictsMsg:
-    """Return the FeatureVerdicts message, whose array is empty when no feature is dynamic.
-
-    Args:
-        verdicts: Verdicts on the features of an image.
-        header: Header of the Features message.
-    """
+    """Return the FeatureVerdicts message, whose array is empty when no feature is dynamic."""
     flags = verdicts.is_dynamic if verdicts.is_dynamic.any() else verdicts.is_dynamic[:0]
     return FeatureVerdictsMsg(header=header, dynamic=bytes_field(flags))
 

@@ -82,9 +82,6 @@ def transform_to_msg(
 
     Args:
         T_parent_child: (4, 4), translation in m.
-        stamp_ns: Time of the transform.
-        parent: Name of the parent frame.
-        child: Name of the child frame.
     """
     msg = TransformStamped(child_frame_id=child)
     msg.header.stamp = stamp_to_msg(stamp_ns)
@@ -124,8 +121,6 @@ def odometry_to_msg(
             along which ROS expresses it.
         twist: (6,) in the base frame: angular velocity in rad/s, then linear velocity in m/s.
         twist_covariance: (6, 6) covariance of the twist, in the same order.
-        header: Header with the stamp of the image and the odometry frame.
-        child_frame_id: Name of the base frame.
     """
     A = _block_rotation(T_odom_base)
     rotated = (A @ covariance @ A.T)[_ROS_ORDER]

@@ -10,12 +10,10 @@ from hoid_common.values import NS_PER_S
 
 
 def stamp_from_msg(stamp: Time) -> int:
-    """Return the stamp in ns of a Time message."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def stamp_to_msg(stamp_ns: int) -> Time:
-    """Return the Time message of a stamp in ns."""
     sec, nanosec = divmod(stamp_ns, NS_PER_S)
     return Time(sec=sec, nanosec=nanosec)
 
@@ -29,7 +27,6 @@ def camera_frame(header: Header, default: str) -> str:
     """Return the frame of a header as it is valid in TF: without leading slash, and not empty.
 
     Args:
-        header: Header of a message from a camera.
         default: Name of the frame where the header has none; empty: none is known.
 
     Raises:

@@ -38,7 +38,6 @@ def dynamic_objects_to_msg(
 
     Args:
         objects: The objects, each with the filter's verdict.
-        header: Header of the color image.
         image_size_px: Width and height of the image that the boxes refer to.
         provisional: Whether a final message with the same stamp follows.
     """

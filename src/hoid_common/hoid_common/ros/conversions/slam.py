@@ -66,7 +66,6 @@ def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
     """Return the marker of the keyframes' lines, without its points.
 
     Args:
-        header: Header with the map frame.
         is_empty: Whether there are no keyframes; the marker is then deleted.
     """
     marker = Marker(header=header, ns='keyframes', id=0, type=Marker.LINE_LIST)

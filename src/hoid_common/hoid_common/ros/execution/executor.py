@@ -39,9 +39,6 @@ class _WaitList:
     The entities cannot be destroyed until `close` is called.
 
     Args:
-        nodes: Nodes whose entities are waited for.
-        context: ROS context of the nodes.
-        guards: Guard conditions of the executor.
         is_served: Function that returns whether the wait set contains an entity. It is also called
             for the guard conditions.
     """
@@ -86,18 +83,15 @@ class _WaitList:
         self._wait_set.wait(limit_ns)
 
     def ready(self, kind: str) -> list[Any]:
-        """Return the entities of a kind that are ready."""
         if not self.of_kind[kind]:
             return []
         pointers = self._wait_set.get_ready_entities(kind)
         return [e for e in self.of_kind[kind] if e.handle.pointer in pointers] if pointers else []
 
     def ready_waitables(self) -> list[Any]:
-        """Return the waitables that are ready."""
         return [waitable for waitable in self.waitables if waitable.is_ready(self._wait_set)]
 
     def _hold(self, entities: Iterable[Any]) -> list[Any]:
-        """Keep the served entities from being destroyed, and return them."""
         held = []
         for entity in entities:
             if not self._is_served(entity):
@@ -285,8 +279,6 @@ class SteadyExecutor(SingleThreadedExecutor):
         """Wait for the usual entities until the rare ones are due, and then for all of them.
 
         Args:
-            every: Wait set with all entities.
-            usual: Wait set without the rare ones.
             limit_ns: Longest time to wait in ns; -1 = without limit.
 
         Returns:
@@ -319,7 +311,6 @@ class SteadyExecutor(SingleThreadedExecutor):
             yield from ((take, entity) for entity in found.ready(kind))
 
     def _serves(self, entity: Any) -> bool:
-        """Return whether this executor runs the callbacks of an entity."""
         return not isinstance(getattr(entity, 'callback_group', None), ThreadCallbackGroup)
 
     def _serves_often(self, entity: Any) -> bool:
@@ -338,7 +329,6 @@ class GroupExecutor(SteadyExecutor):
     """Runs the callbacks of one callback group; the node's executor runs the others.
 
     Args:
-        node: Node of the group, which stays with its own executor.
         group: Callback group. All its services must be created before the executor spins.
     """
 
@@ -349,7 +339,6 @@ class GroupExecutor(SteadyExecutor):
         self._node, self._group = node, group
 
     def get_nodes(self) -> list[Node]:
-        """Return a list with the node of the group."""
         return [self._node]
 
     def _serves(self, entity: Any) -> bool:

@@ -21,9 +21,6 @@ class ServiceThread:
 
     Create the services with `group` as their callback group, then call `start`. The thread runs
     until `close` is called or ROS shuts down. An error in a service does not end it.
-
-    Args:
-        node: Node of the services.
     """
 
     def __init__(self, node: Node) -> None:
@@ -35,7 +32,6 @@ class ServiceThread:
 
     @property
     def group(self) -> CallbackGroup:
-        """Return the callback group of the services."""
         return self._group
 
     def start(self, on_failure: Callable[[Exception], None]) -> None:

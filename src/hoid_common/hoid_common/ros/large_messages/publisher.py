@@ -23,10 +23,6 @@ class OnDemandPublisher:
     """Publisher of messages or serialized messages, which knows whether somebody subscribes.
 
     Args:
-        node: The node.
-        type_: Type of the messages.
-        topic: Name of the topic.
-        profile: Quality of service.
         on_change: Called in the thread that spins the node when a subscriber has joined or left.
     """
 
@@ -47,7 +43,6 @@ class OnDemandPublisher:
 
     @property
     def is_wanted(self) -> bool:
-        """Return whether the topic has subscribers."""
         return bool(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:

@@ -38,7 +38,6 @@ def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
     Args:
         stamps_ns: (N,) stamps of the poses.
         T_map_base: (N, 4, 4) poses of the base in the header's frame, translation in m.
-        header: Header of the path.
     """
     one = PoseStamped(header=Header(frame_id=header.frame_id))
     position, quat = one.pose.position, one.pose.orientation
@@ -94,7 +93,6 @@ def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
 
     Args:
         T_map_camera: (N, 4, 4) poses of the keyframes' optical frames in the map frame.
-        header: Header with the map frame.
     """
     marker = keyframe_marker(header, is_empty=len(T_map_camera) == 0)
     empty = serialize_message(MarkerArray(markers=[marker]))
@@ -113,7 +111,6 @@ def _around(empty: Any, one: Any, element: bytes) -> tuple[bytes, bytes]:
 
     Args:
         empty: The message with an empty array; it may be serialized already.
-        one: The same message with some elements in the array.
         element: Bytes with which these elements end. They occur nowhere else in the message.
     """
     if not isinstance(empty, bytes):
