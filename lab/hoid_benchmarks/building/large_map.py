@@ -22,11 +22,12 @@ from hoid_benchmarks.building.tiled_map import tiled_to
 from hoid_benchmarks.building.world.floors import Building
 from hoid_common import se3
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map
+from rgbd_slam.loops.essential_graph import closed_poses, move_map
 from rgbd_slam.loops.global_adjustment import apply_solution, global_problem, solve
 from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import restore
 from rgbd_slam.store import map_file
 from rgbd_slam.store.map_file import MapFile
@@ -95,8 +96,10 @@ def _loop(
 
     def correct() -> None:
         region = region_around(atlas, ends, len(keyframes))
-        loops = [Loop(*uids, T_first_last, covariance)]
-        move_map(atlas, *closed_poses(atlas, region, loops, shared))
+        loop = LoopEdge(
+            *uids, T_first_last, covariance, 100, 1.0, 'closed', residual_m=0.0, is_used=True
+        )
+        move_map(atlas, *closed_poses(atlas, region, [loop], shared))
 
     _, correction_s = _timed(correct)
     sent_mb, gap_s, version = _sent(atlas, copy, version)

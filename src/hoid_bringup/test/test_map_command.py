@@ -13,6 +13,7 @@ from hoid_bringup.cli import main
 from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import RunConfig
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.store import map_file
 
 from .test_offline import WallSequence
@@ -80,6 +81,19 @@ def test_maps_of_different_places_are_not_joined(
     assert f'{maps[1]}: not joined' in printed.out
     assert 'nothing is written' in printed.err
     assert not out.parent.exists()
+
+
+def test_the_loops_of_a_map_are_listed_with_their_evidence(
+    maps: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content, path = map_file.load(Path(maps[0])), tmp_path / 'with_loop.hoidmap'
+    edge = LoopEdge(0, 2, np.eye(4), np.eye(6), 123, 0.987, 'closed', 0.0123, is_used=False)
+    map_file.save(path, content._replace(uids=None, loops=(edge,)))
+    assert main(['map', 'loops', str(path), maps[1]]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f'{path}: 1 loops and joins'
+    assert lines[2].split() == ['0', 'closed', '0', '2', '123', '99', '%', '0.012', 'm', 'no']
+    assert lines[3] == f'{maps[1]}: 0 loops and joins'
 
 
 def test_a_pair_that_must_stay_apart_is_not_joined(

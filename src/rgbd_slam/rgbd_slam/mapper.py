@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from rgbd_slam.loops.loop_closer import LoopCloser, LoopCounts
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState, restore
 from rgbd_slam.model.points import PointCounts
@@ -104,20 +106,24 @@ class Mapper:
         """Remove the observations of a keyframe's features that turned out to be dynamic."""
         retract_observations(self.map, verdicts)
 
-    def load(self, state: MapState, first_uid: int, *, keep: bool) -> None:
+    def load(
+        self, state: MapState, first_uid: int, *, keep: bool, loops: Sequence[LoopEdge] = ()
+    ) -> None:
         """Load a saved map (`restore`), and index its places if closing loops is switched on.
 
         Args:
             state: The saved map.
             first_uid: Uid of its first keyframe; the others get the next ones.
             keep: True: keep the running map beside it. False: discard the running map.
+            loops: Its loop edges, between rows of the saved map.
         """
         if not keep:
             self._closer.close()  # its place index describes the old map
             self._closer = LoopCloser(
                 self.map, self._configured_camera, self._config, background=self._background
             )
-        restore(self.map, state, self._configured_camera, first_uid, keep=keep)
+        camera = self._configured_camera
+        restore(self.map, state, camera, first_uid, keep=keep, loops=loops)
         self._closer.index_places()
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:

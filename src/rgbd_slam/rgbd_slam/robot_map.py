@@ -19,6 +19,7 @@ from hoid_common.values import (
     Trajectory,
 )
 from rgbd_slam.config.slam_config import CameraConfig
+from rgbd_slam.model.loop_edge import renumbered
 from rgbd_slam.model.map_state import MapState, snapshot
 from rgbd_slam.model.trajectory import current_pass, keyframe_poses, main_map
 from rgbd_slam.processes.map_loading import MapLoading
@@ -214,7 +215,10 @@ class RobotMap:
         """
         if len(self._slam.map.atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
-        return self.content_of(snapshot(self._slam.map.atlas))
+        atlas = self._slam.map.atlas
+        uids = np.sort(atlas.keyframes.uid[atlas.keyframes.indices()]).tolist()
+        loops = renumbered(atlas.loops, {uid: n for n, uid in enumerate(uids)})
+        return self.content_of(snapshot(atlas))._replace(loops=loops)
 
     def content_of(self, state: MapState) -> MapFile:
         """Return a map in the core's map frame as content of a map file, in the robot's map frame.
@@ -252,7 +256,9 @@ class RobotMap:
         state = content.seen_by(self._camera, *octaves, extend=extend).map
         self._frames.is_fixed = True
         in_core = state.moved(se3.inverse(self._frames.T_map_core))
-        return PreparedMap(self._slam.prepare_load(in_core, keep=keep), content.camera)
+        loading = self._slam.prepare_load(in_core, keep=keep)
+        loading.loops = content.loops_by_row
+        return PreparedMap(loading, content.camera)
 
     def begin_load(self, prepared: PreparedMap, on_loaded: Callable[[LoadedMap], None]) -> int:
         """Begin to load a saved map; return the uid of its first keyframe.

@@ -73,8 +73,8 @@ def content() -> MapFile:
     state = snapshot(ring())
     uids = 3 * np.arange(len(state)) + 7
     loops = (
-        LoopEdge(10, 25, se3.exp(np.full(6, 0.1)), 45, 'loop', is_used=True),
-        LoopEdge(7, 28, se3.exp(np.full(6, 0.2)), 12, 'join', is_used=False),
+        LoopEdge(10, 25, se3.exp(np.full(6, 0.1)), np.eye(6), 45, 0.9, 'loop', 0.01, is_used=True),
+        LoopEdge(7, 28, se3.exp(np.full(6, 0.2)), np.eye(6), 12, 0.7, 'join', 2.0, is_used=False),
     )
     return MapFile(
         MODEL, SCALE, OCTAVES, state, dense_of(), objects_of(state), uids, loops, 'today', 123

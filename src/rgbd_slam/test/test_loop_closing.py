@@ -10,17 +10,21 @@ from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.config.place_config import LoopConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.drift_limit import DriftLimit
-from rgbd_slam.loops.essential_graph import Loop, closed_poses, move_map, path_length_m
+from rgbd_slam.loops.essential_graph import closed_poses, move_map, path_length_m
 from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
+from rgbd_slam.loops.loop_graph import optimized
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.loop_edge import LoopEdge, renumbered
+from rgbd_slam.model.map_state import restore, snapshot
 from rgbd_slam.places.place_finder import PlaceFinder
 
 from .ring_world import CAMERA, RingWorld, drifted, mapped, ring_poses
 
 DRIFT = np.array([0.0, 0.002, 0.0, 0.006, 0.003, 0.0])
 LAPS = 1.06
+_SURE = np.diag(np.square([0.001] * 3 + [0.002] * 3))  # covariance of a loop
 
 
 def _errors_m(atlas: Atlas, rows: IntArray, truth: FloatArray) -> FloatArray:
@@ -35,6 +39,14 @@ def drifting() -> tuple[Atlas, IntArray, FloatArray]:
     atlas = Atlas(1.2, 8)
     rows = mapped(atlas, RingWorld(), truth, drifted(truth, DRIFT))
     return atlas, rows, truth
+
+
+def _edge(
+    first_uid: int, second_uid: int, T_first_second: FloatArray, covariance: FloatArray = _SURE
+) -> LoopEdge:
+    return LoopEdge(
+        first_uid, second_uid, T_first_second, covariance, 50, 1.0, 'closed', 0.0, is_used=True
+    )
 
 
 def _copy(atlas: Atlas) -> Atlas:
@@ -261,9 +273,8 @@ def test_a_loop_edge_moves_the_end_to_where_it_was_measured(
 ) -> None:
     atlas, rows, truth = drifting
     uid = atlas.keyframes.uid
-    covariance = np.diag(np.square([0.001] * 3 + [0.002] * 3))
     T_first_last = se3.inverse(truth[0]) @ truth[-1]
-    loop = Loop(int(uid[rows[0]]), int(uid[rows[-1]]), T_first_last, covariance)
+    loop = _edge(int(uid[rows[0]]), int(uid[rows[-1]]), T_first_last)
     region = region_around(atlas, rows[[0, -1]], len(rows))
     assert len(region.border) == 0
     keyframes, T = closed_poses(atlas, region, [loop], 100)
@@ -282,11 +293,76 @@ def test_the_uncertainty_of_a_loop_is_that_of_its_end_and_not_of_the_head_of_a_g
     uid = atlas.keyframes.uid
     turned = truth[-1] @ se3.exp(np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
     covariance = np.diag(np.square([0.2] * 3 + [0.001] * 3))
-    loop = Loop(int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ turned, covariance)
+    loop = _edge(int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ turned, covariance)
     region = region_around(atlas, rows[[0, -1]], len(rows))
     keyframes, T = closed_poses(atlas, region, [loop], 100)
     last = T[keyframes.tolist().index(int(rows[-1]))]
     np.testing.assert_allclose(last[:3, 3], truth[-1, :3, 3], atol=0.02)
+
+
+def test_a_loop_that_contradicts_the_others_is_left_out_and_kept_with_its_evidence(
+    drifting: tuple[Atlas, IntArray, FloatArray],
+) -> None:
+    original, rows, truth = drifting
+    for order in (1, -1):  # the wrong one is the newest, or the oldest
+        atlas, uid = _copy(original), original.keyframes.uid[rows].tolist()
+        true = [
+            _edge(uid[a], uid[b], se3.inverse(truth[a]) @ truth[b]) for a, b in ((0, -1), (1, -2))
+        ]
+        T_wrong = se3.inverse(truth[0]) @ truth[-1]
+        T_wrong[0, 3] += 2.0
+        edges = [*true, _edge(uid[0], uid[-1], T_wrong)][::order]
+        atlas.loops = tuple(edges)
+        region = region_around(atlas, rows[[0, -1]], len(rows))
+        graph = optimized(atlas, region, 100)
+        used = [edge.is_used for edge in graph.loops]
+        assert used == [True, True, False][::order]
+        assert graph.loops[np.argmin(used)].residual_m == pytest.approx(2.0, abs=0.05)
+        assert max(edge.residual_m for edge in graph.loops if edge.is_used) < 0.02
+        move_map(atlas, region.rows, graph.T_map_camera)
+        assert _errors_m(atlas, rows, truth).max() < 0.1  # of 0.2 m
+
+
+def test_a_closed_loop_is_in_the_map_with_its_evidence_and_in_its_copies(
+    drifting: tuple[Atlas, IntArray, FloatArray],
+) -> None:
+    original, rows, _ = drifting
+    atlas, copy, resumed = _copy(original), _copy(original), Atlas(1.2, 8)
+    version = atlas.version
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
+    closer.process(int(rows[-1]))
+    (edge,) = atlas.loops
+    assert closer.last_join is not None
+    assert (edge.kind, edge.is_used) == ('closed', True)
+    assert edge.num_inliers == closer.last_join.num_points
+    assert edge.second_uid == atlas.keyframes.uid[rows[-1]]
+    assert edge.found_share > 0.9
+    assert edge.residual_m < 0.03
+    copy.apply(atlas.changes_since(version))
+    resumed.apply(atlas.whole())
+    assert copy.loops == resumed.loops == atlas.loops
+    assert atlas.changes_since(atlas.version).loops is None  # it has not changed
+
+
+def test_a_loop_outlives_its_keyframes_and_is_saved(
+    drifting: tuple[Atlas, IntArray, FloatArray],
+) -> None:
+    original, rows, _ = drifting
+    atlas, uid = _copy(original), original.keyframes.uid[rows].tolist()
+    T = atlas.keyframes.T_map_camera[rows]
+    atlas.loops = (_edge(uid[2], uid[-2], se3.inverse(T[2]) @ T[-2]),)
+    for n in (2, -2):
+        atlas.remove_keyframe(int(rows[n]))
+    (edge,) = atlas.loops
+    assert edge[:2] == (uid[1], uid[-3])
+    np.testing.assert_allclose(edge.T_first_second, se3.inverse(T[1]) @ T[-3], atol=1e-9)
+    loaded, state = Atlas(1.2, 8), snapshot(atlas)
+    saved = renumbered(
+        atlas.loops, {u: n for n, u in enumerate(sorted(set(uid) - {uid[2], uid[-2]}))}
+    )
+    restore(loaded, state, CAMERA, 100, keep=False, loops=saved)
+    assert loaded.loops[0][:2] == (101, 100 + len(state) - 2)
+    np.testing.assert_array_equal(loaded.loops[0].T_first_second, edge.T_first_second)
 
 
 def test_a_loop_in_a_large_map_corrects_the_keyframes_around_it(
@@ -297,9 +373,8 @@ def test_a_loop_in_a_large_map_corrects_the_keyframes_around_it(
     assert len(region.rows) == 9
     assert len(region.border) > 0
     assert not np.isin(region.border, region.rows).any()
-    covariance = np.diag(np.square([0.001] * 3 + [0.002] * 3))
     uid = atlas.keyframes.uid[rows]
-    loop = Loop(int(uid[0]), int(uid[-1]), se3.inverse(truth[0]) @ truth[-1], covariance)
+    loop = _edge(int(uid[0]), int(uid[-1]), se3.inverse(truth[0]) @ truth[-1])
     keyframes, T = closed_poses(atlas, region, [loop], 100)
     assert keyframes.tolist() == region.rows.tolist()
     before = atlas.keyframes.T_map_camera[rows[-1]]

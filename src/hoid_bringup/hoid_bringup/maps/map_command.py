@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from rgbd_slam.store import map_file
 from rgbd_slam.store.map_file import MapFile
 
 _MB = 1e6
-_INFO, _MERGE = 'info', 'merge'
+_INFO, _MERGE, _LOOPS = 'info', 'merge', 'loops'
 _OTHER_VOXELS = 'its voxels have another size than those of the first map, or it is of old images'
 
 
@@ -28,9 +28,9 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid map`."""
     parser.add_argument(
         'action',
-        choices=(_INFO, _MERGE),
+        choices=(_INFO, _MERGE, _LOOPS),
         help='info: print what each map holds; merge: join the maps where they show the same '
-        'places, in the frame of the first one',
+        'places, in the frame of the first one; loops: list the loops and joins of each map',
     )
     parser.add_argument('maps', type=Path, nargs='+', metavar='FILE', help=f'saved {SUFFIX} files')
     parser.add_argument('--out', type=Path, metavar='FILE', help='merge: file of the joined map')
@@ -58,10 +58,15 @@ def map_command(args: argparse.Namespace) -> None:
         MapFileError: A file is no valid map, no map shows a place of another one, or the joined
             map cannot be written.
     """
-    if args.action == _INFO:
-        for path in args.maps:
-            _print(*_described(path, checkpoint_folder.load_map(path)))
+    described = {_INFO: _described, _LOOPS: _listed_loops}
+    if args.action == _MERGE:
+        _merge(args)
         return
+    for path in args.maps:
+        _print(*described[args.action](path, checkpoint_folder.load_map(path)))
+
+
+def _merge(args: argparse.Namespace) -> None:
     if args.out is None or len(args.maps) < 2:
         raise ConfigError('merge needs at least two maps, and --out for the joined one')
     check_writable(args.out.parent)
@@ -84,7 +89,7 @@ def _print(*lines: str) -> None:
     sys.stdout.writelines(f'{line}\n' for line in lines)
 
 
-def _described(path: Path, content: MapFile) -> Sequence[str]:
+def _described(path: Path, content: MapFile) -> Iterable[str]:
     """Return the lines of `map info` for one map."""
     state, camera = content.map, content.camera
     sizes = np.sort(np.bincount(state.map_id))[::-1]
@@ -106,6 +111,19 @@ def _described(path: Path, content: MapFile) -> Sequence[str]:
             f'{", ".join(map(str, sizes))} keyframes'
         )
     return lines
+
+
+def _listed_loops(path: Path, content: MapFile) -> Iterable[str]:
+    """Yield the lines of `map loops` for one map: each loop or join with its evidence."""
+    yield f'{path}: {len(content.loops)} loops and joins'
+    if content.loops:
+        yield 'number  kind      keyframes    points  found  residual  used'
+    for n, edge in enumerate(content.loops):
+        yield (
+            f'{n:6}  {edge.kind:8}  {edge.first_uid:5} {edge.second_uid:5}  {edge.num_inliers:6}  '
+            f'{100 * edge.found_share:3.0f} %  {edge.residual_m:6.3f} m  '
+            f'{"yes" if edge.is_used else "no"}'
+        )
 
 
 def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tuple[int, int]]:

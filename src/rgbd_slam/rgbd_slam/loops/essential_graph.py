@@ -6,8 +6,7 @@ far (Mur-Artal et al., T-RO 2015, sec. VII). Scale is not estimated, because dep
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from hoid_native.results import Edges
 from rgbd_slam.loops.keyframe_groups import keyframe_groups, spread_corrections
 from rgbd_slam.loops.region import Region
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_change import Move
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
@@ -36,15 +36,6 @@ _LINK_FACTOR = 3.0
 _LINK_SIGMA_M = 0.002
 _LINK_SIGMA_RAD = 0.001
 _DRIFT_M_PER_RAD = 0.3  # not tuned: a rotation by 1 rad causes as much drift as a path of 0.3 m
-
-
-class Loop(NamedTuple):
-    """A closed loop: the measured relative pose of two keyframes that show the same place."""
-
-    uid_a: int
-    uid_b: int
-    T_a_b: FloatArray  # (4, 4)
-    covariance: FloatArray  # (6, 6) in the camera frame of b, rotation first [rad^2, m^2]
 
 
 def link_covariance(match: PlaceMatch) -> FloatArray:
@@ -74,7 +65,7 @@ def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
 
 
 def closed_poses(
-    atlas: Atlas, region: Region, loops: list[Loop], min_shared: int
+    atlas: Atlas, region: Region, loops: Sequence[LoopEdge], min_shared: int
 ) -> tuple[IntArray, FloatArray]:
     """Return the rows (N,) of the keyframes of a region, and their poses after closing loops.
 
@@ -86,8 +77,9 @@ def closed_poses(
     Args:
         atlas: The map.
         region: The keyframes whose poses are corrected.
-        loops: All closed loops; a loop has no effect if one of its keyframes is neither in the
-            region nor at its border, or if both are in the same group (`keyframe_groups`).
+        loops: All closed loops; a loop has no effect if it is not used, if one of its keyframes is
+            neither in the region nor at its border, or if both are in the same group
+            (`keyframe_groups`).
         min_shared: Number of shared points from which two keyframes are connected by an edge.
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
@@ -132,7 +124,7 @@ def _constraints(
 
 
 def _links(
-    atlas: Atlas, loops: list[Loop], group_of: IntArray, T_map_head: FloatArray
+    atlas: Atlas, loops: Sequence[LoopEdge], group_of: IntArray, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
     """Yield (g, h, T_g_h, covariance) for each loop between two groups g and h.
 
@@ -142,8 +134,8 @@ def _links(
     """
     keyframes = atlas.keyframes
     for loop in loops:
-        a, b = keyframes.index_of(loop.uid_a), keyframes.index_of(loop.uid_b)
-        if a is None or b is None:
+        a, b = keyframes.index_of(loop.first_uid), keyframes.index_of(loop.second_uid)
+        if a is None or b is None or not loop.is_used:
             continue
         g, h = int(group_of[a]), int(group_of[b])
         if min(g, h) < 0 or g == h:
@@ -152,7 +144,7 @@ def _links(
         T_b_head = se3.inverse(keyframes.T_map_camera[b]) @ T_map_head[h]
         to_head = se3.adjoint(se3.inverse(T_b_head))
         covariance = to_head @ loop.covariance @ to_head.T
-        yield g, h, T_head_a @ loop.T_a_b @ T_b_head, covariance
+        yield g, h, T_head_a @ loop.T_first_second @ T_b_head, covariance
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:

@@ -13,19 +13,18 @@ from hoid_common.values import S_PER_NS, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.fusion import fuse
 from rgbd_slam.loops.essential_graph import (
-    Loop,
-    closed_poses,
     link_covariance,
     move_map,
     path_length_m,
 )
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
+from rgbd_slam.loops.loop_graph import optimized
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.places.geometric_verification import PlaceMatch
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.places.place_finder import FoundPlace
 
 _AROUND = 10  # not tuned: neighbors of each of the two keyframes of a loop whose points are fused
@@ -108,7 +107,6 @@ class LoopCloser:
         self._config = config.places.loops
         self._mapping = config.mapping
         self._detector = LoopDetector(atlas, camera, config)
-        self._loops: list[Loop] = []
         self._adjusted_map = _NO_MAP  # the map that was adjusted last
         self._has_grown = False  # whether keyframes have been added to that map since then
         self.last_join: Join | None = None  # of the last keyframe, if it showed a known place
@@ -147,9 +145,11 @@ class LoopCloser:
         if keyframes.map_id[i] == keyframes.map_id[c]:
             turn_rad, distance_m = self._detector.correction(i, match)
             correction = distance_m, turn_rad
-            event = self._close(i, c, match, T_c_i)
+            event = self._close(i, place, T_c_i)
         else:
-            event = self._merge(i, c, T_c_i)
+            event = self._merge(i, place, T_c_i)
+        if event is LoopEvent.NOTHING:
+            return event
         evidence = len(match.k), correction, found_share
         self.last_join = Join(event, stamp_ns, place_stamp_ns, T_c_i, place_uid, *evidence)
         _logger.info('%s', self.last_join)
@@ -195,42 +195,51 @@ class LoopCloser:
         """Stop the global adjustment in the background without applying it."""
         self._adjuster.close()
 
-    def _close(self, i: int, c: int, match: PlaceMatch, T_c_i: FloatArray) -> LoopEvent:
-        """Close a loop from keyframe `i` to keyframe `c` by pose graph optimization.
+    def _close(self, i: int, place: FoundPlace, T_c_i: FloatArray) -> LoopEvent:
+        """Close a loop from keyframe `i` to a place of its map by pose graph optimization.
 
         The map points around both keyframes are fused. A global adjustment follows unless the loop
-        is short and has hardly any drift.
+        is short and has hardly any drift. Nothing is done if the loop contradicts the others.
 
         Args:
             i: Row of the new keyframe.
-            c: Row of the keyframe that shows the same place.
-            match: The verified pose of keyframe `i` at this place.
-            T_c_i: (4, 4) the same pose, relative to keyframe `c`.
+            place: The verified place.
+            T_c_i: (4, 4) pose of the keyframe, relative to the keyframe of the place.
         """
-        keyframes, config = self._atlas.keyframes, self._config
-        turn_rad, distance_m = self._detector.correction(i, match)
+        keyframes, config, c = self._atlas.keyframes, self._config, place.keyframe
+        turn_rad, distance_m = self._detector.correction(i, place.match)
         path_m = path_length_m(self._atlas, c, i)
         is_small = distance_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
         is_small &= path_m < config.long_path_m
-        alive = set(keyframes.uid[keyframes.alive].tolist())
-        self._loops = [loop for loop in self._loops if {loop.uid_a, loop.uid_b} <= alive]
-        self._loops.append(
-            Loop(int(keyframes.uid[c]), int(keyframes.uid[i]), T_c_i, link_covariance(match))
-        )
+        event = LoopEvent.REJOINED if is_small else LoopEvent.CLOSED
+        self._atlas.loops += (self._edge(i, place, T_c_i, event),)
         ends = np.array([c, i])
         region = region_around(self._atlas, ends, _SMALL_LOOP if is_small else len(keyframes))
-        poses = closed_poses(self._atlas, region, self._loops, config.essential_shared)
-        self._adjuster.rebase(move_map(self._atlas, *poses))
+        corrected = optimized(self._atlas, region, config.essential_shared)
+        if not corrected.loops[-1].is_used:
+            self._atlas.loops = (*self._atlas.loops[:-1], corrected.loops[-1])
+            return LoopEvent.NOTHING
+        self._atlas.loops = corrected.loops
+        self._adjuster.rebase(move_map(self._atlas, region.rows, corrected.T_map_camera))
         self._fuse(i, c)
         if not is_small:
             self._adjust(ends)
-        return LoopEvent.REJOINED if is_small else LoopEvent.CLOSED
+        return event
 
-    def _merge(self, i: int, c: int, T_c_i: FloatArray) -> LoopEvent:
+    def _merge(self, i: int, place: FoundPlace, T_c_i: FloatArray) -> LoopEvent:
+        self._atlas.loops += (self._edge(i, place, T_c_i, LoopEvent.MERGED),)
+        c = place.keyframe
         self._adjuster.rebase(merge_maps(self._atlas, i, c, T_c_i))
         self._fuse(i, c)
         self._adjust(np.array([c, i]))
         return LoopEvent.MERGED
+
+    def _edge(self, i: int, place: FoundPlace, T_c_i: FloatArray, event: LoopEvent) -> LoopEdge:
+        c, match, found_share = place
+        uid_c, uid_i = self._atlas.keyframes.uid[[c, i]].tolist()
+        covariance = link_covariance(match)
+        evidence = len(match.k), found_share, event.value
+        return LoopEdge(uid_c, uid_i, T_c_i, covariance, *evidence, 0.0, is_used=True)
 
     def _adjust(self, around: IntArray) -> None:
         self._adjuster.start(around)

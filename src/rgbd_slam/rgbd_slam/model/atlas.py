@@ -18,10 +18,8 @@ from hoid_native import point_statistics
 from hoid_native.results import Observations
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, SavedKeyframes
-from rgbd_slam.model.map_change import (
-    Move,
-    Redirect,
-)
+from rgbd_slam.model.loop_edge import moved_ends
+from rgbd_slam.model.map_change import Move, Redirect
 from rgbd_slam.model.map_tables import MapTables
 from rgbd_slam.model.points import MAX_POSITION_M, PointCounts
 from rgbd_slam.records.soa_table import DEAD, Column
@@ -49,6 +47,7 @@ class Atlas(MapTables):
         self.redirects.clear()
         self.pending.clear()
         self._moves.clear()
+        self.loops = ()
 
     # ---- keyframes
 
@@ -129,7 +128,10 @@ class Atlas(MapTables):
             raise ValueError(f'keyframe {i} is the root of its map and cannot be removed')
         self.unobserve(i, np.flatnonzero(kf.point_of_feature[i] != NO_POINT))
         T_parent_camera = se3.inverse(kf.T_map_camera[parent]) @ kf.T_map_camera[i]
-        self.redirects.add([Redirect(int(kf.uid[i]), int(kf.uid[parent]), T_parent_camera)])
+        redirect = Redirect(int(kf.uid[i]), int(kf.uid[parent]), T_parent_camera)
+        self.redirects.add([redirect])
+        if any(redirect.uid in edge[:2] for edge in self.loops):
+            self.loops = moved_ends(self.loops, *redirect)
         children = kf.children(i)
         kf.parent_uid[children] = kf.uid[parent]
         kf.version[children] = self.version
@@ -348,6 +350,7 @@ class Atlas(MapTables):
             vars(new).update(old)
         self.points.shift_uids(uid_offset)
         self._graph, loaded._graph = loaded._graph, self._graph
+        self.loops = self._sent_loops = loaded.loops
         if not keep_pending:
             self.pending.clear()
         self._moves.clear()

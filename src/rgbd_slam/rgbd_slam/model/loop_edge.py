@@ -2,17 +2,63 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from hoid_common import se3
 from hoid_common.values import FloatArray
 
 
 class LoopEdge(NamedTuple):
-    """A loop or join that was found, whether or not the map uses it."""
+    """A loop or join that was found, whether or not the map uses it.
+
+    Ends of which the keyframe was removed are moved to its parent.
+    """
 
     first_uid: int  # the keyframe that was recognized
     second_uid: int  # the keyframe in which it was recognized
     T_first_second: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) in the camera frame of the second, rotation first
     num_inliers: int  # matched points that agree with it
-    kind: str  # how it was found, such as "loop" or "join"
+    found_share: float  # share of the points expected there that were found
+    kind: str  # how it was found: the value of a `LoopEvent`
+    residual_m: float  # by which the map deviated from it after the last optimization
     is_used: bool  # False: it was left out, because it contradicts the rest of the map
+
+    def residual(self, T_map_first: FloatArray, T_map_second: FloatArray) -> FloatArray:
+        """Return the motion (4, 4) by which the poses (4, 4) of its ends deviate from it."""
+        T: FloatArray = se3.inverse(self.T_first_second) @ se3.inverse(T_map_first) @ T_map_second
+        return T
+
+
+def renumbered(edges: Iterable[LoopEdge], numbers: Mapping[int, int]) -> tuple[LoopEdge, ...]:
+    """Return edges with other numbers of their keyframes; without those that have no number."""
+    return tuple(
+        edge._replace(first_uid=numbers[edge.first_uid], second_uid=numbers[edge.second_uid])
+        for edge in edges
+        if edge.first_uid in numbers and edge.second_uid in numbers
+    )
+
+
+def moved_ends(
+    edges: Iterable[LoopEdge], uid: int, parent_uid: int, T_parent_camera: FloatArray
+) -> tuple[LoopEdge, ...]:
+    """Return edges whose ends at a removed keyframe are at its parent; see `Redirect`.
+
+    An edge that then has one keyframe at both ends is left out.
+    """
+    out = []
+    for edge in edges:
+        moved = edge
+        if edge.first_uid == uid:
+            moved = edge._replace(
+                first_uid=parent_uid, T_first_second=T_parent_camera @ edge.T_first_second
+            )
+        elif edge.second_uid == uid:
+            moved = edge._replace(
+                second_uid=parent_uid,
+                T_first_second=edge.T_first_second @ se3.inverse(T_parent_camera),
+            )
+        if moved.first_uid != moved.second_uid:
+            out.append(moved)
+    return tuple(out)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.records.soa_table import SoaTableRows
 
 # Number of removed keyframes whose redirects are kept. Chosen: more than can be removed while a
@@ -84,6 +85,7 @@ class MapChange(NamedTuple):
     connections: Connections  # of the keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]
     num_refused: int  # poses that the `PoseGuard` has refused since the last change
+    loops: tuple[LoopEdge, ...] | None  # all of them; None: they have not changed
 
 
 class Redirects:

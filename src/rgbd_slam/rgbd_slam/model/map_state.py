@@ -27,6 +27,7 @@ from hoid_native.results import Observations
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import SavedKeyframes
+from rgbd_slam.model.loop_edge import LoopEdge, renumbered
 from rgbd_slam.records.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]
@@ -150,6 +151,7 @@ def restore(
     first_uid: int | None = None,
     *,
     keep: bool,
+    loops: Sequence[LoopEdge] = (),
 ) -> IntArray:
     """Load a saved map into an atlas and return the (K,) rows of its keyframes.
 
@@ -160,6 +162,7 @@ def restore(
         first_uid: The uid of the first saved keyframe; None: the next unused one.
         keep: True: keep the running map beside the saved one, with higher map ids. False: remove
             the running map.
+        loops: Its loop edges, with the rows of the keyframes in `state` as their numbers.
     """
     if keep:
         atlas.make_younger(1 + int(state.map_id.max()))
@@ -168,6 +171,7 @@ def restore(
     i = atlas.append_keyframes(_saved_keyframes(state, camera), first_uid)
     j = atlas.append_points(_saved_points(state), i[state.reference])
     atlas.append_observations(_observations(state, i, j), np.sort(j))
+    atlas.loops += renumbered(loops, dict(enumerate(atlas.keyframes.uid[i].tolist())))
     return i
 
 

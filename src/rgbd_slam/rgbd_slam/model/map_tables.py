@@ -14,6 +14,7 @@ from hoid_native import ObservationGraph, move_points
 from hoid_native.results import Edges, Observations
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_change import (
     Connections,
     FeatureStates,
@@ -57,6 +58,8 @@ class MapTables:
         self.version = 1
         self.octave_scale = np.power(scale_factor, np.arange(num_octaves, dtype=np.float64))
         self.guard = PoseGuard()
+        self.loops: tuple[LoopEdge, ...] = ()
+        self._sent_loops: tuple[LoopEdge, ...] = self.loops
         self.redirects = Redirects()
         # Keyframes that were requested from a mapper in another process and are not in this copy
         # yet, by uid, the oldest first.
@@ -189,7 +192,9 @@ class MapTables:
             self._connections_since(version),
             self.redirects.take(),
             self.guard.take(),
+            None if self.loops is self._sent_loops else self.loops,
         )
+        self._sent_loops = self.loops
         self._moves, self._has_copies = [], True
         self.version += 1
         return change
@@ -203,6 +208,7 @@ class MapTables:
         self._moves, self._has_copies = [], True
         self.keyframes.is_reobserved[:] = False
         self.redirects.take()
+        self._sent_loops = self.loops
         self.version += 1
         return self.version - 1
 
@@ -215,8 +221,9 @@ class MapTables:
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
         features = self._features_since(0)
         positions = self._positions_since(self.version)
+        connections = self._connections_since(0)
         return MapChange(
-            self.version, (), *everything, positions, features, self._connections_since(0), (), 0
+            self.version, (), *everything, positions, features, connections, (), 0, self.loops
         )
 
     def apply(self, change: MapChange, frame: Frame | None = None) -> None:
@@ -246,6 +253,8 @@ class MapTables:
         self.version = change.version
         self.redirects.add(change.redirects)
         self.guard.num_refused += change.num_refused
+        if change.loops is not None:
+            self.loops = self._sent_loops = change.loops
         for uid in list(self.pending):
             if kf.index_of(uid) is not None or self.redirects.find(uid) is not None:
                 del self.pending[uid]

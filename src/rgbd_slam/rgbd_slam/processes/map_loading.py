@@ -15,6 +15,7 @@ from threading import Event
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import MapState, restore
 from rgbd_slam.processes.mapper_worker import Load
 from rgbd_slam.records.shared_record import SharedRecord
@@ -52,6 +53,8 @@ class MapLoading:
         with suppress(OSError):  # the state is sent through the pipe instead
             self._shared = SharedRecord(state)
         self.state = state if self._shared is None else self._shared.record
+        # The loop edges of the saved map, between its rows; set them before `request`.
+        self.loops: tuple[LoopEdge, ...] = ()
         self._is_restored = Event()
         self.atlas: Atlas | None = None
 
@@ -70,7 +73,7 @@ class MapLoading:
             first_uid: Uid of the first keyframe of the saved map; the others get the next ones.
         """
         source = self.state if self._shared is None else self._shared.location
-        return Load(source, first_uid, self.keeps_running)
+        return Load(source, first_uid, self.keeps_running, self.loops)
 
     def restore(self, first_uid: int) -> None:
         """Restore the map for the tracker, with the `first_uid` that `request` was called with."""
@@ -78,7 +81,14 @@ class MapLoading:
             atlas = Atlas(*self._octaves)
             if self._running is not None:
                 atlas.apply(self._running.whole())
-            restore(atlas, self.state, self._camera, first_uid, keep=self.keeps_running)
+            restore(
+                atlas,
+                self.state,
+                self._camera,
+                first_uid,
+                keep=self.keeps_running,
+                loops=self.loops,
+            )
             if self._prepare is not None:
                 self._prepare(atlas)
             self.atlas = atlas

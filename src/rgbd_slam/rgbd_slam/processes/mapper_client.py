@@ -133,7 +133,7 @@ class InlineMapper(Mapper):
 
     def begin_load(self, loading: MapLoading, first_uid: int) -> None:
         """Load the saved map before the call returns."""
-        self.load(loading.state, first_uid, keep=loading.keeps_running)
+        self.load(loading.state, first_uid, keep=loading.keeps_running, loops=loading.loops)
 
     def finish_load(self, loading: MapLoading, first_uid: int) -> None:
         """Do nothing: the map is loaded already."""

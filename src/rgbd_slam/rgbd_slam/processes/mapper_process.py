@@ -4,7 +4,7 @@ The reason is GTSAM, which holds Python's interpreter lock for 100 to 250 ms (de
 mapping process owns the map. The tracker sends it keyframes, receives the rows that changed, and
 applies these to its own copy between two frames. That copy is complete: when the process dies, a
 new one continues with it. The request that the process was working on is lost unless it begins or
-loads a map, and so are a running global adjustment and the constraints of earlier loops.
+loads a map, and so is a running global adjustment.
 
 Requests wait in a queue of the tracker's process, and at most eight are sent ahead. If the mapper
 is late for long, some of the waiting keyframes can therefore be removed again (`_thin_out`).

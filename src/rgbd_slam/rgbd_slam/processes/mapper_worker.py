@@ -16,6 +16,7 @@ from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.records.shared_record import RecordLocation
@@ -52,6 +53,7 @@ class Load(NamedTuple):
     state: MapState | RecordLocation  # the saved map, or its location in shared memory
     first_uid: int  # uid of its first keyframe; the others get the next ones
     keep: bool  # True: keep the running map beside it; False: discard the running map
+    loops: tuple[LoopEdge, ...]  # its loop edges, between rows of the saved map
 
 
 Request = Start | Load | Resume | Settle | KeyframeRequest | FeatureVerdicts
@@ -112,9 +114,9 @@ class MapperServer:
             case Resume(whole, loops):
                 mapper.resume(whole, loops)
                 self._version = whole.version  # the tracker has this map already
-            case Load(state, first_uid, keep):
+            case Load(state, first_uid, keep, loops):
                 state = state.map() if isinstance(state, RecordLocation) else state
-                mapper.load(state, first_uid, keep=keep)
+                mapper.load(state, first_uid, keep=keep, loops=loops)
                 return self._report_loaded(keep=keep)
             case Start():
                 mapper.start_map(*request)

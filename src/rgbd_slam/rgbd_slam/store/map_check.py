@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hoid_common import se3
@@ -14,6 +16,7 @@ from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.mapped_object import PlaceState
 from hoid_scene.objects.object_map_state import ObjectMapState, decoded
 from hoid_scene.objects.voxel_set import NUM_KEYS
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import NONE, MapState
 from rgbd_slam.model.points import MAX_POSITION_M
 
@@ -44,6 +47,19 @@ def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
     _check_features(state, camera, num_octaves)
     _check_points(state)
     _check_observations(state)
+
+
+def check_loops(loops: Sequence[LoopEdge]) -> None:
+    """Raise MapFileError if a loop edge breaks a rule; its text names this rule."""
+    for edge in loops:
+        _require(_are_poses(edge.T_first_second[None]), "a loop's pose is invalid")
+        is_symmetric = np.allclose(edge.covariance, edge.covariance.T)
+        is_positive = is_symmetric and (np.linalg.eigvalsh(edge.covariance) > 0).all()
+        _require(is_positive, "a loop's covariance is invalid")
+        _require(0 <= edge.num_inliers < _MAX_COUNT, "a loop's number of points is invalid")
+        _require(0 <= edge.found_share < _MAX_WEIGHT, "a loop's share of points is invalid")
+        _require(0 <= edge.residual_m < MAX_POSITION_M, "a loop's residual is invalid")
+        _require(edge.kind.isprintable(), "a loop's kind is invalid")
 
 
 def check_submaps(state: SubmapState, num_keyframes: int) -> None:

@@ -12,9 +12,9 @@ from hoid_common.store.database import Database, replaced
 from hoid_common.values import CameraModel, FloatArray, IntArray
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map_state import ObjectMapState
-from rgbd_slam.model.loop_edge import LoopEdge
+from rgbd_slam.model.loop_edge import LoopEdge, renumbered
 from rgbd_slam.model.map_state import MapState
-from rgbd_slam.store.map_check import check_map, check_objects, check_submaps
+from rgbd_slam.store.map_check import check_loops, check_map, check_objects, check_submaps
 from rgbd_slam.store.map_parts import part_of
 from rgbd_slam.store.map_reader import read_map
 from rgbd_slam.store.map_writer import put_header, put_keyframes, put_loops, put_part
@@ -45,6 +45,13 @@ class MapFile(NamedTuple):
     loops: tuple[LoopEdge, ...] = ()  # between keyframes by uid
     session: str = ''  # name of the session whose numbers the uids are
     stamp_ns: int = 0  # of the last image that was tracked in the map; 0: unknown
+
+    @property
+    def loops_by_row(self) -> tuple[LoopEdge, ...]:
+        """Return the loop edges with the rows of the keyframes in `map` as their numbers."""
+        if self.uids is None:
+            return self.loops
+        return renumbered(self.loops, {uid: n for n, uid in enumerate(self.uids.tolist())})
 
     def seen_by(
         self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
@@ -175,6 +182,7 @@ def check(content: MapFile) -> None:
     """
     with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
+        check_loops(content.loops)
         if content.dense is not None:
             check_submaps(content.dense, len(content.map))
         if content.objects is not None:

@@ -52,8 +52,10 @@ def read_map(database: Database) -> StoredMap:
     _, camera, scale_factor, num_octaves, T_map_core, session, stamp_ns = header
     uids, state = _state(database)
     loops = (
-        LoopEdge(first, second, pose.T, num_inliers, kind, bool(is_used))
-        for _, first, second, kind, num_inliers, is_used, pose in database.rows(LOOPS)
+        LoopEdge(first, second, pose.T, covariance.matrix, count, share, kind, error_m, bool(used))
+        for _, first, second, kind, count, share, error_m, used, pose, covariance in database.rows(
+            LOOPS
+        )
     )
     octaves = scale_factor, num_octaves
     return StoredMap(

@@ -22,6 +22,7 @@ from rgbd_slam.store.tables import (
     STATES,
     TABLES,
     CameraRow,
+    Covariance,
     MapHeader,
     Pose,
 )
@@ -39,7 +40,7 @@ class MapWriter:
 
     def __init__(self, database: Database, atlas: Atlas) -> None:
         self.parts = MapParts(atlas)
-        self._database = database
+        self._database, self._atlas = database, atlas
         self._stored: KeyframeCopy | None = None  # None: nothing of this map is stored
 
     def write(self, copies: Iterable[tuple[MapPart, MapHeader]]) -> None:
@@ -65,6 +66,7 @@ class MapWriter:
                 if part.keyframes is not None:
                     put_keyframes(self._database, part.keyframes, stored)
                     put_header(self._database, header)
+                    put_loops(self._database, self._atlas.loops)
                     stored = part.keyframes
         self._stored = stored
 
@@ -128,8 +130,11 @@ def put_loops(database: Database, edges: Sequence[LoopEdge]) -> None:
             e.second_uid,
             e.kind,
             e.num_inliers,
+            e.found_share,
+            e.residual_m,
             int(e.is_used),
             Pose(e.T_first_second),
+            Covariance(e.covariance),
         )
         for n, e in enumerate(edges)
     )

@@ -61,6 +61,13 @@ class Pose(Record):
 
 
 @dataclass(frozen=True, eq=False)
+class Covariance(Record):
+    """The covariance of a rigid transform, rotation first."""
+
+    matrix: Annotated[FloatArray, column('f8', 6, 6)]
+
+
+@dataclass(frozen=True, eq=False)
 class FeatureRows(Record):
     """Features of keyframes, which never change."""
 
@@ -130,8 +137,11 @@ LOOPS = Table(
         'second_uid': int,
         'kind': str,
         'num_inliers': int,
+        'found_share': float,
+        'residual_m': float,
         'is_used': int,
         'T_first_second': Pose,
+        'covariance': Covariance,
     },
 )
 TABLES = (META, KEYFRAMES, FEATURES, STATES, POINTS, LOOPS)
