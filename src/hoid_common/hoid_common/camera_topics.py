@@ -21,22 +21,14 @@ class CameraTopics(NamedTuple):
     camera_info: str
 
     def remappings(self, namespace: str = '') -> list[tuple[str, str]]:
-        """Return ROS remaps from the suite's topic names to those of the driver.
+        """Return ROS remaps (from, to) of the suite's topics, compressed ones too, to a driver's.
 
-        Args:
-            namespace: Namespace of the driver; empty: its default namespace.
-
-        Returns:
-            Pairs (from, to), including those of the compressed images.
+        An empty `namespace` is the driver's default.
         """
         return topics.camera_remappings(*self.topics(namespace))
 
     def topics(self, namespace: str = '') -> tuple[str, ...]:
-        """Return the names of the topics of color images, depth images and camera info.
-
-        Args:
-            namespace: Namespace of the driver; empty: its default namespace.
-        """
+        """Return the names of the topics of color images, depth images and camera info."""
         return tuple(_join(namespace or self.namespace, name) for name in self[2:])
 
 

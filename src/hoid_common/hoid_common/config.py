@@ -66,8 +66,6 @@ def param(
             an int is accepted for a float.
         description: Text of `ros2 param describe` and of the reference page: what the parameter
             does, its unit and, for a user parameter, when to change it.
-        minimum: Least value of a number, inclusive.
-        maximum: Greatest value of a number, inclusive.
         choices: The only values of a string; empty: any string.
         read_only: False lets the parameter change while the node runs.
         expert: True hides the parameter from users who do not know the method: a node declares it
@@ -80,22 +78,18 @@ def param(
 
 
 def section(config: type[C], *, expert: bool = False) -> C:
-    """Declare a nested configuration as a field of a `Config`.
-
-    Args:
-        expert: True makes all its parameters expert parameters.
-    """
+    """Declare a nested configuration, with expert parameters only if `expert`."""
     nested: C = field(default_factory=config, metadata={_EXPERT_SECTION: expert})
     return nested
 
 
 @dataclass(frozen=True)
 class Config:
-    """Base of all configurations. The constructor checks the value of every parameter.
+    """Base of all configurations, whose constructor checks the value of every parameter.
 
     Raises:
-        ConfigError: A value has another type than its default, is out of range, or is none of the
-            choices. (An int is accepted for a float.)
+        ConfigError: A value has another type than its default (an int is accepted for a float), is
+            out of range, or is none of the choices.
     """
 
     def __post_init__(self) -> None:
@@ -121,11 +115,9 @@ class Config:
         return (leaf for leaf in self.params() if not leaf.spec.is_internal)
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy in which some parameters have new values.
+        """Return a copy with new values by dotted name.
 
-        Raises:
-            ConfigError: A name is unknown, or a value has the wrong type, is out of range, or is
-                none of the choices.
+        ConfigError for unknown names and bad values.
         """
         known = {leaf.name: leaf for leaf in self.params()}
         for name, value in values.items():
@@ -156,12 +148,9 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
-    """Return a value after checking its type, range and choices.
+    """Return a value of the right type, range and choices.
 
-    An int becomes a float where the parameter is a float, and the tuple `('',)` becomes `()`.
-
-    Raises:
-        ConfigError: The value has another type, is out of range, or is none of the choices.
+    An int becomes a float, `('',)` is `()`.
     """
     if type(value) is int and isinstance(like, float):
         value = float(value)  # YAML reads `3` as an int
@@ -195,8 +184,8 @@ def _range(spec: ParamSpec) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of an error about an unknown name: '; did you mean ...?', or ''.
 
-    It suggests up to three known names that have `name` as their last part or as their section. If
-    there are none, it suggests up to three names with a similar spelling.
+    It suggests up to three known names that have `name` as their last part or as their section,
+    or else that are spelled alike.
     """
     names = list(known)
     parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]

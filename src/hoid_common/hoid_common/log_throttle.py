@@ -19,16 +19,7 @@ class LogThrottle:
         self._skipped: dict[str, int] = {}
 
     def allow(self, kind: str, now_s: float) -> int | None:
-        """Decide whether to log a message, and count it if it must be suppressed.
-
-        Args:
-            kind: Kind of the message. Messages of different kinds do not suppress each other.
-            now_s: Time of a steady clock.
-
-        Returns:
-            None if the message must be suppressed. Otherwise the number of messages of this kind
-            that were suppressed since the last one was logged.
-        """
+        """Return None to suppress a message, else how many of its kind were suppressed."""
         if now_s < self._next_s.get(kind, now_s):
             self._skipped[kind] = self._skipped.get(kind, 0) + 1
             return None
@@ -49,11 +40,9 @@ class Backoff:
         self._interval_s: dict[str, float] = {}  # of active problems, until the next report
 
     def due(self, active: Collection[str], now_s: float) -> list[str]:
-        """Return the active problems that must be reported now, and note that they are reported.
+        """Return the active problems to report now.
 
-        Args:
-            active: Names of all problems that exist now. Every other problem counts as resolved.
-            now_s: Time of a steady clock.
+        Every problem that is not active counts as resolved.
         """
         self._interval_s = {kind: self._interval_s.get(kind, 0.0) for kind in active}
         due = [kind for kind in active if now_s >= self._earliest_s(kind)]

@@ -42,11 +42,7 @@ def hat(w: FloatArray) -> FloatArray:
 
 
 def exp(twist: FloatArray) -> FloatArray:
-    """Return the transforms (..., 4, 4) of twists (..., 6): the exponential map of SE(3).
-
-    Args:
-        twist: Rotation vector in rad, then translation in m.
-    """
+    """Return the transforms (..., 4, 4) of twists (..., 6): the exponential map of SE(3)."""
     w, v = twist[..., :3], twist[..., 3:]
     angle = np.linalg.norm(w, axis=-1)[..., None, None]
     small = angle < _SMALL_ANGLE_RAD
@@ -64,11 +60,7 @@ def exp(twist: FloatArray) -> FloatArray:
 
 
 def log(T: FloatArray) -> FloatArray:
-    """Return the twists (..., 6) of transforms (..., 4, 4): the logarithm map of SE(3).
-
-    Returns:
-        Rotation vector in rad, whose length is in [0, pi], then translation in m.
-    """
+    """Return the twists (..., 6) of transforms (..., 4, 4), with a rotation angle in [0, pi]."""
     quat = quat_xyzw_from_rotation(T[..., :3, :3])
     quat *= np.copysign(1.0, quat[..., 3:])
     axis, cosine = quat[..., :3], quat[..., 3:]
@@ -131,8 +123,8 @@ def is_rigid(T: FloatArray) -> BoolArray:
 def orthonormalized(T: FloatArray) -> FloatArray:
     """Return T (..., 4, 4) with the rotations replaced by the nearest ones in SO(3).
 
-    Rounding errors make a chain of products drift away from SO(3); this removes the drift. The
-    nearest rotation in the Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
+    Rounding errors make a chain of products drift away from SO(3). The nearest rotation in the
+    Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
 
     Raises:
         numpy.linalg.LinAlgError: A rotation contains NaN or infinity.
@@ -165,11 +157,7 @@ def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
 
 
 def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
-    """Return the rotations (..., 3, 3) of quaternions (..., 4), in the order x y z w.
-
-    Args:
-        quat_xyzw: Quaternions of any non-zero norm; the function normalizes them.
-    """
+    """Return the rotations (..., 3, 3) of quaternions (..., 4) x y z w of any non-zero norm."""
     q = quat_xyzw / np.linalg.norm(quat_xyzw, axis=-1, keepdims=True)
     V = hat(q[..., :3])
     return np.asarray(np.eye(3) + 2 * q[..., 3, None, None] * V + 2 * (V @ V))
@@ -178,9 +166,8 @@ def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
 def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> FloatArray:
     """Return the transforms T_a_b (..., 4, 4) of quaternions (..., 4) and translations (..., 3).
 
-    Args:
-        quat_xyzw: Quaternions in the order x y z w, of any non-zero norm.
-        translation_m: Origin of frame b in frame a, in m.
+    Quaternions are x y z w, of any non-zero norm; a translation is the origin of frame b in frame
+    a.
     """
     T = np.zeros((*quat_xyzw.shape[:-1], 4, 4))
     T[..., :3, :3] = rotation_from_quat_xyzw(quat_xyzw)

@@ -30,7 +30,7 @@ _NUM_GAPS = 15  # chosen: half a second of images without any match shows an off
 _NUM_STAMPS = 90  # chosen: a constant offset is estimated from the images of 3 s at 30 Hz
 _MIN_IMAGES = 30  # chosen: fewer images say nothing about a period
 _MAX_SPREAD_NS = 1_000_000  # chosen: an offset that varies more is not constant
-# Chosen: if the offset is a smaller share of the period of depth images, the nearest image is the
+# Chosen: if the offset is a smaller ratio of the period of depth images, the nearest image is the
 # right one beyond doubt.
 _MIN_SHARE = 0.2
 # Chosen: the nearest image is preferred unless another one's distance varies less by this much.
@@ -54,10 +54,8 @@ _ABSENT = _Item(-1, 'absent')  # no partner can arrive any more, but the stream 
 def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str = 'depth') -> str:
     """Return one line about the gap between two streams that do not match, and what to do.
 
-    Args:
-        gap_ns: Stamp of the second stream's item that is nearest to an item of the first stream,
-            minus the stamp of that item. For several items it is the median of the differences.
-        slop_ns: Largest difference of stamps within a match.
+    `gap_ns` is the stamp of the second stream's nearest item minus that of the first stream's
+    item; the median for several.
     """
     if abs(gap_ns) > _LONGEST_OFFSET_NS:
         return (
@@ -72,20 +70,14 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
 
 
 def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
-    """Return one line about a constant offset that probably pairs the wrong images.
+    """Return one line about a constant offset that probably pairs the wrong images, else ''.
 
     Images of a camera at 30 Hz are 33 ms apart. If a driver stamps depth 25 ms late, the nearest
     depth image of each color image is that of the image before, 8 ms away. The neighbor whose
     distance varies least belongs to the image, because the period varies more than the offset.
 
-    Args:
-        color_ns: (A,) stamps of color images, increasing.
-        depth_ns: (B,) stamps of depth images, increasing.
-
-    Returns:
-        The text; empty if there are too few images (30 of each are needed, and two depth images
-        before and after at least 15 of the color images), or if the offset of the images that
-        belong together is not constant or less than a fifth of the period.
+    Stamps (A,) and (B,) increase. At least 30 of each are needed, and two depth images before and
+    after at least 15 of the color images. The offset must be at least a fifth of the period.
     """
     if min(len(color_ns), len(depth_ns)) < _MIN_IMAGES:
         return ''
@@ -179,28 +171,24 @@ class StampMatcher:
 
     @property
     def mismatch(self) -> str:
-        """Return one line while items do not match, or probably the wrong ones do; else ''.
+        """Return `gap`, or else `constant_offset_text` of the first two streams.
 
-        It is the text of `gap` or of `constant_offset_text` for the first two streams.
+        '' while items match.
         """
         return self.gap or self._constant_offset
 
     @property
     def gap(self) -> str:
-        """Return the text of `offset_text` for the first two streams; empty while items match.
+        """Return `offset_text` if each of the last 15 references had no match, else ''.
 
-        There is a text if each of the last 15 items of the reference stream had no match. Items
-        that were dropped while the second stream had no item yet do not count.
+        Items that were dropped while the second stream had no item yet do not count.
         """
         if len(self._gaps_ns) < _NUM_GAPS:
             return ''
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
 
     def reset(self) -> None:
-        """Drop waiting items, measured periods, gaps and a found constant offset.
-
-        The counts stay.
-        """
+        """Drop waiting items, periods, gaps and a found offset, but not the counts."""
         self._queues = {name: deque() for name in self._names}
         self._newest_ns = {}
         self._period_ns = {}
@@ -237,10 +225,7 @@ class StampMatcher:
         return self._take_matches()
 
     def _take_matches(self) -> list[Match]:
-        """Remove all complete matches from the queues and return them, oldest first.
-
-        Reference items that can no longer be matched are removed too, and counted.
-        """
+        """Remove and return all complete matches, oldest first; drop hopeless references."""
         reference = self._queues[self._names[0]]
         matches = []
         while reference:
@@ -260,10 +245,7 @@ class StampMatcher:
         return matches
 
     def _note_stamp(self, name: str, stamp_ns: int) -> None:
-        """Store a stamp; once 90 stamps of both streams are stored, check for a constant offset.
-
-        The stored stamps are then dropped, so that the next check is of later ones.
-        """
+        """Store a stamp; check every 90 stamps of both streams for a constant offset."""
         if name not in self._stamps_ns:
             return
         self._stamps_ns[name].append(stamp_ns)
@@ -274,11 +256,7 @@ class StampMatcher:
                 stamps.clear()
 
     def _note_gap(self, stamp_ns: int) -> None:
-        """Store the stamp of the second stream's nearest item minus that of a reference item.
-
-        The nearest one is that of the waiting items and the newest item. Nothing is stored if the
-        second stream has had no item.
-        """
+        """Store the stamp of the second stream's nearest item minus that of a reference."""
         other = self._names[1]
         if other in self._newest_ns:
             stamps_ns = [item.stamp_ns for item in self._queues[other]] + [self._newest_ns[other]]
@@ -299,10 +277,7 @@ class StampMatcher:
         return _WAIT
 
     def _is_nearest(self, name: str, near: _Item, stamp_ns: int) -> bool:
-        """Return whether no later item of the stream can be nearer to the stamp than `near`.
-
-        The result is also True if the stream is silent, so that a nearer item is not waited for.
-        """
+        """Return whether no later item can be nearer than `near`, or the stream is silent."""
         if self._newest_ns[name] >= stamp_ns:
             return True
         if self._newest_ns[self._names[0]] - stamp_ns > self._slop_ns:
@@ -311,12 +286,9 @@ class StampMatcher:
         return next_ns - stamp_ns >= stamp_ns - near.stamp_ns
 
     def _take(self, name: str, partner: _Item) -> Any:
-        """Remove a partner and older items from the stream's queue; return the partner's value.
+        """Remove a partner and older items, which can no longer match.
 
-        The partner is counted as matched, each older item as unmatched.
-
-        Older items can no longer be matched, because the stamps of the reference increase. For the
-        partner _ABSENT the result is None.
+        Return the partner's value.
         """
         if partner is _ABSENT:
             return None

@@ -109,10 +109,7 @@ def camera_info_beside(image_topic: str) -> str:
 
 
 def camera_remappings(rgb: str, depth: str, camera_info: str) -> list[tuple[str, str]]:
-    """Return the remappings (from, to) of the suite's camera topics to the topics of a driver.
-
-    The compressed topics are remapped as well, to the names that image_transport gives them.
-    """
+    """Return the remappings (from, to) of the suite's camera topics to those of a driver."""
     return [
         (RGB_IMAGE, rgb),
         (compressed(RGB_IMAGE), compressed(rgb)),

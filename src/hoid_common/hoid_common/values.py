@@ -124,11 +124,7 @@ class CameraModel:
         return EQUIDISTANT if self.is_fisheye else DISTORTION_MODELS[len(self.distortion) > 5]
 
     def scaled_to(self, size_px: tuple[int, int]) -> CameraModel | None:
-        """Return the camera of the same images at another size; None unless it is a multiple.
-
-        Args:
-            size_px: Width and height, both times or divided by the same whole number.
-        """
+        """Return the camera of the same images at another size; None unless it is a multiple."""
         (width, height), (own_width, own_height) = size_px, self.size_px
         is_whole = width > 0 and 0 in (width % own_width, own_width % width)
         if not is_whole or width * own_height != height * own_width:
@@ -152,10 +148,9 @@ class CameraModel:
         return np.array((*self.distortion, *(0.0,) * num)[:num])
 
     def undistort_px(self, uv_px: Float32Array) -> Float32Array:
-        """Return the undistorted pixels (N, 2) of pixels (N, 2) in the raw image.
+        """Return the pixels (N, 2) that a camera with this K sees without lens distortion.
 
-        A camera with the same K and without lens distortion would see the same points there.
-        If this camera has no lens distortion, or N is 0, the argument itself is returned.
+        If this camera has none, or N is 0, the argument itself is returned.
         """
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
@@ -165,13 +160,7 @@ class CameraModel:
         return np.asarray(out.reshape(-1, 2), np.float32)
 
     def project_px(self, points_camera_m: FloatArray) -> FloatArray:
-        """Return the pixels (N, 2) of points in the raw image, with its lens distortion.
-
-        They may lie outside the image.
-
-        Args:
-            points_camera_m: (N, 3) in the camera's optical frame, with z > 0.
-        """
+        """Return the pixels (N, 2), maybe outside the raw image, of points (N, 3) with z > 0."""
         x, y = (points_camera_m[:, :2] / points_camera_m[:, 2:]).T
         if (
             any(self.distortion[-2:]) and len(self.distortion) == _NUM_COEFFICIENTS
@@ -188,9 +177,8 @@ class CameraModel:
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distorted coordinates (N,), (N,) of normalized image coordinates (z = 1).
 
-        The formula is OpenCV's camera model without a tilt of the sensor. `cv2.projectPoints`, or
-        that of `cv2.fisheye`, gives the same result, but takes 17 times as long, because it
-        computes the Jacobians too.
+        `cv2.projectPoints` gives the same result, but takes 17 times as long, because it computes
+        the Jacobians too.
         """
         xy, r2 = x * y, x * x + y * y
         if self.is_fisheye:
@@ -215,7 +203,7 @@ class RgbdFrame:
 
     stamp_ns: int  # of the color image
     image_bgr: ByteArray  # (H, W, 3) uint8
-    depth_m: Float32Array  # (H, W) along the optical axis; 0 = no reading
+    depth_m: Float32Array  # (H, W) along the optical axis; 0 = no depth
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -268,7 +256,7 @@ class Features:
 
     stamp_ns: int  # of the color image
     uv_px: Float32Array  # (N, 2) at full resolution, as imaged (lens distortion not removed)
-    depth_m: Float32Array  # (N,) along the optical axis; 0 = no reading, or at a depth edge
+    depth_m: Float32Array  # (N,) along the optical axis; 0 = no depth, or at a depth edge
     octave: ByteArray  # (N,) level of the image pyramid; 0 = full resolution
     angle_deg: Float32Array  # (N,) orientation in [0, 360), clockwise from the image's x axis
     response: Float32Array  # (N,) corner strength, without unit
@@ -384,10 +372,7 @@ class Trajectory:
 
     @staticmethod
     def joined(parts: Iterable[Trajectory]) -> Trajectory:
-        """Return the concatenation of trajectories; empty without any part.
-
-        The parts must be in order of time, since they are not sorted.
-        """
+        """Return the concatenation of trajectories, which must be in order of time."""
         each = [Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4))), *parts]
         stamps_ns = np.concatenate([part.stamps_ns for part in each])
         return Trajectory(stamps_ns, np.concatenate([part.T_world_camera for part in each]))

@@ -49,9 +49,9 @@ class CameraInfoCheck:
         return self.change or self._size_problem or self.scaling
 
     def update(self, camera: CameraModel) -> bool:
-        """Process a camera_info; return whether its calibration has just come into use.
+        """Update `camera` and `problem` by a camera_info.
 
-        Also updates `camera` and `problem`.
+        Return whether it has just come into use.
         """
         scaling = ''
         if camera != self.camera and (self.scaling or self._num_images < _TRIAL_IMAGES):
@@ -92,13 +92,12 @@ class CameraInfoCheck:
         return scaled, f'{mismatch}; it is scaled to them, which is wrong if they are cut out'
 
     def check_image(self, size_px: tuple[int, int]) -> bool:
-        """Count an image; raise MessageError if its size is not that of the calibration in use.
+        """Count an image, and return whether the calibration was just scaled to its size.
 
-        Before the first calibration, the image is not counted, and its size is only stored. Also
-        updates `problem`.
+        Before the first calibration, only the size is stored. Also updates `problem`.
 
-        Returns:
-            Whether the calibration in use has just been scaled to the size of the first image.
+        Raises:
+            MessageError: The size is not that of the calibration in use.
         """
         self._image_size_px = size_px
         camera, scaling = self._scaled(self.camera) if self.camera is not None else (None, '')

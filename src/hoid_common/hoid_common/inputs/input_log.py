@@ -52,10 +52,8 @@ class InputLog:
     ) -> None:
         """Log the problems that are due, and inputs that arrive; called once a second.
 
-        Args:
-            missing: Text by topic of each missing input. Those for which `is_cause` returns True
-                are logged in one line.
-            others: Text by kind of each other problem; each is logged in a line of its own.
+        `missing` has a text by topic, logged in one line for those that `is_cause`; `others` a
+        text by kind, each logged in a line of its own.
         """
         causes = {topic: text for topic, text in missing.items() if self._is_cause(topic)}
         if now_s < self._start_s + _GRACE_S:
@@ -70,10 +68,7 @@ class InputLog:
         self._log_arriving([w for w in watches if w.num_received and w.topic not in missing])
 
     def _log_arriving(self, watches: Sequence[InputWatch]) -> None:
-        """Log the inputs that arrive for the first time, or again after they were logged missing.
-
-        Occasional inputs, and those for which `is_cause` returns False, are not logged.
-        """
+        """Log inputs that arrive for the first time, or again after they were logged missing."""
         new = [w for w in watches if not w.is_occasional and w.topic not in self._arriving]
         self._arriving |= {watch.topic for watch in new}
         texts = [f'{w.what} on {w.topic}' for w in new if self._is_cause(w.topic)]

@@ -52,11 +52,9 @@ class InputWatch:
         return now_s - self._losing_s < _LOSS_S and self.num_lost > 0
 
     def loss_message(self, now_s: float, profile: str = '') -> str:
-        """Return one line about the current series of losses: how many, and what to do.
+        """Return one line about the current losses.
 
-        Args:
-            profile: Path of the Fast DDS profile for images, which the text recommends to the
-                publisher; empty with another DDS.
+        `profile` of Fast DDS is recommended if not empty.
         """
         arrived = self.num_received - self._received_before
         setting = f'FASTRTPS_DEFAULT_PROFILES_FILE={profile}' if profile else ''
@@ -71,20 +69,15 @@ class InputWatch:
         )
 
     def is_missing(self, now_s: float) -> bool:
-        """Return whether no message has arrived for two seconds.
+        """Return whether no message came for two seconds, though one was due.
 
-        It is always False for an occasional input, and for a latched one after its first message.
+        None is due from an occasional input, and from a latched one after its first message.
         """
         is_enough = self.is_occasional or (self.is_latched and self.num_received > 0)
         return not is_enough and self._silent_s(now_s) > _TIMEOUT_S
 
     def missing_message(self, now_s: float, offered: Sequence[str]) -> str:
-        """Return a line of text: which messages are missing since when, and the probable reason.
-
-        Args:
-            now_s: Time of the steady clock.
-            offered: Reliability that each publisher of the topic offers; empty: no publisher.
-        """
+        """Return a line: which messages are missing since when, and the probable reason."""
         yet = ' yet' if self.last_s is None else ''
         head = f'no {self.what}{yet} for {self._silent_s(now_s):.1f} s on {self.topic}'
         if not offered:

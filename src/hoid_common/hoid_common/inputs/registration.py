@@ -15,17 +15,13 @@ _NO_READING = cv2.BORDER_CONSTANT  # 0 outside the image
 # Chosen: a part of the color image whose undistorted place is outside this many times the image
 # is too far at the edge of a wide lens, and gets no depth.
 _MARGIN = 0.5
-# Chosen: cameras whose focal lengths and centers differ by less than this share of the image, and
+# Chosen: cameras whose focal lengths and centers differ by less than this ratio of the image, and
 # which are nearer to each other than this, count as one. Depth noise is larger.
 _SAME_SHARE, _SAME_M, _SAME_RAD = 0.005, 0.001, 0.002
 
 
 class Registration:
-    """Maps depth images of one camera to the pixels of another, by the geometry of both.
-
-    Args:
-        T_color_depth: (4, 4) pose of the depth camera in the frame of the color camera.
-    """
+    """Maps depth images of one camera to another by T_color_depth (4, 4) and both cameras."""
 
     def __init__(self, depth: CameraModel, color: CameraModel, T_color_depth: FloatArray) -> None:
         self._size_px = depth.size_px
@@ -51,10 +47,7 @@ class Registration:
         )
 
     def __call__(self, depth_m: Float32Array) -> Float32Array:
-        """Return the (H, W) depth in m at the pixels of the color image; 0 = no reading.
-
-        Args:
-            depth_m: (h, w) depth in m; 0 = no reading.
+        """Return the (H, W) depth in m at the color pixels of depth (h, w); 0 = no measurement.
 
         Raises:
             MessageError: The depth image has another size than its camera.
@@ -98,12 +91,9 @@ class DepthAligner:
     def align(
         self, depth_m: Float32Array, depth_frame: str, color_frame: str, size_px: tuple[int, int]
     ) -> Float32Array:
-        """Return the (H, W) depth in m at the pixels of the color image; 0 = no reading.
+        """Return the (H, W) depth in m at the color pixels of depth (h, w); 0 = no measurement.
 
-        Args:
-            depth_m: (h, w) depth in m; 0 = no reading.
-            depth_frame: Frame of the depth image; '' = unknown.
-            color_frame: Frame of the color image; '' = unknown.
+        An empty frame name is an unknown one.
 
         Raises:
             MessageError: Depth has another size, and is not known to be registered.
@@ -151,11 +141,7 @@ def _note(frames: tuple[str, str], depth: CameraModel, color: CameraModel) -> st
 
 
 def check_multiple(size_px: tuple[int, int], color_px: tuple[int, int], remedy: str) -> None:
-    """Raise MessageError unless color images are a whole number of times larger than depth.
-
-    Args:
-        remedy: What to do otherwise, with which the error ends.
-    """
+    """Raise MessageError unless color is a whole number of times larger than depth."""
     factor = color_px[0] // size_px[0]
     if color_px != (size_px[0] * factor, size_px[1] * factor):
         sizes = f'it is {size_px[0]}x{size_px[1]}, color {color_px[0]}x{color_px[1]}'

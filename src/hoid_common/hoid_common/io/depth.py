@@ -1,7 +1,7 @@
-"""The range of depth readings, and checks that depth has the right unit.
+"""The range of depth measurements, and checks that depth has the right unit.
 
 Every depth image and feature is limited to this range where it enters the suite. Outside it there
-is no reading, so that no later stage needs a range of its own for validity.
+is no measurement, so that no later stage needs a range of its own for validity.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _NUM_IMAGES = 10  # chosen: a third of a second of images decides whether to war
 
 
 def is_reading(depth_m: Float32Array) -> BoolArray:
-    """Return where depth of any shape is a reading; False for 0, NaN and outside the range."""
+    """Return where depth of any shape is a measurement; False for 0, NaN and outside the range."""
     return (depth_m >= MIN_DEPTH_M) & (depth_m <= MAX_DEPTH_M)
 
 
 def readings_m(depth_m: Float32Array) -> Float32Array:
-    """Return depth (H, W) in m with 0 wherever it is no reading.
+    """Return depth (H, W) in m with 0 wherever there is no measurement.
 
-    The result is the argument itself when no value changes.
+    Itself if nothing changes.
     """
     # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
     # inf, NaN and all negative numbers. Subtracting 1 makes 0 the largest number, so that it never
@@ -51,13 +51,9 @@ def readings_m(depth_m: Float32Array) -> Float32Array:
 
 
 def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
-    """Raise MessageError if the median depth is outside the range of readings.
+    """Raise MessageError, ended by a remedy, if the median depth (m) is outside the valid range.
 
-    An image with too few readings for a median raises no error.
-
-    Args:
-        depth_m: Depth (H, W) in m, before `readings_m`; 0 or not finite: no reading.
-        unit: What determines the unit and how to correct it, which ends the error.
+    An image with too few measurements for a median raises no error.
     """
     median_m = _median_m(depth_m)
     if median_m is not None and not MIN_DEPTH_M <= median_m <= MAX_DEPTH_M:
@@ -67,23 +63,16 @@ def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
 
 
 class DepthUnitWarning:
-    """Warns once if the median depth of the first ten depth images is unusual for a room.
-
-    Args:
-        remedy: How to correct the unit, which ends the warning.
-    """
+    """Warns once, with a remedy, if the median of ten depth images is unusual for a room."""
 
     def __init__(self, remedy: str) -> None:
         self._remedy = remedy
         self._medians_m: list[float] = []
 
     def warning_for(self, depth_m: Float32Array) -> str:
-        """Store the median of the next image; return the warning if it is due, else ''.
+        """Store the median of depth (H, W) in m; return a warning at the tenth, else ''.
 
-        It can be due only at the tenth image that counts.
-
-        Args:
-            depth_m: (H, W) depth of the next image in m. Images with few readings do not count.
+        Images with few measurements do not count.
         """
         if len(self._medians_m) >= _NUM_IMAGES or (median_m := _median_m(depth_m)) is None:
             return ''

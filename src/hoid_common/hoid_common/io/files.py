@@ -27,13 +27,9 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     """Yield a new hidden folder, which is removed with its content at the end of the block.
 
     Results are written there and moved to their place when they are complete, so that a reader
-    never finds half a file.
-
-    Args:
-        within: Parent folder. It must be on the file system of the results, so that moving does
-            not copy. If it is missing, it is made with its parents; those that are empty at the
-            end are removed again.
-        purpose: First part of the folder's name, which identifies it after a power cut.
+    never finds half a file. `within` must be on the file system of the results, so that moving
+    does not copy; it is made if it is missing, and removed again if it is empty at the end.
+    `purpose` is the first part of the folder's name, which identifies it after a power cut.
 
     Raises:
         InputError: The folder cannot be made.
@@ -63,9 +59,9 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def abandoned_scratch_folders(within: Path) -> list[Path]:
-    """Return the scratch folders that killed processes have left in a folder, sorted by name.
+    """Return the scratch folders of killed processes, sorted.
 
-    On a file system without locks, none is found.
+    None on a file system without locks.
     """
     with suppress(OSError):  # `within` is missing or not readable
         return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_abandoned(path))
@@ -85,10 +81,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _is_abandoned(folder: Path) -> bool:
-    """Return whether a scratch folder exists that no running process has locked.
-
-    The result is False on a file system without locks.
-    """
+    """Return whether no running process has locked a scratch folder; False without locks."""
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:  # it was removed in the meantime, or is no folder
@@ -103,10 +96,9 @@ def _is_abandoned(folder: Path) -> bool:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise InputError when nothing can be written to a folder.
+    """Raise InputError when nothing can be written to a folder, which need not exist.
 
-    Commands call it first, so that they fail before the work and not after it. A missing folder
-    may be made later; nothing stays of it or of its parents now.
+    Commands call it first, so that they fail before the work and not after it.
     """
     with scratch_folder(folder, 'check'):
         pass

@@ -35,9 +35,9 @@ _JPEG_WITHOUT_LENGTH: Final = frozenset({0x01, *range(0xD0, 0xD8)})  # TEM and R
 
 
 def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) in pixels from the header of a PNG, JPEG or TIFF.
+    """Return (width, height) from the header of a PNG, JPEG or TIFF.
 
-    The result is None if the data is none of them, or its header is invalid or truncated.
+    None if it is no valid one.
     """
     try:
         if data[: len(_TIFF_LITTLE)] in (_TIFF_LITTLE, _TIFF_BIG):
@@ -85,10 +85,9 @@ def check_image_size(data: bytes | memoryview, what: str) -> None:
 
 
 def _tiff_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from the first directory of a TIFF; None if it lacks them.
+    """Return (width, height) from the first directory of a TIFF, or None.
 
-    Raises:
-        struct.error: The data ends before or within the directory.
+    Struct.error at its end.
     """
     order = '<' if data[: len(_TIFF_LITTLE)] == _TIFF_LITTLE else '>'
     (at,) = struct.unpack_from(f'{order}I', data, len(_TIFF_LITTLE))
@@ -105,10 +104,9 @@ def _tiff_size(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from the frame header of a JPEG; None if a segment is invalid.
+    """Return (width, height) from a JPEG's frame header, or None.
 
-    Raises:
-        struct.error: The data ends before or within the frame header.
+    Struct.error if data ends there.
     """
     at = len(_JPEG_START)
     while True:

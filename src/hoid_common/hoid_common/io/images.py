@@ -91,8 +91,7 @@ def decode_color(image: RawImage) -> ByteArray:
     conversion is needed and rows have no padding.
 
     Raises:
-        MessageError: The encoding is another one; the image is empty, too large, or of a size that
-            its encoding does not allow; or `step` or the data is too short for the size.
+        MessageError: The encoding is another one, or the size or the data is invalid.
     """
     if image.encoding not in _COLOR:
         raise MessageError(
@@ -117,17 +116,11 @@ def decode_color(image: RawImage) -> ByteArray:
 def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a message in mm (whole numbers) or m (floats).
 
-    What is no reading (see `io.depth`) becomes 0. The result shares the message's memory when no
-    value is changed.
-
-    Args:
-        units_per_m: Depth units per meter in the message; 0: those of its encoding (1000 for whole
-            numbers, 1 for floats).
+    What is no measurement (see `io.depth`) becomes 0. The result shares the message's memory when
+    no value is changed. `units_per_m` 0: those of the encoding.
 
     Raises:
-        MessageError: The encoding is none of DEPTH_ENCODINGS, the image is empty or too large,
-            `step` or the data is too short for the size, or the unit is wrong (see
-            `check_depth_unit`).
+        MessageError: The encoding, the size, the data or the unit (`check_depth_unit`) is invalid.
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
@@ -137,10 +130,7 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
 
 
 def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
-    """Return the field `data` of a compressedDepth message, without loss.
-
-    Args:
-        depth_mm: (H, W) uint16 depth in mm.
+    """Return the field `data` of a compressedDepth message of uint16 depth (H, W) in mm.
 
     Raises:
         MessageError: The image has no pixels, or OpenCV cannot encode it.
@@ -162,8 +152,7 @@ def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
     """Return the JPEG of a (H, W, 3) uint8 BGR image; quality in [1, 100].
 
     Raises:
-        MessageError: The image has no pixels, or OpenCV cannot encode it, such as one with a side
-            above 65,500 px.
+        MessageError: The image has no pixels, or a side above 65,500 px.
     """
     _require_pixels(image_bgr, 'image')
     ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
@@ -189,10 +178,9 @@ def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
 def _pixels(
     image: RawImage, dtype: np.dtype[Any], channels: int, chroma_rows: int = 0
 ) -> NDArray[Any]:
-    """Return the pixels of an image message, (H, W) or (H, W, C), in the machine's byte order.
+    """Return the pixels (H, W) or (H, W, C) in the machine's byte order.
 
-    Raises:
-        MessageError: The image is empty or too large, or `step` or the data is too short for it.
+    MessageError if invalid.
     """
     height, width, step = image.height + chroma_rows, image.width, image.step
     row_bytes = width * channels * dtype.itemsize
@@ -220,11 +208,7 @@ def _pixels(
 
 
 def depth_in_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
-    """Return float32 depth in m of pixels in any unit, where 0 is no reading.
-
-    Raises:
-        MessageError: The unit is wrong (see `check_depth_unit`).
-    """
+    """Return float32 depth in m, 0 = no measurement; MessageError for a wrong unit."""
     depth_m = _meters(depth, units_per_m)
     check_depth_unit(
         depth_m,

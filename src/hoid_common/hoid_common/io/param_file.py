@@ -17,8 +17,7 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
     namespace before it. A later section overrides an earlier one. Lists become tuples.
 
     Raises:
-        ConfigError: The file cannot be read, is no parameter file, or one of these sections has no
-            `ros__parameters`.
+        ConfigError: The file cannot be read, or is no parameter file.
     """
     try:
         content = read_yaml(path)
@@ -38,10 +37,7 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name and the value of each parameter in nested mappings.
-
-    Lists become tuples.
-    """
+    """Yield the dotted name and the value of each parameter; lists become tuples."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f'{prefix}{name}.')

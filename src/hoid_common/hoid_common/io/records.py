@@ -30,12 +30,7 @@ class Column(NamedTuple):
 
 
 def column(dtype: str, *axes: str | int) -> Column:
-    """Return the column with which an array field of a `Record` is annotated.
-
-    Args:
-        dtype: NumPy's name of the type, such as 'f4'.
-        axes: For each axis, a fixed length, or the name of a length that several fields share.
-    """
+    """Return the column of a NumPy type ('f4'), each axis of fixed length or of a shared name."""
     return Column(np.dtype(dtype).newbyteorder('<'), axes)
 
 
@@ -52,10 +47,7 @@ class Record:
 
     @classmethod
     def of(cls, arrays: Mapping[str, Array]) -> Self:
-        """Return the record that holds arrays, given by field name.
-
-        The arrays are converted to the declared types; their shapes are not checked. Arrays of
-        other names are ignored.
+        """Return the record of arrays by field name, in the declared types, of any shape.
 
         Raises:
             KeyError: The array of a declared field is missing.
@@ -79,23 +71,15 @@ class Record:
         }
 
     def write(self, path: Path) -> None:
-        """Write the record to a file from which another process reads it.
+        """Write the record to a file ('.npz'), which is replaced if it exists.
 
-        Args:
-            path: The file, which is replaced if it exists; NumPy appends `.npz` to other names.
-
-        Raises:
-            OSError: The file cannot be written.
+        OSError if it cannot.
         """
         np.savez(path, allow_pickle=False, **self.arrays())
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Return the record in a file that `write` made.
-
-        Raises:
-            OSError: The file cannot be read.
-        """
+        """Return the record in a file that `write` made; OSError if it cannot be read."""
         with np.load(path) as arrays:
             return cls.of(arrays)
 

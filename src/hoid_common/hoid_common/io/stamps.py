@@ -59,12 +59,10 @@ def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:
 
 
 def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
-    """Return the slice of the longest part of a stream in which time does not start anew.
+    """Return the slice with most stamps in which time does not start anew.
 
-    The longest part is the one with the most stamps.
-
-    Time starts anew where a stamp is at least a second older than the newest one so far, as when a
-    simulator restarts or a bag is played again into a recording.
+    Time starts anew where a stamp is at least a second older than the newest one so far, as when
+    a simulator restarts or a bag is played again into a recording.
     """
     given = np.asarray(stamps_ns, np.int64)
     starts, newest_ns = [0], given[0] if len(given) else 0

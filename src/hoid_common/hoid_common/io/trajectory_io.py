@@ -42,13 +42,7 @@ def _pose_problem(row: FloatArray) -> str | None:
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory as a TUM file; stamps are exact, numbers have nine decimals.
-
-    Stamps that do not increase are treated as in `write_tum_parts`.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write a trajectory as a TUM file like `write_tum_parts`: exact stamps, nine decimals."""
     write_tum_parts(path, [trajectory])
 
 
@@ -71,16 +65,10 @@ class WrittenPoses(NamedTuple):
 def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> WrittenPoses:
     """Write consecutive parts of a trajectory as a TUM file with increasing stamps.
 
-    Where a bag is played in a loop or a simulator restarts, stamps start anew. evo and other tools
-    refuse such a file, so that it contains only the poses since stamps started anew last. A pose
-    whose stamp is not later than the one before is left out too. Only one part at a time is in
-    memory.
-
-    Returns:
-        Numbers of poses that were written and left out.
-
-    Raises:
-        OSError: The file cannot be written.
+    Where a bag is played in a loop or a simulator restarts, stamps start anew. evo and other
+    tools refuse such a file, so that it contains only the poses since stamps started anew last. A
+    pose whose stamp is not later than the one before is left out too. Only one part at a time is
+    in memory. OSError is raised if the file cannot be written.
     """
     num_written = num_earlier = num_repeated = newest_ns = 0
     with path.open('w', encoding='utf-8') as file:

@@ -50,13 +50,7 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def sorted_rows(path: Path) -> list[Row]:
-    """Return the rows of a file in order of time, each stamp once.
-
-    A warning is logged if the file has repeated stamps or another order.
-
-    Raises:
-        InputError: As in `read_rows`.
-    """
+    """Return the rows in order of time, each stamp once, with a warning if that was not so."""
     rows = list(read_rows(path))
     order = in_order([row.stamp_ns for row in rows])
     if text := str(order):
@@ -71,17 +65,11 @@ def read_numbers(
     *,
     is_finite: bool = True,
 ) -> NumberTable:
-    """Return the stamp and the first `columns` numbers of each usable row.
+    """Return the stamp and the first `columns` numbers of each usable row, in order of time.
 
-    The result is in order of time, with each stamp once; it is empty if the file has no rows.
-
-    Rows are left out with a warning if the stamp is invalid, if there are fewer numbers or one
-    that is not finite, or if `problem` returns a text. Motion-capture systems write rows of NaN or
-    zeros while they do not see their target.
-
-    Args:
-        problem: Returns what is wrong with the (columns,) numbers of a row, or None.
-        is_finite: False: rows with numbers that are not finite are kept.
+    Rows are left out with a warning if the stamp is invalid or repeated, if there are fewer
+    numbers, or one that is not finite (if `is_finite`), or if `problem` of the numbers returns a
+    text. Motion-capture systems write rows of NaN or zeros while they do not see their target.
 
     Raises:
         InputError: The file cannot be read, or has rows and none of them is usable.
@@ -111,11 +99,7 @@ def read_numbers(
 
 
 def _numbers(text: str, columns: int) -> FloatArray:
-    """Return the first (columns,) numbers of a text.
-
-    Raises:
-        ValueError: There are fewer.
-    """
+    """Return the first (columns,) numbers of a text; ValueError if there are fewer."""
     words = text.split()[:columns]
     try:
         row = np.array([float(word) for word in words])

@@ -21,11 +21,7 @@ _SHOWN_CHARS = 40  # characters of a too long name that an error quotes
 
 
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
-    """Return the content of a regular file of at most `limit_bytes`.
-
-    Raises:
-        InputError: The file is missing, no regular file, too large, or cannot be read.
-    """
+    """Return the content of a regular file of at most `limit_bytes`; else InputError."""
     with open_regular(path) as file:
         try:
             data = file.read(limit_bytes + 1)
@@ -37,11 +33,7 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
 
 
 def read_text(path: Path, limit_bytes: int = MAX_TEXT_BYTES) -> str:
-    """Return the content of a UTF-8 text file of at most `limit_bytes`.
-
-    Raises:
-        InputError: As in `read_bytes`, or the file is not UTF-8.
-    """
+    """Return the content of a UTF-8 text file of at most `limit_bytes`; else InputError."""
     try:
         return read_bytes(path, limit_bytes).decode('utf-8-sig')
     except UnicodeDecodeError as error:
@@ -51,9 +43,7 @@ def read_text(path: Path, limit_bytes: int = MAX_TEXT_BYTES) -> str:
 def open_regular(path: Path) -> BinaryIO:
     """Return a regular file opened for reading.
 
-    Raises:
-        InputError: The file is missing, cannot be read, or is not regular: reading a pipe or a
-            device may never end.
+    Else InputError, as reading a pipe may never end.
     """
     try:
         # Without O_NONBLOCK, opening a pipe that nobody writes to would block forever.
@@ -74,10 +64,7 @@ def read_error(path: Path, error: Exception) -> InputError:
 
 
 def expand_home(text: str, what: str) -> Path:
-    """Return the path of a text in which `~` or `~user` at the beginning is a home folder.
-
-    Args:
-        what: Name of the parameter or variable, with which the error begins.
+    """Return the path of a text in which a beginning `~` or `~user` is a home folder.
 
     Raises:
         ConfigError: There is no such user, or the user has no home folder.
@@ -92,11 +79,7 @@ def expand_home(text: str, what: str) -> Path:
 
 
 def check_path_name(text: str, what: str) -> None:
-    """Raise ConfigError for a path that is empty, too long or not UTF-8, or contains a NUL.
-
-    Args:
-        what: Name of the option, such as "--out", with which the error begins.
-    """
+    """Raise ConfigError for a path that is empty, too long or not UTF-8, or contains a NUL."""
     if not text:
         raise ConfigError(f'{what}: must not be empty')
     try:

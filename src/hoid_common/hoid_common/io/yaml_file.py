@@ -37,23 +37,15 @@ _NULL = re.compile(r'(?:~|null|Null|NULL|)$')
 
 
 def read_yaml(path: Path) -> Any:
-    """Return the content of a YAML file: mappings, lists, numbers, booleans, text and None.
-
-    Raises:
-        InputError: The file cannot be read, or is not plain YAML within the limits.
-    """
+    """Return the plain data in a YAML file; InputError if it cannot be read or is not plain."""
     text = read_text(path, MAX_BYTES)
     return parse_yaml(text, str(path))
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """Return the content of a YAML text, as `read_yaml` does.
+    """Return the plain data in a YAML text.
 
-    Args:
-        source: Name of the file or option, with which an error begins.
-
-    Raises:
-        InputError: The text is not plain YAML within the limits.
+    InputError, which names its source, if it is not plain.
     """
     if len(text) > MAX_BYTES:
         raise InputError(f'{source}: larger than {MAX_BYTES / 1e6:g} MB')

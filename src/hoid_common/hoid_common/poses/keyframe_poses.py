@@ -31,10 +31,7 @@ class KeyframePoses(NamedTuple):
         return np.equal(self.map_ids, self.main_map)
 
     def rows_of(self, uids: IntArray) -> IntArray:
-        """Return the rows (M,) of this snapshot that hold the keyframes with given uids (M,).
-
-        All must be in the snapshot: a missing uid is not noticed, and its row is wrong.
-        """
+        """Return the rows (M,) of keyframes of uids (M,), all of which must be there."""
         return np.searchsorted(self.uids, uids)
 
     def row_of(self, uid: int) -> int | None:
@@ -45,12 +42,10 @@ class KeyframePoses(NamedTuple):
     def substitute(self, removed_uid: int, after: KeyframePoses) -> tuple[int, FloatArray] | None:
         """Return the keyframe to which data of a removed keyframe is attached from now on.
 
-        Of the keyframes of the same map that remain, it is the one with the highest uid below that
-        of the removed keyframe. If there is none, it is the one with the lowest uid.
-
-        Returns:
-            The uid of the remaining keyframe, and the pose (4, 4) of the removed keyframe relative
-            to it, by the poses of this snapshot; None if no keyframe of the map remains.
+        Of the keyframes of the same map that remain, it is the one with the highest uid below
+        that of the removed keyframe, or else the lowest one. The result is its uid and the pose
+        (4, 4) of the removed keyframe relative to it, by this snapshot; None if no keyframe of
+        the map remains.
         """
         removed = int(self.rows_of(np.array([removed_uid]))[0])
         same = self.map_ids == self.map_ids[removed]

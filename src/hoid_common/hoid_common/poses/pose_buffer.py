@@ -25,10 +25,9 @@ class PoseBuffer:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
 
     def add(self, stamp_ns: int, T: FloatArray) -> None:
-        """Append a pose T (4, 4).
+        """Append a pose T (4, 4); older than the newest one: drop all.
 
-        If it is older than the newest stored pose, all stored poses are dropped first. A pose
-        with the stamp of the newest stored pose is ignored.
+        Of the same stamp: ignore it.
         """
         if self._poses and stamp_ns <= self._poses[-1][0]:
             if stamp_ns == self._poses[-1][0]:  # a repeated message

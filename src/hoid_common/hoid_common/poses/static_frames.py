@@ -32,9 +32,7 @@ class StaticFrames:
         self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Add the transform T_parent_child (4, 4).
-
-        It replaces the parent and the transform of a child that is stored already.
+        """Add or replace the parent of `child` and T_parent_child (4, 4).
 
         Raises:
             MessageError: There are too many frames.
@@ -44,10 +42,9 @@ class StaticFrames:
         self._edges[child] = parent, T_parent_child
 
     def with_edges(self, edges: Iterable[tuple[str, str, FloatArray]]) -> StaticFrames:
-        """Return a copy of the tree with further edges (parent, child, T_parent_child).
+        """Return a copy with further edges (parent, child, T_parent_child).
 
-        Raises:
-            MessageError: There are too many frames.
+        MessageError if too many.
         """
         tree = StaticFrames()
         tree._edges = dict(self._edges)
@@ -56,11 +53,7 @@ class StaticFrames:
         return tree
 
     def find(self, a: str, b: str) -> FloatArray | None:
-        """Return T_a_b (4, 4), or None when the tree does not connect the two frames.
-
-        T_a_b maps points of frame b to frame a. It is the identity if both names are equal, even
-        if the tree does not contain the frame.
-        """
+        """Return T_a_b (4, 4); None if the tree does not connect them, identity if a is b."""
         to_root_of_a = dict(self._ancestors(a))
         for frame, T_frame_b in self._ancestors(b):
             if frame in to_root_of_a:
@@ -68,9 +61,9 @@ class StaticFrames:
         return None
 
     def _ancestors(self, frame: str) -> Iterator[tuple[str, FloatArray]]:
-        """Yield the frame and its ancestors up to the root, each with T_ancestor_frame.
+        """Yield the frame and its ancestors, each with T_ancestor_frame.
 
-        At most 64 frames are yielded, since a longer chain is a cycle.
+        64 at most, else it is a cycle.
         """
         T = np.eye(4)
         for _ in range(_MAX_DEPTH):

@@ -71,10 +71,7 @@ def preload(*modules: str) -> None:
 
 
 def _fork_server() -> None:
-    """Start a fork server as `forkserver.ensure_running` does, but by a fork of this process.
-
-    multiprocessing would start a new interpreter, which imports everything again.
-    """
+    """Start a fork server by a fork of this process, not as a new interpreter."""
     alive, alive_while_open = os.pipe()
     with socket.socket(socket.AF_UNIX) as listener:
         with TemporaryDirectory(prefix='hoid-children-') as folder:  # readable by this user only
@@ -148,9 +145,9 @@ class ChildWorker(Generic[Message, Report]):
         return self._to_send.qsize()
 
     def send(self, message: Message) -> None:
-        """Queue a message for the child; it is lost when the child has ended.
+        """Queue a message, which must not be changed afterwards.
 
-        Another thread pickles the message later, so that it must not be changed afterwards.
+        It is lost when the child has ended.
         """
         self._to_send.put(message)
 
@@ -180,8 +177,7 @@ class ChildWorker(Generic[Message, Report]):
     def restart(self) -> str:
         """End the child, start a new one, and return how the old one ended (see `close`).
 
-        Unprocessed messages and unreceived reports are lost. The caller must send the new child
-        whatever state it needs.
+        Unprocessed messages and unreceived reports are lost.
         """
         how = self.close()
         self.num_restarts += 1
@@ -189,14 +185,7 @@ class ChildWorker(Generic[Message, Report]):
         return how
 
     def close(self, patience_s: float = _EXIT_TIMEOUT_S) -> str:
-        """End the child: close its connection, wait for it, and kill it after a timeout.
-
-        Args:
-            patience_s: Time for the child to process all messages and to return.
-
-        Returns:
-            How the child ended, such as "exit code 1" or "signal 9".
-        """
+        """End the child, after `patience_s` by force; return how, such as "exit code 1"."""
         atexit.unregister(self.close)
         self._to_send.put(_Mark.END)
         self._process.join(patience_s)

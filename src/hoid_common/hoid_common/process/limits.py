@@ -14,9 +14,7 @@ def require_descriptors() -> None:
     """Raise this process's soft limit of open files to 256 if it is lower.
 
     Raises:
-        ConfigError: The hard limit is lower than 256. Without this error, the process (or another
-            program that it executes in its place) would fail later, at any point and with any
-            error.
+        ConfigError: The hard limit is lower: the process would fail later, at any point.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft >= _MIN_DESCRIPTORS or soft == resource.RLIM_INFINITY:

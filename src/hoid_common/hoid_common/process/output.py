@@ -96,9 +96,7 @@ def _flush() -> None:
 
 
 def _finish(relay: int, finish: int, owner: int) -> None:
-    """Wait at exit until the relay has written everything, or has waited one second to do so.
-
-    This happens in the process `owner` only, not in processes that it has forked.
+    """Wait at exit, in the process `owner` only, until the relay has written everything or 1 s.
 
     The relay gets a message, because its pipe does not end while children of this process, which
     have inherited it, live on.
@@ -159,11 +157,7 @@ def _offer_rest(channels: list[_Channel]) -> None:
 
 
 class _Channel:
-    """Output that waits to be written to one stream.
-
-    Args:
-        reader: Descriptor of the pipe to which the process writes.
-    """
+    """Output that waits to be written to one stream; `reader` is the pipe it comes from."""
 
     def __init__(self, reader: int, stream: int) -> None:
         self.reader, self.is_open = reader, True
@@ -187,10 +181,9 @@ class _Channel:
         return bool(self._waiting) and not self._is_dead
 
     def read(self) -> bool:
-        """Read what the process has written, and drop the oldest lines beyond the limit.
+        """Read what the process has written, without the oldest lines beyond the limit.
 
-        Returns:
-            False if there is nothing to read now, or the pipe has ended.
+        False if nothing.
         """
         try:
             data = os.read(self.reader, _READ_BYTES)
@@ -212,10 +205,10 @@ class _Channel:
         self.is_open = False
 
     def write(self) -> None:
-        """Write waiting output, up to PIPE_BUF bytes, as far as the stream takes it at once.
+        """Write waiting output, up to PIPE_BUF bytes, after a note about dropped lines.
 
-        A note about dropped lines is written first. If the stream takes nothing at once, the
-        function pauses for 50 ms; after any other error the stream counts as dead.
+        If the stream takes nothing at once, the function pauses for 50 ms; after any other error
+        the stream counts as dead.
         """
         if self._num_lost:
             note = f'[{self._num_lost} lines of output were dropped: nobody read them in time]\n'

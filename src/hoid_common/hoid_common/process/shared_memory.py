@@ -27,12 +27,9 @@ _REMEDY = 'a container needs --shm-size=1g or --ipc=host'
 
 
 def check_shared_memory(num_processes: int) -> None:
-    """Check that /dev/shm has enough space for the segments of some processes.
+    """Check that /dev/shm has space for some processes, each with one ROS context.
 
-    If the space is too small, segments that killed processes have left behind are removed first.
-
-    Args:
-        num_processes: Number of processes, each with one ROS context.
+    If it has not, segments that killed processes have left behind are removed first.
 
     Raises:
         InputError: The space is still too small after that.
@@ -48,10 +45,7 @@ def check_shared_memory(num_processes: int) -> None:
 
 
 def shared_memory_problem() -> str:
-    """Return an error text if the shared memory of this process is smaller than configured.
-
-    The text is empty if it is large enough, or if none is configured.
-    """
+    """Return an error text if the shared memory is smaller than configured, else ''."""
     if _own_segment_mb() >= _segment_mb():
         return ''
     return (
@@ -71,10 +65,7 @@ def restrict_segments() -> None:
 
 
 def clean_shared_memory() -> None:
-    """Remove the segments that killed processes have left behind (`fastdds shm clean`).
-
-    Nothing happens if the tool `fastdds` is missing or fails.
-    """
+    """Remove the segments that killed processes have left behind, if `fastdds shm clean` works."""
     tool = shutil.which(
         'fastdds', path=os.pathsep.join([str(Path(sys.executable).parent), os.defpath])
     )
@@ -85,10 +76,7 @@ def clean_shared_memory() -> None:
 
 
 def _segment_mb() -> float:
-    """Return the segment size in MB (2^20 bytes) that the profile of Fast DDS configures.
-
-    It is 0 if no readable profile configures one, or if another middleware is used.
-    """
+    """Return the segment size [2^20 bytes] in the profile of Fast DDS; 0 if there is none."""
     if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
         return 0.0
     try:

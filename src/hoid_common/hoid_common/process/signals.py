@@ -65,10 +65,7 @@ def signal_handlers_deferred() -> Iterator[None]:
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, and ignore further termination signals.
-
-    After SIGHUP, output to the closed terminal is discarded.
-    """
+    """Raise KeyboardInterrupt, and ignore termination signals from now on."""
     for sign in TERMINATION_SIGNALS:
         signal.signal(sign, signal.SIG_IGN)
     if number == signal.SIGHUP:

@@ -51,11 +51,9 @@ class MaskedImages:
         return any(p.get_subscription_count() for p in (self._mask, self._depth))
 
     def publish(self, mask: ByteArray, depth_m: Float32Array, header: Header) -> None:
-        """Publish the mask and the depth, each if its topic has a subscriber.
+        """Publish the mask (H, W.
 
-        Args:
-            mask: (H, W) uint8, 255 = static, 0 = dynamic.
-            depth_m: (H, W) float32 depth of static pixels; dynamic pixels must be 0.
+        255 = static) and the depth of static pixels (m), if anybody subscribes.
         """
         if self._mask.get_subscription_count():
             self._mask.publish(conversions.mask_to_msg(mask, header))

@@ -79,13 +79,8 @@ class Diagnostics:
         """Begin to report missing and lost messages of a topic, and return the watch for it.
 
         The subscription must call `record_message` of the watch for each message, and
-        `record_loss` for lost ones.
-
-        Args:
-            what: The messages in the plural, such as "depth images".
-            is_occasional: Whether it is normal that no message arrives for long. Messages are
-                then counted, but never reported as missing.
-            is_latched: Whether it is normal that no message follows the first one.
+        `record_loss` for lost ones. Messages of an occasional topic are never missing; of a
+        latched one, only the first.
         """
         watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional, is_latched)
         self._watches.append(watch)
@@ -108,15 +103,11 @@ class Diagnostics:
         self._values[name] = value
 
     def set_problem(self, name: str, text: str, *, severe: bool = False) -> None:
-        """Publish a problem until `clear_problem` is called with its name.
+        """Publish a problem, and what to do, until `clear_problem` is called with its name.
 
         It is logged when it is new, but not when only its text changes. If it comes and goes, at
         least five seconds lie between two of its log lines, and the interval doubles with each
-        line up to five minutes.
-
-        Args:
-            text: What happened and what to do.
-            severe: Whether the level is ERROR instead of WARN.
+        line up to five minutes. `severe` raises the level from WARN to ERROR.
         """
         level = DiagnosticStatus.ERROR if severe else DiagnosticStatus.WARN
         if name not in self._problems:
@@ -137,11 +128,7 @@ class Diagnostics:
         self._problems.pop(name, None)
 
     def report(self, error: HoidError, what: str = 'messages refused') -> None:
-        """Count an error, and log it at most once in five seconds per kind.
-
-        Args:
-            error: Errors of one counter whose texts begin with the same word are of the same kind.
-        """
+        """Count an error, and log it at most once in five seconds per counter and first word."""
         self.count(what)
         kind = f'{what}: {str(error).split(maxsplit=1)[0]}'
         num_suppressed = self._throttle.allow(kind, time.monotonic())
@@ -247,9 +234,9 @@ class Diagnostics:
 
 
 def _transport_profile() -> str:
-    """Return the path of the Fast DDS profile that this process uses, or else should use.
+    """Return the path of the Fast DDS profile to use.
 
-    It is empty with another middleware, or if neither the environment nor the package has one.
+    '' with another middleware or without one.
     """
     if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
         return ''

@@ -58,12 +58,9 @@ def listen_to_transforms(
     take: Callable[[TransformStamped], None],
     diagnostics: Diagnostics,
 ) -> None:
-    """Subscribe to /tf or /tf_static; malformed messages and edges are counted and logged.
+    """Subscribe to /tf or /tf_static, and call `take` with each valid edge of the frame tree.
 
-    Args:
-        profile: Quality of service of the subscription.
-        take: Function that is called with each edge of the frame tree, whose frame names have no
-            leading slashes. It may raise MessageError.
+    Malformed messages, and edges for which `take` raises MessageError, are counted and logged.
     """
 
     def on_transforms(msg: TFMessage) -> None:
@@ -95,11 +92,7 @@ class StaticFrameListener:
 
 
 class LiveAlignment:
-    """Brings the depth images of a node to the pixels of its color images.
-
-    Args:
-        diagnostics: Diagnostics of the node, which show whether depth may not be registered.
-    """
+    """Brings the depth images of a node to the pixels of its color images."""
 
     def __init__(self, node: Node, inputs: Inputs, diagnostics: Diagnostics) -> None:
         self.aligner = DepthAligner(_REGISTER)
@@ -113,10 +106,7 @@ class LiveAlignment:
     def align(
         self, depth_m: Float32Array, depth: Header, color: Header, size_px: tuple[int, int]
     ) -> Float32Array:
-        """Return the (H, W) depth in m at the pixels of a color image; 0 = no reading.
-
-        Args:
-            depth_m: (h, w) depth in m; 0 = no reading.
+        """Return the (H, W) depth in m at the color pixels of depth (h, w); 0 = no measurement.
 
         Raises:
             MessageError: Depth has another size, and is not known to be registered.

@@ -41,9 +41,6 @@ class Inputs:
 
     A `ManagedNode` processes messages only while it is active. A HoidError that a callback raises
     is counted and logged, and the message is dropped.
-
-    Args:
-        diagnostics: Diagnostics of the node, which report missing, lost and bad messages.
     """
 
     def __init__(self, node: Node, config: InputConfig, diagnostics: Diagnostics) -> None:
@@ -54,10 +51,7 @@ class Inputs:
     def color(self, callback: Callback) -> None:
         """Subscribe to color images, compressed if configured or if the topic's name says so.
 
-        Args:
-            callback: Function that is called with each message; `conversions.color_from_msg`
-                converts it. The frame name in its header is valid in TF. The function may raise
-                HoidError.
+        The frame name in the header of a message is valid in TF.
         """
         named = self.with_frame(callback, 'color images')
         self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
@@ -65,10 +59,7 @@ class Inputs:
     def depth(self, callback: Callback) -> None:
         """Subscribe to depth images, compressed if configured or if the topic's name says so.
 
-        Args:
-            callback: Function that is called with each message; `conversions.depth_from_msg`
-                converts it. The parameter `depth_offset_s` has been subtracted from its stamp,
-                which stays at least 0. The function may raise HoidError.
+        The parameter `depth_offset_s` is subtracted from the stamp, which stays at least 0.
         """
         offset_ns = round(self._config.depth_offset_s * NS_PER_S)
 
@@ -86,11 +77,7 @@ class Inputs:
         """Subscribe to the camera_info of the color images.
 
         The name of the images' topic decides whether they are rectified (see `camera_from_info`).
-        If that is doubtful, the diagnostics show a problem.
-
-        Args:
-            callback: Function that is called with the camera and the header of each valid message;
-                the frame name in the header is valid in TF. It may raise HoidError.
+        If that is doubtful, the diagnostics show a problem. The frame name is valid in TF.
         """
 
         def on_camera_info(msg: CameraInfo) -> None:
@@ -104,11 +91,7 @@ class Inputs:
         self.messages(CameraInfo, topics.CAMERA_INFO, named, 'camera infos', is_latched=True)
 
     def depth_camera(self, callback: Callable[[CameraModel], None]) -> None:
-        """Subscribe to the camera_info beside the depth images, which drivers need not publish.
-
-        Args:
-            callback: Function that is called with the camera of each valid message.
-        """
+        """Subscribe to the camera_info beside the depth images, which drivers need not publish."""
         images = self._node.resolve_topic_name(
             self._image_topic(topics.DEPTH_IMAGE, topics.compressed_depth(topics.DEPTH_IMAGE))
         )
@@ -162,11 +145,7 @@ class Inputs:
         self.messages(CompressedImage, topic, on_compressed, what)
 
     def _image_topic(self, raw: str, packed: str) -> str:
-        """Return the topic to subscribe to, before remapping.
-
-        It is `packed` if the parameter `compressed` is set, unless `raw` is remapped to the name
-        of a compressed topic; else it is `raw`.
-        """
+        """Return `packed` if `compressed` is set, unless `raw` is remapped to such a name."""
         is_named = topics.is_compressed(self._node.resolve_topic_name(raw))
         return packed if self._config.compressed and not is_named else raw
 
@@ -185,7 +164,6 @@ class Inputs:
         """Subscribe to a topic.
 
         Args:
-            callback: Function that is called with each message. It may raise HoidError.
             what: The messages in the plural, such as "depth images".
             reliability: Reliability to request; by default that of the parameter `reliability`.
             is_occasional: Whether it is normal that no message arrives for long.
@@ -206,12 +184,7 @@ class _Input:
     """The subscription of an input.
 
     With `auto` it is reliable until a publisher offers less, and then best effort until the topic
-    has no publisher.
-
-    Args:
-        watch: Counter of received and lost messages. Its `reliability` is at first the parameter,
-            and then the reliability that the subscription requests.
-        on_bytes: Function that is called with each serialized message.
+    has no publisher. `on_bytes` is called with each serialized message.
     """
 
     def __init__(
@@ -290,10 +263,7 @@ class _Input:
             self._on_bytes(data)
 
     def _repeat_last(self) -> None:
-        """Process the latest message again, which the node dropped if it was not active yet.
-
-        This is done only if a publisher keeps its last message for late subscribers.
-        """
+        """Process the latched message again that came before the node was active."""
         if self._has_latched and self._last is not None:
             self._on_bytes(self._last[0])
 
@@ -307,9 +277,6 @@ def checked_callback(
     """Return a function of serialized bytes that deserializes a message and calls `callback`.
 
     A HoidError, also of a message that cannot be deserialized, is counted and logged.
-
-    Args:
-        what: The messages in the plural, such as "depth images".
     """
 
     def on_bytes(data: bytes) -> None:
@@ -322,11 +289,10 @@ def checked_callback(
 
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
-    """Return the message that serialized bytes contain; an Image as `conversions.ReceivedImage`.
+    """Return the message in serialized bytes; an Image as `conversions.ReceivedImage`.
 
     Raises:
-        MessageError: The bytes are no message of this type, or are more than 2 MB and the type is
-            not that of an image.
+        MessageError: The bytes are no such message, or more than 2 MB and no image.
     """
     if len(data) > _MAX_BYTES and type_ not in _IMAGES:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')

@@ -32,10 +32,9 @@ def switch(name: str, description: str, *, default: bool = False) -> Argument:
 
 
 def common_arguments(package: str, params_file: str) -> list[Argument]:
-    """Return the launch arguments that every launch file of the suite declares.
+    """Return the launch arguments of every launch file.
 
-    Args:
-        params_file: Name of the default parameter file in the package's folder `config`.
+    `params_file` is in the folder `config`.
     """
     params = PathJoinSubstitution([FindPackageShare(package), 'config', params_file])
     return [
@@ -81,14 +80,10 @@ def suite_node(
     parameters: Mapping[str, str],
     remappings: Sequence[tuple[str, str]],
 ) -> LifecycleNode:
-    """Return the launch action that starts a package's node with the common launch arguments.
+    """Return the launch action of a package's node `<package>_node` with the common arguments.
 
     The whole launch ends when the node refuses its first start, or when it fails without
     `respawn`. Before that, a running SLAM node gets FAILURE_SIGNAL, so that its map is kept.
-
-    Args:
-        package: Package of the node, whose executable is `<package>_node`.
-        remappings: Remappings (from, to) of topics, besides those of `tf_remappings`.
     """
     respawn = is_on(context, 'respawn')
     switches = {name: is_on(context, name) for name in ('use_sim_time', 'autostart')}
@@ -114,10 +109,7 @@ def suite_node(
 
 
 def tf_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the remappings (from, to) of /tf and /tf_static to those of the namespace.
-
-    The list is empty if the argument `tf_in_namespace` is false.
-    """
+    """Return the remappings (from, to) of /tf to the namespace; none if not `tf_in_namespace`."""
     return list(topics.NAMESPACED_TF) if is_on(context, 'tf_in_namespace') else []
 
 

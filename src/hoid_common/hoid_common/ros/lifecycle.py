@@ -37,11 +37,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         self.on_activation: list[Callable[[], None]] = []  # called when the node becomes active
 
     def configure(self) -> None:
-        """Load what the node needs to process messages.
-
-        Raises:
-            HoidError: A model or file cannot be loaded.
-        """
+        """Load what the node needs to process messages; HoidError if that fails."""
 
     def clean_up(self) -> None:
         """Reset the node to its state before `configure`."""
@@ -50,9 +46,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         """Drop all waiting messages. This is called when the node becomes inactive."""
 
     def begin(self, *, autostart: bool) -> None:
-        """Configure and activate the node, or wait for a lifecycle manager.
-
-        The constructor of a subclass calls this last.
+        """Configure and activate the node, or wait for a lifecycle manager; called last.
 
         Raises:
             HoidError: With autostart, `configure` has failed, and the node is destroyed. (Without

@@ -29,10 +29,7 @@ class _NodeHandler(logging.Handler):
 
 
 def bridge_logging(node: Node) -> None:
-    """Forward Python log records of this process to a node's logger, from its present level on.
-
-    A node that was bridged before gets no more records.
-    """
+    """Forward Python log records to a node's logger, and no longer to one bridged before."""
     root = logging.getLogger()
     for handler in [h for h in root.handlers if isinstance(h, _NodeHandler)]:
         root.removeHandler(handler)

@@ -32,12 +32,7 @@ CLOCK = QoSProfile(
 
 
 def input_qos(reliability: str, depth: int) -> QoSProfile:
-    """Return the QoS of a subscription.
-
-    Args:
-        reliability: 'best_effort', which receives from every publisher, or 'reliable', which
-            receives from reliable publishers only.
-    """
+    """Return the QoS of a subscription; 'reliable' receives from reliable publishers only."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

@@ -99,11 +99,7 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
 
 
 def is_end_asked_for() -> bool:
-    """Return whether the node is being destroyed because it was asked to end.
-
-    Call this in `destroy_node`. The result is False if the node is destroyed after an error, or if
-    FAILURE_SIGNAL has come, which means that another process has failed.
-    """
+    """Return whether the node is destroyed on request, and not after an error."""
     return sys.exc_info()[0] is None and not _failure.is_set()
 
 

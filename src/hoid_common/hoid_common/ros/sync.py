@@ -23,13 +23,8 @@ class Stamped(NamedTuple):
 class Synchronizer:
     """Calls a function for each match of messages, and counts the dropped ones in diagnostics.
 
-    While messages do not match, or probably the wrong ones do, the diagnostics show a problem.
-
-    Args:
-        matcher: Matcher of the streams, whose names also appear in the diagnostics, such as
-            "color" and "depth".
-        callback: Function that is called with each match of `Stamped` values. A HoidError that it
-            raises is counted and logged.
+    While messages do not match, or probably the wrong ones do, the diagnostics show a problem. A
+    HoidError of the callback is counted and logged.
     """
 
     def __init__(
@@ -40,12 +35,7 @@ class Synchronizer:
         self._diagnostics = diagnostics
 
     def input(self, name: str, convert: Callable[[Any], Any]) -> Callable[[Any], None]:
-        """Return the subscription callback of a stream.
-
-        Args:
-            convert: Function that converts each message. It runs before matching, so that an error
-                is reported for this stream.
-        """
+        """Return the subscription callback of a stream; `convert` runs before matching."""
 
         def on_message(msg: Any) -> None:
             value = Stamped(msg.header, convert(msg))

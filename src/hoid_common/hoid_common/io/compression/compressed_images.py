@@ -33,17 +33,10 @@ _DEPTH_KEYWORD, _RVL = 'compressedDepth', 'compressedDepth rvl'
 
 
 def compressed_head(format_: str, data: Buffer) -> tuple[str, tuple[int, int] | None]:
-    """Return the encoding of a compressed image, and its width and height, without decoding it.
+    """Return encoding, and width and height or None, of a compressed image without decoding it.
 
-    The encoding is one of the depth encodings if and only if the image is depth. The size is None
-    if it is not known.
-
-    Args:
-        format_: Field `format` of the message.
-        data: Field `data` of the message.
-
-    Raises:
-        MessageError: The data contradicts the format.
+    The encoding is one of the depth encodings if and only if the image is depth. Arguments are
+    the fields `format` and `data` of the message; MessageError if they contradict.
     """
     raw = bytes(data)
     if format_ == ZSTD_FORMAT:
@@ -58,11 +51,7 @@ def compressed_head(format_: str, data: Buffer) -> tuple[str, tuple[int, int] | 
 
 
 def decode_compressed_color(data: Buffer, format_: str = '') -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a compressed image.
-
-    Args:
-        data: Field `data` of the message.
-        format_: Field `format` of the message.
+    """Return the (H, W, 3) uint8 BGR image of the fields `data` and `format` of a message.
 
     Raises:
         MessageError: The data is no image of a known kind, has more than MAX_PIXELS, or cannot be
@@ -75,7 +64,7 @@ def decode_compressed_color(data: Buffer, format_: str = '') -> ByteArray:
 
 
 def decode_compressed_depth(format_: str, data: Buffer, units_per_m: float = 0.0) -> Float32Array:
-    """Return the (H, W) float32 depth in m of a compressed depth image; 0 = no reading.
+    """Return the (H, W) float32 depth in m of a compressed depth image; 0 = no depth.
 
     Args:
         format_: Field `format` of the message, such as "16UC1; compressedDepth png".
@@ -123,10 +112,7 @@ def _one_channel(data: bytes, format_: str) -> NDArray[Any]:
 
 
 def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
-    """Return the pixels of a JPEG, PNG or TIFF.
-
-    Args:
-        flags: OpenCV's flags for reading.
+    """Return the pixels of a JPEG, PNG or TIFF, read with OpenCV's flags.
 
     Raises:
         MessageError: The data is no such image, has more than MAX_PIXELS, is not safe to decode

@@ -17,8 +17,7 @@ _MORE, _BITS = 8, 3  # of a group of four bits: whether more follow, and the bit
 def rvl_size_px(data: bytes) -> tuple[int, int]:
     """Return width and height of an RVL image.
 
-    Raises:
-        MessageError: The data is too short, or the image is empty or too large.
+    MessageError if it is too short, empty or too large.
     """
     if len(data) < _SIZE.size:
         raise MessageError(f'RVL image has {len(data)} bytes, too few for its size')
@@ -29,14 +28,10 @@ def rvl_size_px(data: bytes) -> tuple[int, int]:
 
 
 def decode_rvl(data: bytes) -> NDArray[np.uint16]:
-    """Return the (H, W) uint16 pixels of an RVL image.
+    """Return the (H, W) uint16 pixels of an RVL image; MessageError if it is invalid.
 
     Runs of zeros and of other pixels alternate. Of the latter, the difference to the pixel before
     is stored. All numbers have groups of three bits, the lowest first.
-
-    Raises:
-        MessageError: The data is too short or contradicts the size of the image, or the image is
-            empty or too large.
     """
     width, height = rvl_size_px(data)
     values = _numbers(data[_SIZE.size :])

@@ -32,11 +32,7 @@ class StoredImage:
 
 
 def stored_head(data: bytes) -> StoredImage:
-    """Return the fields of an image, with the pixels still compressed.
-
-    Raises:
-        MessageError: The data is too short, or describes no image.
-    """
+    """Return the fields of an image, with pixels still compressed; MessageError if invalid."""
     if len(data) < _HEAD.size:
         raise MessageError(f'zstd image has {len(data)} bytes, too few for its header')
     height, width, is_bigendian, step, length = _HEAD.unpack_from(data)
@@ -50,11 +46,7 @@ def stored_head(data: bytes) -> StoredImage:
 
 
 def stored_image(data: bytes) -> StoredImage:
-    """Return an image of zstd_image_transport with its pixels.
-
-    Raises:
-        MessageError: The data is no such image, or cannot be unpacked.
-    """
+    """Return an image of zstd_image_transport with its pixels; MessageError if invalid."""
     head = stored_head(data)
     most = 3 * head.step * head.height  # NV24 has three times as many rows as the image
     try:

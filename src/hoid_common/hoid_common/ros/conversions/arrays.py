@@ -31,14 +31,7 @@ def floats_field(values: NDArray[Any]) -> array[float]:
 
 
 def float_array(field: Any, name: str, length: int) -> Float32Array:
-    """Return a float32 copy (length,) of a float32[] field.
-
-    Args:
-        length: Expected number of elements.
-
-    Raises:
-        MessageError: The field has another length.
-    """
+    """Return a float32 copy (length,) of a float32[] field; MessageError for another length."""
     return _array(field, name, length, np.dtype(np.float32))
 
 

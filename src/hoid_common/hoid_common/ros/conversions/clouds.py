@@ -31,9 +31,7 @@ class Cloud(NamedTuple):
 
 
 def cloud_from_msg(msg: PointCloud2) -> Cloud:
-    """Return the points of a cloud, with colors and labels if it has fields for them.
-
-    These are rgb as float32, and label as uint32. Other fields are ignored.
+    """Return the points of a cloud, with colors (rgb, float32) and labels (uint32) if it has them.
 
     Raises:
         MessageError: x, y and z are not little-endian float32, the data has the wrong length, or

@@ -41,13 +41,10 @@ def detections_to_msg(
     class_names: Sequence[str] = (),
     inference_ms: float = 0.0,
 ) -> DetectionArray:
-    """Return the DetectionArray message of the objects detected in an image.
+    """Return the DetectionArray of an image of this size.
 
-    Args:
-        image_size_px: Width and height of the image that the boxes refer to.
-        class_names: Class names of the model. The index of a detection's class in them becomes its
-            `class_id`; a class that is not among them gets -1.
-        inference_ms: Duration of the detection in ms; 0 when no network ran.
+    `class_id` is the index of the class in `class_names`, else -1; `inference_ms` is 0 when no
+    network ran.
     """
     ids = {name: i for i, name in enumerate(class_names)}
     return DetectionArray(

@@ -70,10 +70,7 @@ def _likeliest(detection: Detection2D) -> ObjectHypothesis:
 
 
 def _box_from_msg(box: BoundingBox2D) -> Row:
-    """Return left, top, right and bottom of the upright box around a rotated box, in px.
-
-    They are NaN if the angle is not finite.
-    """
+    """Return the upright box (px) around a rotated box; NaN if the angle is not finite."""
     x, y = box.center.position.x, box.center.position.y
     theta_rad = box.center.theta if math.isfinite(box.center.theta) else math.nan
     cos, sin = abs(math.cos(theta_rad)), abs(math.sin(theta_rad))

@@ -65,10 +65,9 @@ def features_to_msg(
     image_size_px: tuple[int, int],
     counts: FeatureCounts = FeatureCounts(),  # noqa: B008 (immutable)
 ) -> FeaturesMsg:
-    """Return the Features message of an image; if all `may_seed` are True, that field is empty.
+    """Return the Features message of an image of this size.
 
-    Args:
-        image_size_px: Width and height of the image from which the features were extracted.
+    `may_seed` is empty if all are True.
     """
     seeds_all = bool(features.may_seed.all())
     return FeaturesMsg(

@@ -48,12 +48,7 @@ def pose_to_msg(T_a_b: FloatArray) -> Pose:
 
 
 def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, float, float]:
-    """Return the transform of a pose, and its uncertainty.
-
-    Returns:
-        T_a_b (4, 4) of the pose of frame b in frame a, translation in m; the largest
-        standard deviation of x, y and z in m; and the largest standard deviation of the rotation
-        about x, y and z in rad.
+    """Return T_a_b (4, 4), and the largest standard deviation of position [m] and rotation [rad].
 
     Raises:
         MessageError: The pose is no rigid transform, or a variance is negative or not finite.
@@ -78,11 +73,7 @@ def transform_from_msg(msg: TransformStamped) -> FloatArray:
 def transform_to_msg(
     T_parent_child: FloatArray, stamp_ns: int, parent: str, child: str
 ) -> TransformStamped:
-    """Return the TransformStamped of an edge of the frame tree.
-
-    Args:
-        T_parent_child: (4, 4), translation in m.
-    """
+    """Return the TransformStamped of T_parent_child (4, 4)."""
     msg = TransformStamped(child_frame_id=child)
     msg.header.stamp = stamp_to_msg(stamp_ns)
     msg.header.frame_id = parent
@@ -133,11 +124,7 @@ def odometry_to_msg(
 
 
 def _transform(rotation: Quaternion, translation: Any, what: str) -> FloatArray:
-    """Return the transform (4, 4) of a rotation and a translation in m.
-
-    Raises:
-        MessageError: It is no rigid transform; the text begins with `what`.
-    """
+    """Return the transform (4, 4), translation in m; MessageError if it is not rigid."""
     quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     position_m = np.array([translation.x, translation.y, translation.z])
     # Chosen limits: rounding leaves the norm of a quaternion near 1. Comparisons with NaN are

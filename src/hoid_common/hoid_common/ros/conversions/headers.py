@@ -24,10 +24,7 @@ def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
 
 
 def camera_frame(header: Header, default: str) -> str:
-    """Return the frame of a header as it is valid in TF: without leading slash, and not empty.
-
-    Args:
-        default: Name of the frame where the header has none; empty: none is known.
+    """Return the frame of a header, or else the default, without leading slash.
 
     Raises:
         MessageError: The header has no frame, and there is no default.

@@ -13,10 +13,7 @@ from hoid_common.values import ByteArray, Float32Array
 
 
 def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image.
-
-    See `io.images.decode_color` and `decode_compressed_color` for the encodings and errors.
-    """
+    """Return the (H, W, 3) uint8 BGR image, as `io.images.decode_color` does."""
     if isinstance(msg, CompressedImage):
         return compressed_images.decode_compressed_color(msg.data, msg.format)
     return images.decode_color(msg)
@@ -41,10 +38,7 @@ def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) 
 def depth_from_msg(
     msg: images.RawImage | CompressedImage, units_per_m: float = 0.0
 ) -> Float32Array:
-    """Return the (H, W) float32 depth in m, 0 = no reading.
-
-    See `io.images.decode_depth` and `decode_compressed_depth` for `units_per_m` and the errors.
-    """
+    """Return the (H, W) float32 depth in m, 0 = none, as `io.images.decode_depth` does."""
     if isinstance(msg, CompressedImage):
         return compressed_images.decode_compressed_depth(msg.format, msg.data, units_per_m)
     return images.decode_depth(msg, units_per_m)
@@ -62,8 +56,7 @@ def compressed_depth_to_msg(depth_m: Float32Array, header: Header) -> Compressed
     """Return the compressedDepth message of (H, W) float32 depth in m.
 
     Raises:
-        MessageError: A depth is not a whole number of millimeters, or is beyond 65.535 m: it would
-            be lost.
+        MessageError: A depth is not a whole number of mm up to 65.535 m: it would be lost.
     """
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:

@@ -34,12 +34,9 @@ def dynamic_objects_to_msg(
     *,
     provisional: bool = False,
 ) -> DynamicObjectArray:
-    """Return the DynamicObjectArray of the objects in an image.
+    """Return the DynamicObjectArray of an image of this size.
 
-    Args:
-        objects: The objects, each with the filter's verdict.
-        image_size_px: Width and height of the image that the boxes refer to.
-        provisional: Whether a final message with the same stamp follows.
+    A final one follows a provisional.
     """
     return DynamicObjectArray(
         header=header,

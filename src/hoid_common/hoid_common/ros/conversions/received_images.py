@@ -39,11 +39,7 @@ class ReceivedImage(NamedTuple):
 
 
 def image_from_cdr(serialized: bytes) -> ReceivedImage:
-    """Return the image message that serialized bytes (CDR) contain.
-
-    Raises:
-        MessageError: The bytes are no sensor_msgs/Image.
-    """
+    """Return the sensor_msgs/Image in serialized bytes (CDR); MessageError if they are none."""
     try:
         image = cast(
             'Any', _TYPES.deserialize_cdr(memoryview(serialized), 'sensor_msgs/msg/Image')

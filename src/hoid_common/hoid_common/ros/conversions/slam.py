@@ -63,11 +63,7 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
 
 
 def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
-    """Return the marker of the keyframes' lines, without its points.
-
-    Args:
-        is_empty: Whether there are no keyframes; the marker is then deleted.
-    """
+    """Return the marker of the keyframes' lines without its points; an empty one is deleted."""
     marker = Marker(header=header, ns='keyframes', id=0, type=Marker.LINE_LIST)
     # RViz reports an error for an empty list of lines.
     marker.action = Marker.DELETE if is_empty else Marker.ADD
@@ -78,12 +74,9 @@ def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
 
 
 def keyframe_lines_m(T_map_camera: FloatArray) -> FloatArray:
-    """Return the end points (16 N, 3) in m of the lines that show N keyframes as pyramids.
+    """Return the ends (16 N, 3) in m of the lines of N keyframes (N, 4, 4) as pyramids.
 
     The tip of a pyramid is at the camera.
-
-    Args:
-        T_map_camera: (N, 4, 4) poses of the keyframes' optical frames in the map frame.
     """
     lines_m = _pyramid_lines()
     placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]

@@ -34,13 +34,9 @@ _RARE_PERIOD_NS = 50_000_000
 
 
 class _WaitList:
-    """A wait set with the subscriptions, timers and other entities of nodes.
+    """A wait set with those entities of nodes for which `is_served` returns True.
 
     The entities cannot be destroyed until `close` is called.
-
-    Args:
-        is_served: Function that returns whether the wait set contains an entity. It is also called
-            for the guard conditions.
     """
 
     def __init__(
@@ -161,11 +157,8 @@ class SteadyExecutor(SingleThreadedExecutor):
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Stop the executor, and release all entities once the running callback has returned.
 
-        Args:
-            timeout_sec: Longest time to wait for the callback; None = without limit.
-
-        Returns:
-            Whether the base executor has stopped in time.
+        The result is whether the base executor has stopped within `timeout_sec`; None = without
+        limit.
         """
         done = bool(super().shutdown(timeout_sec))
         if self._at_work.acquire(timeout=-1 if timeout_sec is None else timeout_sec):
@@ -181,16 +174,10 @@ class SteadyExecutor(SingleThreadedExecutor):
             self._at_work.release()
 
     def spin_ready(self) -> bool:
-        """Run all ready callbacks, one message of each subscription, without waiting.
+        """Run all ready callbacks, one message of each subscription; return whether any was.
 
         Coroutines that await a future do not continue here, but only when the executor spins. An
-        error of a callback is raised.
-
-        Returns:
-            Whether any callback was ready.
-
-        Raises:
-            ExternalShutdownException: ROS was shut down.
+        error of a callback is raised, and ExternalShutdownException after a shutdown of ROS.
         """
         with self._at_work:
             return not self._is_shutdown and self._run_ready(0)
@@ -211,21 +198,17 @@ class SteadyExecutor(SingleThreadedExecutor):
                 self._forget()
 
     def _run_ready(self, limit_ns: int) -> bool:
-        """Wait at most for a time in ns (-1 = without limit), and run all ready callbacks.
-
-        Returns:
-            Whether any callback was ready.
-        """
+        """Wait at most for a time in ns (-1 = without limit), and run all ready callbacks."""
         ready = self._wait(limit_ns)
         for take, entity in ready:
             self._run(take(entity))
         return bool(ready)
 
     def _run(self, act: Callable[[], Any] | None) -> None:
-        """Run a callback that one of the base's `_take_...` methods has returned.
+        """Run a callback of one of the base's `_take_...` methods; None: nothing.
 
-        Nothing is done for None. An error of the callback is raised. A coroutine that awaits a
-        future is queued in `_tasks`.
+        An error of the callback is raised. A coroutine that awaits a future is queued in
+        `_tasks`.
         """
         if act is None:
             return
