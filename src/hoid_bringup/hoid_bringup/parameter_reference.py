@@ -12,25 +12,32 @@ _HEAD = f"""# Parameters
 
 Written by `make reference` from the nodes' configurations; see
 [how to set them](../howto/parameters.md). Parameters for experts exist only if the node is started
-with `{EXPERT}:=true`. A note marks the parameters that can change while the node runs.
+with `{EXPERT}:=true`. *Live*: the parameter can change while the node runs.
 """
+_SHARED = 'All nodes'  # title of the section of parameters that every node has
 _TABLE = '| parameter | default | values | what it does |\n|---|---|---|---|'
 _MAX_ENTRIES = 3  # largest number of entries of a list that are shown
 
 
 def parameter_reference() -> str:
     """Return the page in Markdown, with two tables per node: for users and for experts."""
+    of_nodes = {node: list(config.node_params()) for node, config in NODE_CONFIGS.items()}
+    first, *others = of_nodes.values()
+    shared = [leaf for leaf in first if all(leaf in leaves for leaves in others)]
+    sections = {_SHARED: shared}
+    for node, leaves in of_nodes.items():
+        sections[node] = [leaf for leaf in leaves if leaf not in shared]
     parts = [_HEAD]
-    for node, config in NODE_CONFIGS.items():
-        parts.append(f'\n## {node}\n')
+    for name, leaves in sections.items():
+        parts.append(f'\n## {name}\n')
         for title, is_expert in (('For users', False), ('For experts', True)):
-            rows = [_row(p) for p in config.node_params() if p.spec.expert == is_expert]
+            rows = [_row(leaf) for leaf in leaves if leaf.spec.expert == is_expert]
             parts += [f'### {title}\n', _TABLE, *rows, '']
     return '\n'.join(parts)
 
 
 def _row(leaf: Param) -> str:
-    note = '' if leaf.spec.read_only else ' *Can change while the node runs.*'
+    note = '' if leaf.spec.read_only else ' *Live.*'
     description = leaf.spec.description.replace('|', '\\|')
     return f'| `{leaf.name}` | {_default(leaf.value)} | {_values(leaf)} | {description}{note} |'
 
