@@ -205,6 +205,10 @@ HALF_M = np.kron(HALF_MM / 1000, np.ones((2, 2))).astype(np.float32)
 PNG_DEPTH = images.compressed_depth_of_png(png(DEPTH_MM))
 RGB = COLOR[..., ::-1].copy()
 BGRA = np.dstack([COLOR, np.full((48, 64), 255, np.uint8)])
+DEPTHS_BY_ENCODING: dict[str, NDArray[Any]] = {
+    '16UC1': DEPTH_MM, 'mono16': DEPTH_MM, '16SC1': DEPTH_MM.astype(np.int16), '32FC1': DEPTH_M,
+    '64FC1': DEPTH_MM / 1000,
+}  # fmt: skip
 SIZES = 'sizes and registration'
 VARIANTS = [
     Variant('recorders', 'MCAP of rosbag2', bag(COLORS, DEPTHS, INFO)),
@@ -241,13 +245,8 @@ VARIANTS = [
             'compressed color image of format "bgr8; jxl" of 101 bytes is not a readable JPEG'),
     *(
         Variant('depth', f'`{encoding}`', bag(COLORS, raw(D, pixels, encoding), INFO))
-        for encoding, pixels in {
-            '16UC1': DEPTH_MM, 'mono16': DEPTH_MM, '16SC1': DEPTH_MM.astype(np.int16),
-            '32FC1': DEPTH_M, '64FC1': DEPTH_MM / 1000,
-        }.items()
+        for encoding, pixels in DEPTHS_BY_ENCODING.items()
     ),
-    Variant('depth', '`32FC1` in millimeters', bag(
-        COLORS, raw(D, (1000 * DEPTH_M), '32FC1'), INFO), 'its unit is wrong'),
     *(
         Variant('depth', what, bag(COLORS, packed(f'{D}/{suffix}', data, format_), INFO))
         for what, suffix, data, format_ in (
