@@ -16,8 +16,10 @@ from rgbd_slam.loops.loop_graph import optimized
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.loop_edge import LoopEdge, renumbered
 from rgbd_slam.model.map_state import restore, snapshot
+from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
 from rgbd_slam.places.place_finder import PlaceFinder
 
 from .ring_world import CAMERA, RingWorld, drifted, mapped, ring_poses
@@ -143,6 +145,28 @@ def test_a_place_that_fits_where_it_is_is_not_moved_to_one_that_looks_alike() ->
     join = closer.last_join
     assert join is None or join.place_uid not in atlas.keyframes.uid[first]
     assert _errors_m(atlas, rows, room).max() < 0.02
+
+
+@pytest.mark.parametrize(('apart_m', 'is_verified'), [(6.1, True), (20.0, False)])
+def test_a_place_that_no_drift_reaches_is_not_verified(
+    apart_m: float, is_verified: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A corridor that looks the same again after some meters: the path is as short as that."""
+    room, away, atlas = ring_poses(36), np.eye(4), Atlas(1.2, 8)
+    away[0, 3] = apart_m
+    first = mapped(atlas, RingWorld(), room, room)
+    rows = mapped(atlas, RingWorld(), room, away @ room)
+    atlas.set_parent(int(rows[0]), int(first[0]))
+    tried, verify = list[int](), PlaceVerifier.verify
+
+    def count(verifier: PlaceVerifier, frame: Frame, candidate: int) -> PlaceMatch | None:
+        tried.append(candidate)
+        return verify(verifier, frame, candidate)
+
+    monkeypatch.setattr(PlaceVerifier, 'verify', count)
+    closer = LoopCloser(atlas, CAMERA, SlamConfig())
+    assert closer.process(int(rows[0])) is LoopEvent.NOTHING
+    assert bool(tried) is is_verified
 
 
 def test_a_closed_loop_is_not_closed_again(

@@ -40,6 +40,7 @@ _RECENT = 10
 _FAR_M = 0.5
 _FAR_RAD = 0.5
 _NOTHING = np.empty(0, np.int64)
+_SEEN_FROM_M = 6.0  # chosen: the farthest that a camera may be from a keyframe and see its place
 _MAX_DETECTIONS = 5  # latest verified places that later keyframes may confirm
 
 
@@ -78,15 +79,16 @@ class LoopDetector:
         seeing = keyframes.point_of_feature[i] != NO_POINT
         excluded = np.r_[self._neighborhood(i), excluded]
         for c in self._finder.candidates(keyframes.descriptors[i, seeing], excluded):
-            match = self._finder.verifier.verify(keyframes.frame(i), c)
-            if match is None or not self._atlas.guard.is_valid(match.T_camera_map, 'places'):
+            path_m = path_length_m(self._atlas, c, i)
+            match = self._explained_match(i, c, path_m)
+            if match is None:
                 continue
             support = self._support_in_time(i, c, match)
             self._remember(i, c, match)
             support += self._support_around(i, c, match)
             if support < self._config.min_support:
                 continue
-            found_share = self._found_share(i, c, match)
+            found_share = self._found_share(i, c, match, path_m)
             if found_share is not None:
                 self._detections = []
                 return FoundPlace(c, match, found_share)
@@ -102,6 +104,27 @@ class LoopDetector:
         `i` is the row of the keyframe, and `match` its pose at a place of the same map.
         """
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
+
+    def _explained_match(self, i: int, c: int, path_m: float) -> PlaceMatch | None:
+        """Return the pose of keyframe `i` at the place of `c`; None if no drift explains it.
+
+        Where a pattern repeats, many places look the same. Most of them are so far away that they
+        need not be verified.
+
+        Args:
+            i: Row of the keyframe.
+            c: Row of the keyframe that shows the place.
+            path_m: Length of the path between the two; infinite between different maps.
+        """
+        keyframes = self._atlas.keyframes
+        apart_m = float(np.linalg.norm(np.subtract(*keyframes.T_map_camera[[i, c], :3, 3])))
+        if not self._drift.explains(path_m, 0.0, max(apart_m - _SEEN_FROM_M, 0.0)):
+            return None
+        match = self._finder.verifier.verify(keyframes.frame(i), c)
+        if match is None or not self._atlas.guard.is_valid(match.T_camera_map, 'places'):
+            return None
+        is_explained = self._drift.explains(path_m, *self.correction(i, match))
+        return match if is_explained else None
 
     def _neighborhood(self, i: int) -> IntArray:
         """Return the rows of the keyframes that are no loop candidates for the one in row `i`.
@@ -173,10 +196,10 @@ class LoopDetector:
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
 
-    def _found_share(self, i: int, c: int, match: PlaceMatch) -> float | None:
+    def _found_share(self, i: int, c: int, match: PlaceMatch, path_m: float) -> float | None:
         """Return the share of the expected points that were found; None if `i` is elsewhere.
 
-        None is returned if the drift or the surroundings exclude that `i` shows the place of `c`.
+        None is returned if the surroundings exclude that `i` shows the place of `c`.
         The share is that of the surroundings if these were compared, else that of the view. `i`
         and `c` are rows. The drift between different maps is unknown: two maps are merged only
         if more points are found, and if their surroundings do not differ. Within a map, the
@@ -194,9 +217,6 @@ class LoopDetector:
             seen = self._surroundings.compare(i, c, match)
             return None if seen.are_others else seen.found_share
         turn_rad, distance_m = self.correction(i, match)
-        path_m = path_length_m(self._atlas, c, i)
-        if not self._drift.explains(path_m, turn_rad, distance_m):
-            return None
         found_share = match.found_share
         if distance_m >= _FAR_M or turn_rad >= _FAR_RAD:
             seen = self._surroundings.compare(i, c, match)
