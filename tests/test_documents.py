@@ -23,6 +23,7 @@ PAGES = sorted(
     ]
 )
 MOST_README_CHARACTERS = 6000
+MOST_DECISION_WORDS = 300
 
 
 def test_readme_has_at_most_6000_characters() -> None:
@@ -56,6 +57,15 @@ def test_link_targets_exist(page: Path) -> None:
         path = page.parent / name if name else page
         assert path.exists(), target
         assert not anchor or path.suffix != '.md' or anchor in anchors(path), target
+
+
+@pytest.mark.parametrize(
+    'page', sorted(ROOT.glob('docs/decisions/0*.md')), ids=lambda p: p.name[:3]
+)
+def test_a_decision_has_at_most_300_words_and_a_table(page: Path) -> None:
+    lines = page.read_text().splitlines()
+    words = ' '.join(line for line in lines if not line.startswith('|')).split()
+    assert len(words) <= MOST_DECISION_WORDS
 
 
 def test_every_field_of_the_summary_is_documented() -> None:
