@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Sequence
-from difflib import get_close_matches
 from typing import Any, NoReturn
+
+from hoid_common.config import did_you_mean
 
 _CHOICE = re.compile(r"invalid choice: '?([^']*?)'? \(choose from (.*)\)")
 _MOVED = {'--camera': '--driver, the driver that recorded a bag, or --calibration'}
@@ -43,12 +43,12 @@ class Parser(argparse.ArgumentParser):
         name = word.partition('=')[0]
         if name in _MOVED:
             return f'; use {_MOVED[name]}'
-        return suggestion(name, list(self._option_string_actions))
+        return did_you_mean(name, self._option_string_actions)
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and the usage, and exit with status 2."""
         if found := _CHOICE.search(message):
-            message += suggestion(found[1], [c.strip(" '") for c in found[2].split(',')])
+            message += did_you_mean(found[1], [c.strip(" '") for c in found[2].split(',')])
         sys.stderr.write(f'{self.prog}: {message}; see "./{self.prog} --help"\n')
         self.print_usage(sys.stderr)
         sys.exit(2)
@@ -67,9 +67,3 @@ def help_text(action: argparse.Action) -> str:
         return text
     is_none = action.default is None or action.default in ('', [], argparse.SUPPRESS)
     return f'{text} (default: {"none" if is_none else "%(default)s"})'
-
-
-def suggestion(word: str, names: Sequence[str]) -> str:
-    """Return '; did you mean ...?' with the most similar name, or '' if none is similar."""
-    close = get_close_matches(word, names, 1)
-    return f'; did you mean {close[0]}?' if close else ''

@@ -18,7 +18,8 @@ from pathlib import Path
 from types import ModuleType
 
 from hoid_bags.progress import AboveProgress
-from hoid_bringup.arguments import Parser, suggestion
+from hoid_bringup.arguments import Parser
+from hoid_common.config import did_you_mean
 from hoid_common.errors import HoidError, InputError
 from hoid_common.io.files import abandoned_scratch_folders
 from hoid_common.io.untrusted import check_path_name
@@ -99,14 +100,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.environ.setdefault(variable, '1')
     interrupt_on_termination()
     argv = list(sys.argv[1:] if argv is None else argv)
-    if '_ARGCOMPLETE' in os.environ:
-        argv = os.environ.get('COMP_LINE', '').split()[1:]
-    chosen = next((word for word in argv if not word.startswith('-')), '')
+    chosen = _command_in(argv)
     try:
-        parser = argument_parser(chosen)
         if '_ARGCOMPLETE' in os.environ:
-            complete(parser)  # ends the process
-        args = parser.parse_args(argv)
+            chosen = _command_in(os.environ.get('COMP_LINE', '').split()[1:])
+            complete(argument_parser(chosen if chosen in COMMANDS else ''))  # ends the process
+        args = argument_parser(chosen).parse_args(argv)
         if COMMANDS[chosen].is_live:
             # The output of `nodes` is relayed even to a terminal, because `nodes` must not wait if
             # the terminal is stopped. The other commands here draw progress bars, which need the
@@ -138,6 +137,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_stdout()
         return _FAILED
     return _OK
+
+
+def _command_in(words: Sequence[str]) -> str:
+    return next((word for word in words if not word.startswith('-')), '')
 
 
 def _discard_stdout() -> None:
@@ -192,7 +195,7 @@ def argument_parser(chosen: str) -> argparse.ArgumentParser:
             add_arguments(name, sub)
             _add_verbosity(sub, argparse.SUPPRESS)  # what stands before the command stays
     if chosen and chosen not in COMMANDS:
-        parser.error(f'there is no command {chosen}{suggestion(chosen, list(COMMANDS))}')
+        parser.error(f'there is no command {chosen}{did_you_mean(chosen, COMMANDS)}')
     return parser
 
 

@@ -22,8 +22,9 @@ EXPERT = 'expert'
 """Name of the boolean parameter with which a node declares its expert parameters."""
 
 _SPEC, _EXPERT_SECTION = 'hoid_param', 'hoid_expert'  # keys of a dataclass field's metadata
-# Chosen: difflib's similarity ratio above which a name is suggested; one or two letters differ.
-_MIN_SIMILARITY = 0.8
+# Chosen: difflib's similarity ratio above which names are suggested (one or two letters differ),
+# and above which the most similar one is if no name is (in a word of three, two are exchanged).
+_MIN_SIMILARITY, _MIN_OF_BEST = 0.8, 0.6
 _MAX_SUGGESTIONS = 3
 
 
@@ -184,10 +185,15 @@ def _range(spec: ParamSpec) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of an error about an unknown name: '; did you mean ...?', or ''.
 
-    It suggests up to three known names that have `name` as their last part or as their section,
-    or else that are spelled alike.
+    It suggests up to three known names that have `name` as their last part or as their section. If
+    there are none, it suggests up to three names of similar spelling, or the most similar one.
     """
     names = list(known)
     parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]
-    likely = parts or get_close_matches(name, names, cutoff=_MIN_SIMILARITY)
+    last = {n.rpartition('.')[2]: n for n in names}
+    likely = (
+        parts
+        or get_close_matches(name, names, cutoff=_MIN_SIMILARITY)
+        or [last[part] for part in get_close_matches(name, last, 1, _MIN_OF_BEST)]
+    )
     return f'; did you mean {", ".join(likely[:_MAX_SUGGESTIONS])}?' if likely else ''

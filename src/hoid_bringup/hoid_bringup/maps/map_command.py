@@ -13,10 +13,13 @@ from hoid_common.errors import ConfigError, MapFileError
 from hoid_common.io.files import check_writable
 from hoid_common.store.database import SUFFIX
 from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.object_query import ObjectQuery, find
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.map_io import checkpoint_folder
 from rgbd_slam.map_joining import MapJoin, join_maps
+from rgbd_slam.saved_objects import saved_objects
 from rgbd_slam.store import map_file
+from rgbd_slam.store.map_directory import named_map
 from rgbd_slam.store.map_file import MapFile
 
 _MB = 1e6
@@ -63,14 +66,14 @@ def map_command(args: argparse.Namespace) -> None:
         _merge(args)
         return
     for path in args.maps:
-        _print(*described[args.action](path, checkpoint_folder.load_map(path)))
+        _print(*described[args.action](path, checkpoint_folder.load_map(named_map(path))))
 
 
 def _merge(args: argparse.Namespace) -> None:
     if args.out is None or len(args.maps) < 2:
         raise ConfigError('merge needs at least two maps, and --out for the joined one')
     check_writable(args.out.parent)
-    contents = [checkpoint_folder.load_map(path) for path in args.maps]
+    contents = [checkpoint_folder.load_map(named_map(path)) for path in args.maps]
     same, apart = _numbers(args.join, args.maps), _numbers(args.apart, args.maps)
     joined = join_maps(contents, SlamConfig(), same=same, apart=apart)
     for path, join in zip(args.maps[1:], joined.joins, strict=True):
@@ -104,7 +107,8 @@ def _described(path: Path, content: MapFile) -> Iterable[str]:
         f'dense map  {len(content.dense)} {unit}' if content.dense else 'dense map  none',
     ]
     if content.objects is not None:
-        lines.append(f'objects    {len(content.objects)}, listed by "hoid objects"')
+        number = len(find(saved_objects(content), ObjectQuery()))
+        lines.append(f'objects    {number}, listed by "hoid objects"')
     if len(sizes) > 1:
         lines.append(
             f'apart      {len(sizes)} maps that no recognized place joins, of '

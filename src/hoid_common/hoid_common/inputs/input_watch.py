@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from hoid_common.inputs.input_config import BEST_EFFORT
 
 _TIMEOUT_S = 2.0  # chosen: silence after which an input counts as missing; 60 images at 30 Hz
+_MIN_SERIES_S = 1.0  # chosen: shorter losses are counted, but are no problem
 _LOSS_S = 5.0  # chosen: time without a loss after which losses count as over
 
 
@@ -40,7 +41,7 @@ class InputWatch:
 
     def record_loss(self, now_s: float, number: int) -> None:
         """Count messages that the middleware reports as lost."""
-        if not self.is_losing(now_s):
+        if not self._is_in_series(now_s):
             self._losing_since_s, self._num_losing = now_s, 0
             self._received_before = self.num_received
         self._losing_s, self._losing_reliability = now_s, self.reliability
@@ -48,24 +49,28 @@ class InputWatch:
         self.num_lost += number
 
     def is_losing(self, now_s: float) -> bool:
-        """Return whether messages were lost in the last five seconds."""
+        """Return whether messages were lost in the last five seconds, over at least a second."""
+        return self._is_in_series(now_s) and self._losing_s - self._losing_since_s >= _MIN_SERIES_S
+
+    def _is_in_series(self, now_s: float) -> bool:
         return now_s - self._losing_s < _LOSS_S and self.num_lost > 0
 
-    def loss_message(self, now_s: float, profile: str = '') -> str:
+    def loss_message(self, now_s: float, profile: str = '', *, is_own: bool = False) -> str:
         """Return one line about the current losses.
 
-        `profile` of Fast DDS is recommended if not empty.
+        `profile` of Fast DDS is recommended to publishers of best effort, if it is not empty,
+        unless the topic `is_own`: nodes of the suite publish it, with the profile.
         """
         arrived = self.num_received - self._received_before
-        setting = f'FASTRTPS_DEFAULT_PROFILES_FILE={profile}' if profile else ''
-        remedies = [setting] if setting else []
-        if self._losing_reliability == BEST_EFFORT:
-            remedies.append('reliable QoS')
-        start = f'start their publisher with {" or ".join(remedies)}, or ' if remedies else ''
+        remedy = 'check the network and the processor load'
+        if is_own:
+            remedy = 'reduce the load of the computer'
+        elif self._losing_reliability == BEST_EFFORT:
+            setting = f'FASTRTPS_DEFAULT_PROFILES_FILE={profile} or ' if profile else ''
+            remedy = f'start their publisher with {setting}reliable QoS, or {remedy}'
         return (
             f'{arrived} of {arrived + self._num_losing} {self.what} on {self.topic} have arrived '
-            f'in {now_s - self._losing_since_s:.1f} s: {start}check the network and the processor '
-            'load'
+            f'in {now_s - self._losing_since_s:.1f} s: {remedy}'
         )
 
     def is_missing(self, now_s: float) -> bool:

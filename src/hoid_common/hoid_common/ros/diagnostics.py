@@ -173,7 +173,9 @@ class Diagnostics:
         """Return one line about each input that loses messages and about the clock, by kind."""
         now_s = time.monotonic()
         texts = {
-            f'{watch.topic} loses messages': watch.loss_message(now_s, self._profile)
+            f'{watch.topic} loses messages': watch.loss_message(
+                now_s, self._profile, is_own=self._is_of_suite(watch.topic)
+            )
             for watch in self._watches
             if watch.is_losing(now_s)
         }
@@ -195,6 +197,11 @@ class Diagnostics:
         infos = self._node.get_publishers_info_by_topic(topic)
         return [info.qos_profile.reliability.name.lower() for info in infos]
 
+    def _is_of_suite(self, topic: str) -> bool:
+        """Return whether a topic has publishers, all of which are nodes of the suite."""
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        return bool(publishers) and all(info.node_name in _SUITE for info in publishers)
+
     def _is_cause(self, topic: str) -> bool:
         """Return whether this node logs that the messages of a topic are missing.
 
@@ -203,8 +210,7 @@ class Diagnostics:
         waits for itself. Any other topic is logged by the filter alone if the filter subscribes to
         it, and else by every node that waits for it.
         """
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        if publishers and all(info.node_name in _SUITE for info in publishers):
+        if self._is_of_suite(topic):
             return False
         subscribers = self._node.get_subscriptions_info_by_topic(topic)
         is_filter = self._node.get_name() == _FILTER

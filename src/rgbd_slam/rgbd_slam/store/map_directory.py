@@ -82,11 +82,21 @@ def existing_map(directory: str, name: str) -> Path:
         ConfigError: As in `path_in`.
     """
     path = path_in(directory, name, MAP)
-    if path.exists():
-        return path
-    names = sorted(found.stem for found in path.parent.glob(f'[!.]*{SUFFIX}'))
-    there = f'the maps in this folder are {", ".join(names)}' if names else 'the folder has no map'
-    raise InputError(f'{path}: there is no such file; {there}')
+    if not path.exists():
+        raise InputError(f'{path}: there is no such file; {_maps_in(path.parent)}')
+    return path
+
+
+def named_map(path: Path) -> Path:
+    """Return the path of a map; raise InputError if it is that of a folder of other files."""
+    if path.is_dir() and path.suffix != SUFFIX:
+        raise InputError(f'{path}: is a folder, and no map; {_maps_in(path)}')
+    return path
+
+
+def _maps_in(folder: Path) -> str:
+    names = sorted(path.stem for path in folder.glob(f'[!.]*{SUFFIX}'))
+    return f'the maps in the folder are {", ".join(names)}' if names else 'the folder has no map'
 
 
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
