@@ -213,7 +213,6 @@ def test_parameters_change_at_run_time(bench: Bench) -> None:
     assert set_parameter(bench, 'score_threshold', 0.1).successful
     assert set_parameter(bench, 'classes', ['cup', 'book']).successful
     assert classes_seen(bench) == ['cup']
-    assert set_parameter(bench, 'max_detections', 1).successful
     assert set_parameter(bench, 'nms_iou', 0.9).successful
     refused = set_parameter(bench, 'classes', ['unicorn'])
     assert not refused.successful

@@ -29,7 +29,7 @@ CHOSEN: dict[str, dict[str, Any]] = {
     'rgbd_slam': {**NO_SCENE, 'dense.grid.max_height_m': 2, 'map_file': '', 'frames.base': ''},
 }
 FOR_EXPERTS: dict[str, dict[str, Any]] = {
-    'hoid_detector': {'max_detections': 7, 'input_size_px': 320},
+    'hoid_detector': {'nms_iou': 0.7, 'input_size_px': 320},
     'hoid_filter': {'detections.wait_s': 1, 'plus.remember': False},
     'rgbd_slam': {'camera.disparity_noise_px': 1, 'places.loops.enabled': False},
 }

@@ -135,10 +135,11 @@ def find_case(text: str) -> MaskCase:
 
 
 def variants() -> dict[str, FilterConfig]:
-    """Return the configurations: hoid+, hoid+ without each switch, and the other strategies."""
+    """Return the configurations: hoid+, hoid+ without each part, and the other strategies."""
     plus = FilterConfig()
     switches = [f.name for f in fields(PlusConfig) if isinstance(getattr(plus.plus, f.name), bool)]
     without = {f'without {name}': plus.updated({f'plus.{name}': False}) for name in switches}
+    without['with coast_s 0'] = plus.updated({'plus.coast_s': 0.0})
     others = {name: replace(plus, strategy=name) for name in STRATEGIES if name != plus.strategy}
     return {plus.strategy: plus, **without, **others}
 

@@ -27,7 +27,7 @@ SAME = (
         'filter.extraction.num_features',
     ),
     ('slam.seed', 'seed', 'rgbd_slam.seed'),
-    ('detector.max_detections', 'hoid_detector.max_detections', 'detector.max_detections'),
+    ('detector.input_size_px', 'hoid_detector.input_size_px', 'detector.input_size_px'),
 )
 GIVEN: dict[str, Any] = {
     'filter.detections.on_loss': 'stop',
@@ -36,7 +36,7 @@ GIVEN: dict[str, Any] = {
     'detector.model': 'x.onnx',
     'filter.extraction.num_features': 500,
     'slam.seed': 3,
-    'detector.max_detections': 7,
+    'detector.input_size_px': 320,
 }
 
 
@@ -66,7 +66,7 @@ def test_a_parameter_has_the_same_names_everywhere(names: tuple[str, ...]) -> No
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('max_detections=5', 'write detector.max_detections or filter.max_detections'),
+        ('autostart=false', r'write detector\.autostart or filter\.autostart or slam\.autostart'),
         ('input.compressed=true', 'several nodes have a parameter "input.compressed"'),
         ('voxel_m=0.1', r'no parameter is called "voxel_m"; did you mean slam\.dense\.voxel_m\?'),
         ('dense.voxel_n=0.1', r'did you mean slam\.dense\.voxel_m'),

@@ -64,15 +64,6 @@ class DetectorConfig(Config):
         'refused. With an empty list, all classes are reported.',
         read_only=False,
     )
-    max_detections: int = param(
-        100,
-        'Largest number of boxes reported for one image; boxes of lower score are left out. Raise '
-        'it for scenes with more people and objects.',
-        minimum=1,
-        maximum=1000,
-        read_only=False,
-        expert=True,
-    )
     providers: tuple[str, ...] = param(
         (),
         'Execution providers of onnxruntime in order of preference: tensorrt, cuda, openvino, '
@@ -104,6 +95,7 @@ class DetectorConfig(Config):
         'class names. With an empty string, the names in the model are used. A model without '
         'names is then assumed to have the 80 classes of COCO; it is refused if its outputs show '
         'another number.',
+        expert=True,
     )
     person_names: tuple[str, ...] = param(
         ('person', 'persons', 'people', 'human', 'humans', 'pedestrian', 'pedestrians'),
@@ -165,13 +157,6 @@ class DetectorConfig(Config):
         choices=(AUTO, 'centered', 'top_left', 'stretch'),
         expert=True,
     )
-    box_units: str = param(
-        AUTO,
-        'Unit of the boxes in the network output: pixels, or fractions of the network input '
-        '(normalized). Set it when the boxes of a model are far too large or too small.',
-        choices=(AUTO, 'pixel', 'normalized'),
-        expert=True,
-    )
 
 
 @dataclass(frozen=True)
@@ -185,14 +170,4 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
         'rolled, so that images are turned upright before detection. Set it to the same as '
         'frames.base of rgbd_slam. With an empty string, or if camera_roll_deg is not 0, '
         '/tf_static is not used.',
-    )
-    # The default is that of decision 016, for which the scene mapper ran in the scheduling class
-    # SCHED_IDLE.
-    niceness: int = param(
-        10,
-        'Number that is added to the niceness of the process, as the command nice does. A larger '
-        'number gives tracking priority. Lower it when detections come too rarely on a busy '
-        'computer.',
-        minimum=0,
-        maximum=19,
     )

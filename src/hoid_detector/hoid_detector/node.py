@@ -29,6 +29,8 @@ from hoid_detector.newest_wins import NewestWins
 from hoid_detector.onnx_detector import OnnxDetector
 from hoid_detector.quarter_turn import mounted_roll_deg
 
+_NICENESS = 10  # of decision 016: tracking has priority on a busy computer
+
 
 class _Result(NamedTuple):
     header: Header
@@ -46,7 +48,7 @@ class DetectorNode(ManagedNode):
         self._detector: OnnxDetector | None = None
         self._enabled = True
         self._settings = Parameters(self, DetectorNodeConfig(), self._reconfigure, self._approve)
-        os.nice(self._settings.config.niceness)
+        os.nice(_NICENESS)
         self._done = self.create_guard_condition(self._finish)
         self._worker = NewestWins(self._detect, self._done.trigger)
         self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)

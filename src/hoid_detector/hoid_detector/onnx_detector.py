@@ -31,9 +31,9 @@ _LOG = logging.getLogger(__name__)
 # Chosen: the layout is wrong once so many boxes lie outside the image, if these are also more than
 # those inside.
 _MIN_OUTSIDE = 3
-_MANY_EMPTY = (
-    300  # chosen: images without a box at the start that deserve a warning; 10 s at 30 Hz
-)
+# Chosen: images without a box at the start that deserve a warning; 10 s at 30 Hz.
+_MANY_EMPTY = 300
+_MAX_DETECTIONS = 100  # chosen: more people and objects than fit into a view
 
 
 class OnnxDetector:
@@ -159,7 +159,7 @@ class OnnxDetector:
     ) -> Candidates:
         strong = self._with_names(found, stamp_ns)
         rows = confirmed_rows(self._with_names(weak, stamp_ns), strong, expected)
-        return _joined(found, weak.select(rows), self._config.max_detections)
+        return _joined(found, weak.select(rows))
 
     def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
         """Count boxes (N, 4) by whether their center is in the image.
@@ -176,7 +176,7 @@ class OnnxDetector:
             raise ModelError(
                 f'{self.network.path}: {self._num_outside} boxes are outside the image and '
                 f'{self._num_inside} inside, the last at {_text(boxes_xyxy_px[~inside][-1:])}; '
-                f'set the parameter "layout", now {self.layout.name}, or box_units'
+                f'set the parameter "layout", now {self.layout.name}'
             )
 
     def _report_silence(self, *, has_boxes: bool) -> None:
@@ -239,7 +239,7 @@ def _layout_and_class_names(
     if not _are_finite(outputs):
         raise ModelError(f'{network.path}: all outputs are NaN or Inf; export the model again')
     probe = Probe(
-        size_wh, network.output_names, outputs, network.metadata, names, config.box_units,
+        size_wh, network.output_names, outputs, network.metadata, names,
         config.class_ids, network.takes_size,
     )  # fmt: skip
     with _named(network):
@@ -291,14 +291,14 @@ def _in_image(found: Candidates, place: Placement) -> Candidates:
     return found._replace(boxes_xyxy_px=boxes).select(is_visible)
 
 
-def _joined(strong: Candidates, weak: Candidates, max_detections: int) -> Candidates:
+def _joined(strong: Candidates, weak: Candidates) -> Candidates:
     weak = weak.select(np.argsort(-weak.scores, kind='stable'))
     both = Candidates(
         np.concatenate([strong.boxes_xyxy_px, weak.boxes_xyxy_px]),
         np.concatenate([strong.scores, weak.scores]),
         np.concatenate([strong.class_ids, weak.class_ids]),
     )
-    return both.select(np.arange(min(len(both.scores), max_detections)))
+    return both.select(np.arange(min(len(both.scores), _MAX_DETECTIONS)))
 
 
 def _text(boxes: Float32Array) -> str:
@@ -308,5 +308,5 @@ def _text(boxes: Float32Array) -> str:
 def _strongest(found: Candidates, layout: Layout, config: DetectorConfig) -> IntArray:
     """Return the indices of the candidates to report, highest score first."""
     if layout.needs_nms:
-        return nms(*found, config.nms_iou)[: config.max_detections]
-    return np.argsort(-found.scores, kind='stable')[: config.max_detections]
+        return nms(*found, config.nms_iou)[:_MAX_DETECTIONS]
+    return np.argsort(-found.scores, kind='stable')[:_MAX_DETECTIONS]

@@ -72,7 +72,6 @@ def test_where_objects_were_expected_long_ago_has_no_effect() -> None:
         (DetectorConfig(), ('person',)),
         (DetectorConfig(expected_score_threshold=0.15), ('person',)),
         (DetectorConfig(expected_score_threshold=0.05, classes=('person',)), ('person',)),
-        (DetectorConfig(expected_score_threshold=0.05, max_detections=1), ('person',)),
     ],
 )
 def test_the_detector_reports_a_weak_box_where_it_is_expected(

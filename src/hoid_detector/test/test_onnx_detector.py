@@ -27,18 +27,23 @@ ROWS = (
 )
 
 
-def test_thresholds_classes_and_number_change_at_run_time(make_model: Any) -> None:
+def test_thresholds_and_classes_change_at_run_time(make_model: Any) -> None:
     detector = OnnxDetector(make_model(table(*ROWS)), DetectorConfig())
     assert detector.detect(IMAGE, 0).class_names == ('person', 'car', 'chair')
     detector.reconfigure(DetectorConfig(score_threshold=0.5))
     assert detector.detect(IMAGE, 0).class_names == ('person', 'car')
     detector.reconfigure(DetectorConfig(classes=('chair', 'person')))
     assert detector.detect(IMAGE, 0).class_names == ('person', 'chair')
-    detector.reconfigure(DetectorConfig(max_detections=1))
-    assert detector.detect(IMAGE, 0).class_names == ('person',)
     with pytest.raises(ConfigError, match='the model knows no "unicorn"'):
         detector.reconfigure(DetectorConfig(classes=('unicorn',)))
-    assert detector.config.max_detections == 1
+    assert detector.config.classes == ('chair', 'person')
+
+
+def test_of_many_boxes_the_hundred_of_highest_score_are_reported(make_model: Any) -> None:
+    scores = np.linspace(0.3, 0.9, 130)
+    rows = [(10.0 + n % 60, 8.0, 30.0 + n % 60, 24.0, s, 0.0) for n, s in enumerate(scores)]
+    found = OnnxDetector(make_model(table(*rows)), DetectorConfig()).detect(IMAGE, 0)
+    np.testing.assert_allclose(found.scores, scores[:-101:-1], rtol=1e-6)
 
 
 def test_nms_threshold_changes_at_run_time(make_model: Any) -> None:

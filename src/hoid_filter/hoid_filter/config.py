@@ -74,20 +74,13 @@ class ExtractionConfig(Config):
 class PlusConfig(Config):
     """Parameters of the strategy `hoid+` that extend the HOID paper's rules."""
 
-    bridge_misses: bool = param(
-        default=True,  # docs/results/ablation.md, masks
-        description='Whether hoid+ predicts the boxes of people and handled objects that the '
-        'detector misses, for at most plus.coast_s. Set it to false for a detector that misses '
-        'nobody.',
-        read_only=False,
-    )
     coast_s: float = param(
-        0.4,  # chosen: 12 images at 30 Hz
+        0.4,  # chosen: 12 images at 30 Hz; docs/results/ablation.md, masks
         'Longest time for which hoid+ predicts the box of a person or a handled object that the '
         'detector misses (s). It is 0.3 times as long for a person who was detected only once or '
         'twice, and an object that was detected so rarely is not predicted. Raise it when people '
-        'are missed for longer, lower it when features are removed where nobody is. It has no '
-        'effect without plus.bridge_misses.',
+        'are missed for longer, lower it when features are removed where nobody is; set it to 0 '
+        'for a detector that misses nobody.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,

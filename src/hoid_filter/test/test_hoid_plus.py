@@ -63,7 +63,7 @@ def test_missed_person_is_predicted_along_the_motion() -> None:
 
 
 def test_prediction_ends_after_its_time_and_can_be_switched_off() -> None:
-    for strategy, late_ns in ((plus(), 400_000_001), (plus(bridge_misses=False), 1)):
+    for strategy, late_ns in ((plus(), 400_000_001), (plus(coast_s=0.0), 1)):
         _, stamp_ns = walk(strategy, 20)
         verdict = strategy.classify(view(Detections.none(stamp_ns + late_ns)))
         assert verdict.objects.reasons == ()

@@ -39,7 +39,7 @@ class RunConfig(Config):
     slam: SlamNodeConfig = section(SlamNodeConfig)
 
     LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # prefixes of parameters that have no effect offline
-        'detector.input.', 'detector.niceness', 'detector.base_frame', 'detector.autostart',
+        'detector.input.', 'detector.base_frame', 'detector.autostart',
         'filter.input.',
         'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
         'slam.mode',

@@ -35,7 +35,6 @@ _ORDERS: tuple[Order, ...] = (
     ('xyxy', 'class', 'score'),  # YOLOv7, with the batch
     ('class', 'xyxy', 'score'),
     ('class', 'score', 'xyxy'),  # PINTO_model_zoo, with the batch
-    ('score', 'class', 'xyxy'),
     ('yxyx', 'score', 'class'),  # TensorFlow; no value shows that y comes first
 )
 TABLE_LAYOUTS: Mapping[str, Order] = {
@@ -180,7 +179,8 @@ class FinishedDecoder:
 
     table_of: Callable[[Outputs], Float32Array]  # returns the (N, C) table of the outputs
     formats: Sequence[TableFormat]  # that fit the outputs of all runs so far; the first is used
-    normalized: bool | None  # boxes are fractions of the input, else pixels; None: not known yet
+    # Whether boxes are fractions of the input, and not in pixels; None: not known yet.
+    normalized: bool | None = None
     has_answered: bool = False  # whether the outputs for an image had a box above the threshold
     reported: set[str] = field(default_factory=set)  # other formats that a warning has named
 

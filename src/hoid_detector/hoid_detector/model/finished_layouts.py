@@ -112,9 +112,8 @@ def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, in
 def _finished(
     probe: Probe, table_of: Callable[[Outputs], Float32Array], orders: Sequence[Order]
 ) -> FinishedDecoder:
-    normalized = None if probe.box_units == AUTO else probe.box_units == 'normalized'
     formats = [TableFormat(order, ids) for order in orders for ids in _conventions(probe)]
-    decoder = FinishedDecoder(table_of, formats, normalized)
+    decoder = FinishedDecoder(table_of, formats)
     decoder.learn(decoder.rows(probe.outputs), _PROBE_THRESHOLD)
     decoder.has_answered = False
     return decoder

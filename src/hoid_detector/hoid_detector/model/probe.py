@@ -41,7 +41,6 @@ class Probe:
     outputs: tuple[NDArray[Any], ...]
     metadata: Mapping[str, str]
     class_names: tuple[str, ...] | None  # where they are known
-    box_units: str = AUTO  # AUTO, 'pixel' or 'normalized'
     class_ids: str = AUTO  # AUTO, or the convention of class ids
     takes_size: bool = False  # whether the network has an input for the image size
 
@@ -98,9 +97,7 @@ class Probe:
         return min(found, key=lambda i: word not in self.names[i].lower(), default=None)
 
     def is_normalized(self, boxes: NDArray[Any]) -> bool:
-        """Return whether boxes are fractions of the input, by `box_units` or by their values."""
-        if self.box_units != AUTO:
-            return self.box_units == 'normalized'
+        """Return whether boxes are fractions of the input, by their values."""
         return 0 < float(np.abs(boxes).max(initial=0)) <= LARGEST_NORMALIZED
 
     def require(self, condition: bool) -> None:

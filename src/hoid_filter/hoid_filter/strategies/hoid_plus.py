@@ -37,9 +37,10 @@ class HoidPlus:
         self._config = config
         self.senses_motion = config.motion.enabled
         plus = config.plus
-        coast_s = plus.coast_s if plus.bridge_misses else 0.0
         self._tracker = BoxTracker(
-            TrackLimits(config.prediction_limit_s, coast_s, plus.rest_s, plus.doubt_detections)
+            TrackLimits(
+                config.prediction_limit_s, plus.coast_s, plus.rest_s, plus.doubt_detections
+            )
         )
 
     def classify(self, image: FilterInput) -> Verdict:
