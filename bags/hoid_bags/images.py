@@ -35,12 +35,10 @@ def read_image_bytes(path: Path) -> bytes:
 
 
 def is_png(data: bytes) -> bool:
-    """Return whether data begins as a PNG does."""
     return data.startswith(_PNG_START)
 
 
 def is_jpeg(data: bytes) -> bool:
-    """Return whether data begins as a JPEG does."""
     return data.startswith(_JPEG_START)
 
 
@@ -49,10 +47,6 @@ def check_complete(data: bytes, name: object) -> None:
 
     Data of another format raises no error. Decoders do not report truncation reliably:
     some fill the missing part with gray, and others write to the terminal.
-
-    Args:
-        data: Content of the file.
-        name: Name of the image, with which an error begins.
     """
     truncated = (is_png(data) and _PNG_END not in data[-_PNG_TAIL_BYTES:]) or (
         is_jpeg(data) and _JPEG_END not in data[-_JPEG_TAIL_BYTES:]

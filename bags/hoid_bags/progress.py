@@ -17,9 +17,6 @@ def progress(items: Iterable[Any] | None, total: int, unit: str, *, show: bool =
 
     Args:
         items: The items; None: the caller advances the bar by its method `update`.
-        total: Number of items.
-        unit: Name of the items in the plural.
-        show: Whether to draw the bar.
     """
     interval_s = _TERMINAL_S if sys.stderr.isatty() else _LOG_S
     return tqdm(
@@ -36,6 +33,5 @@ class AboveProgress(logging.Handler):
     """Writes log lines to stderr, above a progress bar that is being drawn."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write the line of a record."""
         with tqdm.external_write_mode(sys.stderr):
             sys.stderr.write(f'{self.format(record)}\n')

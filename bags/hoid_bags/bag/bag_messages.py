@@ -137,10 +137,8 @@ def imu(
     of the covariance is -1.
 
     Args:
-        stamp_ns: Stamp of the measurement.
         acceleration_mps2: (3,) acceleration along the axes of the IMU; None: unknown.
         rate_radps: (3,) angular velocity about these axes; None: unknown.
-        frame: Frame of the axes.
     """
     unknown = np.array([-1.0, *[0.0] * 8])
     ax, ay, az = [0.0] * 3 if acceleration_mps2 is None else acceleration_mps2.tolist()

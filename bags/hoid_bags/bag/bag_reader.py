@@ -224,7 +224,6 @@ class BagReader:
             yield from (BagMessage(*part) for part in reader.flush())
 
     def _part_readers(self, topics: Collection[str] | None) -> dict[str, PartReader]:
-        """Return the readers of the parts among topics, by the topics that contain them."""
         names = {topic.name for topic in self.topics}
         if topics is None or names.issuperset(topics):
             return {}

@@ -64,7 +64,6 @@ class BagSequence:
         """Open a bag.
 
         Args:
-            path: The folder or file of the bag.
             camera: The camera to use in place of the bag's own `camera_info`.
             choice: Topics that the user names; the others are found.
             max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
@@ -319,8 +318,6 @@ def _stream(path: Path, topic: str, rows: IntArray) -> _Stream:
     the most images is used. A warning states this, and any repeated or late stamps.
 
     Args:
-        path: The bag, which warnings name.
-        topic: Name of the topic.
         rows: (N, 2) log time and stamp of each message in ns, in the order of the bag.
     """
     chosen = rows[longest_pass(rows[:, 1])]

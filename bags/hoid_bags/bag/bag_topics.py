@@ -60,7 +60,6 @@ class RecordedTopics(NamedTuple):
     extrinsics: BagTopic | None = None  # realsense2_camera's depth_to_color
 
     def __str__(self) -> str:
-        """Return the names of the topics of color, depth and camera_info as text."""
         info = self.camera_info.name if self.camera_info else 'none'
         return f'color {self.color.name}, depth {self.depth.name}, camera_info {info}'
 
@@ -81,7 +80,6 @@ def find_topics(
     """Return the topics of an RGB-D recording in a bag.
 
     Args:
-        reader: The bag.
         choice: Topics that the user names. The others are chosen by the type of their messages,
             the names that drivers use, and the size of the images.
 
@@ -117,7 +115,6 @@ def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTop
     """Return those of the named topics that have messages.
 
     Args:
-        reader: The bag.
         names: Names of topics, with or without leading slash; empty: all topics except /clock
             and, with a warning, those of a ROS 1 bag whose types ROS 2 lacks.
 
@@ -263,10 +260,7 @@ def _is_of_driver(
     """Return whether an image and one of its partners have one driver's names in one namespace.
 
     Args:
-        image: A color or a depth topic.
-        presets: Names of the drivers' topics.
         field: Kind of the image: 'rgb_image' or 'depth_image'.
-        partners: Topics of the other kind.
     """
     other = 'depth_image' if field == 'rgb_image' else 'rgb_image'
     bases = {partner.base for partner in partners}
@@ -301,9 +295,7 @@ def _info_names(image: _Image, field: str, presets: Sequence[CameraTopics]) -> l
     """Return the names that the camera_info of an image topic may have, the likeliest first.
 
     Args:
-        image: The image topic.
         field: Its kind: 'rgb_image' or 'depth_image'.
-        presets: Names of the drivers' topics.
     """
     names = [topics.camera_info_beside(image.topic.name)]
     if image.base.endswith(_VIEWER_IMAGE):  # RealSense Viewer

@@ -27,10 +27,6 @@ class BagWriter:
     After an exception, the folder is removed. An incomplete bag is thus never taken for a complete
     one.
 
-    Args:
-        path: The folder of the bag.
-        compress: Whether to compress the chunks with zstd.
-
     Raises:
         InputError: The path exists already. The context manager raises it too, if the bag cannot
             be written.
@@ -79,7 +75,6 @@ class BagWriter:
 
         Args:
             topic: Name of the topic. A relative name becomes absolute, as with `ros2 bag record`.
-            type_name: Type of its messages.
             qos: Profile that its publisher offers; None: reliable.
 
         Raises:
@@ -98,8 +93,6 @@ class BagWriter:
 
         Args:
             topic: Name of the topic, as it was passed to `add_topic`.
-            stamp_ns: Log time of the message.
-            message: The message.
 
         Raises:
             InputError: The bag cannot be written, for instance because the disk is full.
@@ -112,7 +105,6 @@ class BagWriter:
 
         Args:
             topic: Name of the topic, as it was passed to `add_topic`.
-            stamp_ns: Log time of the message.
             data: The message (CDR).
 
         Raises:

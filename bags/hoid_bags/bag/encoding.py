@@ -51,7 +51,6 @@ class ColorEncoder:
 
     @property
     def type_name(self) -> str:
-        """Return the name of the message type."""
         return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
 
     def message(self, listed: ListedImage) -> Message:
@@ -93,7 +92,6 @@ class DepthEncoder:
 
     @property
     def type_name(self) -> str:
-        """Return the name of the message type."""
         return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
 
     def message(self, listed: ListedImage) -> Message:
@@ -160,13 +158,6 @@ def choose_depth_encoder(
     round_to_mm: bool,
 ) -> DepthEncoder:
     """Return the encoder of depth files: 16-bit millimeters if this is exact, else 32-bit meters.
-
-    Args:
-        listed: The depth files.
-        camera: Camera of the recording.
-        encoding: RAW or PNG.
-        units_per_m: Depth units per meter in the files.
-        round_to_mm: Whether to encode millimeters even if this rounds the depth.
 
     Raises:
         InputError: PNG would round the depth and `round_to_mm` is False, or a file is no depth

@@ -38,8 +38,6 @@ def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Floa
     """Return the (H, W) float32 depth in m of a depth message, with 0 for "no reading".
 
     Args:
-        data: The serialized message.
-        topic: Topic of the message.
         units_per_m: Depth units per meter; 0: those of the encoding (1000 for whole numbers, 1 for
             floats).
 

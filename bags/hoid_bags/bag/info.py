@@ -47,7 +47,6 @@ class BagSummary(NamedTuple):
 
     @property
     def num_messages(self) -> int:
-        """Return the number of messages on all topics."""
         return sum(topic.num_messages for topic in self.topics)
 
     @property
@@ -60,7 +59,6 @@ def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
     """Return the summary of a bag.
 
     Args:
-        path: The folder or file of the bag.
         sizes: Whether to count the bytes of each topic, which reads the whole bag.
 
     Raises:

@@ -36,11 +36,6 @@ class BagMetadata(NamedTuple):
 
         The numbers of messages must be equal; times may differ by one second.
 
-        Args:
-            connections: Topics of all files with their numbers of messages.
-            first_ns: Log time of the first message in the files.
-            last_ns: Log time of the last message.
-
         Raises:
             InputError: The metadata contradict the files, so that they may hide messages.
         """

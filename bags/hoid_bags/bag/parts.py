@@ -52,11 +52,6 @@ def is_container(type_name: str) -> bool:
 def parts_of(topic: str, type_name: str, first: bytes) -> tuple[Part, ...]:
     """Return the topics that the messages of a topic contain.
 
-    Args:
-        topic: Name of the topic.
-        type_name: Type of its messages.
-        first: Its first message, serialized.
-
     Raises:
         MessageError: The data is no message of this type.
     """
@@ -67,13 +62,7 @@ def parts_of(topic: str, type_name: str, first: bytes) -> tuple[Part, ...]:
 
 
 class PartReader:
-    """Takes the wanted parts from the messages of one topic.
-
-    Args:
-        topic: Name of the topic.
-        type_name: Type of its messages.
-        wanted: Names of the parts.
-    """
+    """Takes the wanted parts from the messages of one topic."""
 
     def __init__(self, topic: str, type_name: str, wanted: Collection[str]) -> None:
         self._topic, self._type_name, self._wanted = topic, type_name, wanted

@@ -53,9 +53,6 @@ def copy_bag(
     warning names them.
 
     Args:
-        source: The bag.
-        target: Folder of the new bag.
-        compress: Whether to compress the chunks of the new bag with zstd.
         expand: Whether to write the images of videos and RGBD messages as topics of their own, to
             which nodes can subscribe, in place of these messages.
 

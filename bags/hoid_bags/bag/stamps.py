@@ -21,7 +21,6 @@ def header(stamp_ns: int, frame_id: str) -> Message:
 
 
 def stamp_ns(message: Message) -> int:
-    """Return the stamp in ns of a message with a header."""
     stamp = message.header.stamp
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
@@ -56,7 +55,6 @@ def shift_header_stamp(data: bytes, offset_ns: int) -> bytes:
 
     Args:
         data: The message (CDR).
-        offset_ns: Time that is added to the stamp.
 
     Raises:
         MessageError: The message is shorter than a stamp.

@@ -12,9 +12,6 @@ class LockstepGate:
 
     A color image that has no depth image is not held back, and no image waits for the odometry of
     such an image.
-
-    Args:
-        sequence: The recording, which determines the pairs.
     """
 
     def __init__(self, sequence: BagSequence) -> None:
@@ -36,7 +33,6 @@ class LockstepGate:
         return is_out and self._partner_ns(message) is not None
 
     def note_published(self, message: ScheduledMessage) -> None:
-        """Record that a message has been published."""
         partner_ns = self._partner_ns(message)
         if partner_ns is not None:
             self._pending_ns, self._pending_depth_ns = header_stamp_ns(message.data), partner_ns

@@ -57,14 +57,11 @@ def play(
     """Play a bag to its end or for the configured time; with `loop`, until a KeyboardInterrupt.
 
     Args:
-        path: The bag.
-        config: Options of the playback.
         topic_names: Topics to play; empty means all but /clock.
         choice: Topics of the images, which lockstep pairs; those that are not named are found.
         depth_offset_ns: Time by which the stamps of depth images are too late. Only lockstep uses
             it, to pair images; published stamps stay as they are.
         namespace: Prefix of every topic except /clock and /diagnostics.
-        min_subscribers: Number of subscribers to wait for, by topic of the bag.
         show_progress: Whether to draw a progress bar on stderr, if that is a terminal.
 
     Raises:
@@ -94,9 +91,6 @@ class Player:
     """Publishes the messages of a bag when they are due, and /clock in between if configured.
 
     Args:
-        node: Node whose publishers are used.
-        plan: The part of the bag to play.
-        config: Options of the playback.
         keys: Pressed keys; the space bar pauses and continues.
         gate: Holds images back in lockstep; None: no lockstep.
     """

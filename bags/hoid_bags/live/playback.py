@@ -115,8 +115,6 @@ def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> P
     """Return the plan by which a bag is played.
 
     Args:
-        path: The bag.
-        config: Options of the playback.
         topics: Names of topics, with or without leading slash; empty means all but /clock.
 
     Raises:
@@ -142,7 +140,6 @@ class Pacer:
     """Clock of the playback, which shows the time of the bag and can be paused.
 
     Args:
-        start_ns: Time that the clock shows at first.
         rate: Speed as a multiple of real time.
         now_s: Function that returns the time of a steady clock in seconds.
     """
@@ -155,7 +152,6 @@ class Pacer:
         self._held_s: float | None = None
 
     def time_ns(self) -> int:
-        """Return the current time of the bag in ns."""
         at_s = self._now_s() if self._held_s is None else self._held_s
         return self._start_ns + round((at_s - self._start_s) * self._rate * NS_PER_S)
 
@@ -164,7 +160,6 @@ class Pacer:
         return (time_ns - self.time_ns()) / NS_PER_S / self._rate
 
     def hold(self) -> None:
-        """Pause the clock."""
         if self._held_s is None:
             self._held_s = self._now_s()
 

@@ -25,8 +25,6 @@ class ReadAhead:
     take a third of a core from the nodes that receive the messages.
 
     Args:
-        messages: Messages to read.
-        limit_bytes: Size of the buffer.
         rate: Speed of the playback as a multiple of real time. The buffer holds no more messages
             than are played in ten seconds of real time.
     """

@@ -59,14 +59,11 @@ def record(
     last half second; `repair` turns it into a bag.
 
     Args:
-        bag: Folder of the bag, which is created.
         topic_names: Topics to record. Each is subscribed to when its first publisher appears.
-        namespace: Namespace of relative names.
         duration_s: Time to record after the first message, in s of real time; 0 = until
             interrupted.
         use_sim_time: Whether log times are those of /clock instead of the wall clock. Messages
             that arrive before the first time on /clock are not recorded then.
-        show_progress: Whether to show the number of messages on stderr, if that is a terminal.
 
     Raises:
         ConfigError: The duration is negative, or the namespace is not a valid name.
@@ -129,7 +126,6 @@ class Recorder:
                 end_s = time.monotonic() + duration_s
 
     def _subscribe_new(self) -> None:
-        """Subscribe to the topics whose first publisher has appeared."""
         for name, types in self._node.get_topic_names_and_types():
             if name in self._awaited:
                 publishers = self._node.get_publishers_info_by_topic(name)

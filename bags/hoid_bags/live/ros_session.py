@@ -29,11 +29,6 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 
     In the block, SIGINT and the first termination signal raise KeyboardInterrupt.
 
-    Args:
-        name: Name of the node.
-        namespace: Namespace of the node.
-        use_sim_time: Whether the node uses the time on /clock.
-
     Raises:
         ConfigError: The namespace is not a valid ROS namespace.
     """

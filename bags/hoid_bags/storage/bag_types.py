@@ -120,7 +120,6 @@ def message_class(topic: str, type_name: str) -> Any:
     """Return the class of rclpy for a message type.
 
     Args:
-        topic: Name of the topic with messages of this type, which an error names.
         type_name: Name of the type, such as `std_msgs/msg/Header`.
 
     Raises:

@@ -75,7 +75,6 @@ def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
     byte more than `size` is unpacked, so that a small file cannot fill the memory.
 
     Args:
-        data: The chunk's content, as it is in the file.
         compression: Compression of the content: '' (none), 'zstd' or 'lz4'.
         size: Number of bytes of the records, from the chunk's header.
         checksum: CRC-32 of the records; 0 means that there is none.
@@ -160,7 +159,6 @@ def messages(chunk: bytes) -> Iterator[ChunkMessage]:
 
 
 def one_line(error: Exception) -> str:
-    """Return the text of an exception on one line, or the name of its type if it has no text."""
     return ' '.join(str(error).split()) or type(error).__name__
 
 

@@ -229,7 +229,6 @@ class McapFile(McapReader):
         self._set_times(scan.first_ns, scan.last_ns)
 
     def _records(self) -> Iterator[tuple[McapRecord, int]]:
-        """Yield the records of the file from its start, each with the offset of its end."""
         with self._path.open('rb') as file:
             reader = _Records(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
             for record in reader.records:
@@ -262,7 +261,6 @@ class _Scan:
         """Add a record to the chunks, topics and counts.
 
         Args:
-            record: A record of the file or of a chunk.
             end: Position in the file after the record, which is used for chunks only.
         """
         match record:

@@ -25,7 +25,6 @@ def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
     `ros2 bag play` publishes the topic with the stored profile.
 
     Args:
-        depth: Length of the publisher's queue.
         latched: Whether late subscribers also get the last messages (transient-local durability).
     """
     return Qos(

@@ -70,10 +70,6 @@ class VideoDecoder:
 
     Packets before the first key frame, and damaged ones, give no image.
 
-    Args:
-        topic: Name of the topic, which errors name.
-        codec: FFmpeg's name of the codec.
-
     Raises:
         InputError: PyAV is not installed, or has no such decoder.
     """

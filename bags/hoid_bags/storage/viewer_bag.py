@@ -48,10 +48,6 @@ def viewer_topic(topic: str, type_name: str) -> ViewerTopic | None:
     """Return what a topic of librealsense becomes; None for other topics, which stay as they are.
 
     Images, IMU and camera_info get a frame, and the places of the streams become /tf_static.
-
-    Args:
-        topic: Name of the topic in the bag.
-        type_name: Type of its messages.
     """
     stream = _STREAM.fullmatch(topic)
     if stream is None:

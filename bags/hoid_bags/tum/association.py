@@ -35,7 +35,6 @@ def associate(
     Args:
         first_ns: (A,) stamps in order of time.
         second_ns: (B,) stamps in order of time.
-        max_gap_ns: Limit for the difference of the stamps of a pair.
         source: Name of the recording, with which an error begins.
 
     Raises:
@@ -69,7 +68,6 @@ def pair_images(
     Args:
         color_ns: (A,) stamps in order of time.
         depth_ns: (B,) stamps in order of time.
-        limit_ns: Limit for the difference of the stamps of a pair.
         offset_ns: Time by which the stamps of depth images are too late; it is subtracted before
             pairing.
         source: Name of the recording, with which the error and the warning begin.
@@ -96,7 +94,6 @@ def _gap_text(first_ns: IntArray, second_ns: IntArray, limit_ns: int) -> str:
     Args:
         first_ns: (A,) stamps of color images in order of time.
         second_ns: (B,) stamps of depth images in order of time.
-        limit_ns: Limit for the difference of the stamps of a pair.
     """
     for kind, stamps_ns in (('color', first_ns), ('depth', second_ns)):
         if not stamps_ns.any():

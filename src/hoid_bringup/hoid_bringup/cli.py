@@ -239,7 +239,6 @@ def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:
 
 
 def _identifier(command: str) -> str:
-    """Return the name of a command as part of a function's name."""
     return command.replace('-', '_')
 
 

@@ -31,7 +31,6 @@ def command_reference() -> str:
 
 
 def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
-    """Yield the table row of each argument that is not hidden from the help."""
     for action in parser._actions:  # noqa: SLF001 - argparse has no public list of arguments
         if action.help != argparse.SUPPRESS:
             text = help_text(action) % {**vars(action), 'prog': parser.prog}
@@ -44,7 +43,6 @@ def _code(text: str) -> str:
 
 
 def _usage(action: argparse.Action) -> str:
-    """Return an argument as it is written on the command line."""
     value = action.metavar or action.dest.upper()
     if action.choices is not None:
         value = '|'.join(map(str, action.choices))

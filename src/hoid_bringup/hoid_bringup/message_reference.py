@@ -17,11 +17,7 @@ _FIELD = re.compile(r'(?P<type>\S+)\s+(?P<name>\w+)(?:=(?P<value>\S+))?\s*(?:#\s
 
 
 def message_reference(package: Path) -> str:
-    """Return the page in Markdown, with the fields of each message and service of a package.
-
-    Args:
-        package: Source folder of the package.
-    """
+    """Return the page in Markdown, with the fields of each message and service of a package."""
     parts = [_HEAD]
     for path in sorted(package.glob('*/*.[ms][sr][gv]')):
         description, *tables = _read(path.read_text(encoding='utf-8'))

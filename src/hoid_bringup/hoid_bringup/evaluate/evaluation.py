@@ -94,8 +94,6 @@ def evaluate(
     """Return the absolute and relative errors of an estimated trajectory, and its coverage.
 
     Args:
-        estimate: Estimated trajectory.
-        truth: Ground truth.
         frames_total: Number of frames of the recording; None: it is unknown, and so is the
             coverage.
 

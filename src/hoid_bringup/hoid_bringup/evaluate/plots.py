@@ -32,7 +32,6 @@ def plot_run(
         path: The file, which is replaced if it exists.
         estimate: All poses of the run in the map frame (z up); used if `aligned` is None.
         aligned: The poses aligned to the ground truth; None: there is no ground truth.
-        title: Title of the plot.
 
     Raises:
         OSError: The file cannot be written.
@@ -77,10 +76,7 @@ def _draw_plane(
     """Draw ground truth and estimate in a plane, and return the line colored by error.
 
     Args:
-        axes: Axes to draw in.
-        aligned: The poses.
         plane: Indices of the two coordinates that span the plane.
-        norm: Range of the colors, in cm.
     """
     xyz_m = aligned.T_world_camera[:, :3, 3]
     true_m = aligned.T_world_camera_true[:, :3, 3]
@@ -135,14 +131,9 @@ def _path(
     """Draw a line through (N, 2) points, in one color or colored by values, and return it.
 
     Args:
-        axes: Axes to draw in.
         points: (N, 2) points.
         joined: (N-1,) result of `_joined`.
-        color: Color of the line.
-        width: Width of the line.
-        label: Text of the legend.
         values: (N,) values that determine the color; None: the line has one color.
-        norm: Range of the values.
     """
     segments = np.stack([points[:-1], points[1:]], axis=1) * joined[:, None, None]
     lines = LineCollection(list(segments), linewidths=width, capstyle='round', label=label)

@@ -133,7 +133,6 @@ def status_command(args: argparse.Namespace) -> None:
 
 
 def _messages_by_node(reports: Sequence[DiagnosticArray], prefix: str) -> dict[str, str]:
-    """Return the last message of each node of the suite in a namespace, by the node's name."""
     return {
         status.name.removeprefix(prefix): status.message
         for report in reports
@@ -146,8 +145,6 @@ def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str
     """Return an error text: no node of the suite reports in a namespace.
 
     Args:
-        names: Name and namespace of each node of the graph.
-        prefix: The namespace, with slashes around.
         wait_s: For how long reports were awaited.
     """
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
@@ -162,7 +159,6 @@ def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: 
     """Return the nodes and the state of the SLAM node as lines of text.
 
     Args:
-        nodes: What each node reports in its diagnostics, by its name.
         status: The last status; None: the SLAM node has sent none yet.
         rate_hz: Measured rate of processed images in Hz.
     """

@@ -276,7 +276,6 @@ def without_detector(options: NodeOptions) -> NodeOptions:
 
 
 def _chosen(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the nodes to start."""
     if args.only is not None:
         return (args.only,)
     return (FILTER, SLAM) if args.no_detector else _ALL

@@ -43,7 +43,6 @@ def replay(
     """Start the nodes, play a bag to them, and write the results.
 
     Args:
-        bag: The recording.
         config: Rate, and parameters of all stages.
         out_dir: Folder for the results, and for the log files of the processes in `logs`, whose
             content is deleted first.
@@ -75,7 +74,6 @@ class _LiveRun:
     """One replay: starts the nodes and the player, and collects the results.
 
     Args:
-        bag: The recording.
         config: Rate, and parameters of all stages.
         folder: Folder for the files that the SLAM node saves.
         log_dir: Folder for log files, whose content is deleted first.

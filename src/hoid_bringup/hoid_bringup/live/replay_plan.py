@@ -106,8 +106,6 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
     """Return the options with which the nodes are started for a bag.
 
     Args:
-        bag: The recording.
-        config: Parameters of the replay.
         folder: Map directory of the SLAM node, in which it saves files.
 
     Raises:

@@ -80,7 +80,6 @@ class Supervisor:
     and measures memory. Entering the block raises InputError if the log folder cannot be written.
 
     Args:
-        specs: The child processes.
         restart: Whether to restart a child that ended, unless it refused its first start. A child
             that refuses a later start has worked before with the same options, so that probably a
             file is damaged or missing at present: the child is started again, after pauses that

@@ -93,7 +93,6 @@ def _print(*lines: str) -> None:
 
 
 def _described(path: Path, content: MapFile) -> Iterable[str]:
-    """Return the lines of `map info` for one map."""
     state, camera = content.map, content.camera
     sizes = np.sort(np.bincount(state.map_id))[::-1]
     extent_m = np.ptp(state.T_map_camera[:, :3, 3], axis=0)
@@ -118,7 +117,6 @@ def _described(path: Path, content: MapFile) -> Iterable[str]:
 
 
 def _listed_loops(path: Path, content: MapFile) -> Iterable[str]:
-    """Yield the lines of `map loops` for one map: each loop or join with its evidence."""
     yield f'{path}: {len(content.loops)} loops and joins'
     if content.loops:
         yield 'number  kind      keyframes    points  found  residual  used'

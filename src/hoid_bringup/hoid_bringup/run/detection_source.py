@@ -30,8 +30,6 @@ def detection_source(
     gives empty detections.
 
     Args:
-        sequence: The recording.
-        config: Parameters of the detector, and the strategy.
         expected: Function that returns where the object map expects objects; a detector uses it
             with `detector.expected_score_threshold`.
 

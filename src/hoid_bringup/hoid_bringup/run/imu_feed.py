@@ -18,10 +18,6 @@ _AHEAD_NS = NS_PER_S // 10
 class ImuFeed:
     """Adds the samples of a recording to an IMU in step with the images.
 
-    Args:
-        recording: The samples.
-        config: Parameters of the IMU.
-
     Raises:
         InputError: The calibration file cannot be used.
     """

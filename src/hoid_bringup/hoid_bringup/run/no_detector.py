@@ -38,7 +38,6 @@ def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
     The default model may be downloaded (see `has_model`).
 
     Args:
-        config: Configuration of the run.
         given: Names of the parameters that the user has set. If the strategy is one of them, the
             result is False: the strategy is kept, and the run fails without a model.
 

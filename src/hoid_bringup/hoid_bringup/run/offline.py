@@ -43,7 +43,6 @@ class OfflinePipeline:
 
     Args:
         sequence: The recording, from which the camera and ground-truth boxes are taken.
-        config: Parameters of all stages.
         detect: Function that returns the detections of a frame; None: the configured detector.
         find_features: Function that returns the features of a frame; None: the configured filter.
         dense: Whether to make the dense map and the grid as well.
@@ -96,7 +95,6 @@ class OfflinePipeline:
         """Load a saved map.
 
         Args:
-            path: The map file.
             localize: Whether the run only localizes in the map, without changing it.
 
         Raises:
@@ -194,8 +192,6 @@ class OfflinePipeline:
         The ground truth stays in its own frame.
 
         Args:
-            sequence: The recording.
-            options: Options to write into the summary.
             recording: Path of the recording to write into the summary; None: no path.
         """
         session, scene = self._session, self._scene
@@ -265,15 +261,12 @@ def run_offline(
     """Process every frame of a recording and write the results.
 
     Args:
-        sequence: The recording.
-        config: Parameters of all stages.
         out_dir: Folder for the results, which is created if needed.
         detect: Function that returns the detections of a frame; None: the configured detector.
         dense: Whether to make the dense map and the grid as well.
         options: Options to write into the summary; None: strategy, seed and all changed
             parameters.
         recording: Path of the recording to write into the summary; None: no path.
-        maps: Map files to load and to save.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
         imu: Samples of an IMU; None: there is none.
         show_progress: Whether to draw a progress bar on stderr.

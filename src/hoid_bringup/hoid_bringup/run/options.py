@@ -140,7 +140,6 @@ def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunCo
     """Return the configuration of a run with the parameters of the command line.
 
     Args:
-        args: Parsed options.
         base: Configuration that the options change; None: the defaults.
 
     Raises:

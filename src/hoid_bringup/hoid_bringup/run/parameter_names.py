@@ -21,7 +21,6 @@ def full_name(name: str, known: Collection[str]) -> str:
 
     Args:
         name: STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has.
-        known: All full names.
 
     Raises:
         ConfigError: No parameter has this name, or parameters of several nodes have it.
@@ -41,11 +40,6 @@ def full_name(name: str, known: Collection[str]) -> str:
 
 
 def by_node(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return values by node and by the name of the parameter in the node.
-
-    Args:
-        values: Values by full name STAGE.PARAMETER.
-    """
     return {
         node: {
             n.removeprefix(f'{stage}.'): v for n, v in values.items() if n.startswith(f'{stage}.')

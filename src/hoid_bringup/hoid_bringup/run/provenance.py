@@ -40,11 +40,6 @@ class Provenance:
 
     @classmethod
     def of_this_process(cls, options: Mapping[str, Any]) -> Provenance:
-        """Return the provenance of the results of this process.
-
-        Args:
-            options: Options of the run, as in its summary.
-        """
         here = Path(__file__).resolve().parent
         program = 'hoid' if Path(sys.argv[0]).name == '__main__.py' else sys.argv[0]
         command = shlex.join([program, *sys.argv[1:]])

@@ -186,7 +186,6 @@ def _errors(
     """Return the errors by name; each is None without ground truth, or if it cannot be computed.
 
     Args:
-        estimate: Estimated trajectory.
         truth: Ground truth; None: there is none.
         warn: Whether to log why errors with respect to a ground truth cannot be computed.
     """

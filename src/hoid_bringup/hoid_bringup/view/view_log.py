@@ -50,9 +50,6 @@ class ViewLog:
     """Context manager that writes a file for the viewer.
 
     The file appears only when it is complete; an existing file is replaced then.
-
-    Args:
-        path: The file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -145,8 +142,6 @@ class ViewLog:
         """Log one image with the results of the filter.
 
         Args:
-            frame: The image with its depth.
-            result: Results of the filter.
             T_map_camera: (4, 4) camera pose; None if it is unknown.
         """
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(frame.stamp_ns, 'ns'))

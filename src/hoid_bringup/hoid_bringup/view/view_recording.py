@@ -18,9 +18,7 @@ def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:
     """Filter and log all images of a recording, and its true trajectory if it has one.
 
     Args:
-        log: The log to write to.
         sequence: The recording. Images get the poses of its ground truth.
-        config: Parameters of detector and filter.
 
     Raises:
         HoidError: An image or the detector model is invalid.
@@ -36,9 +34,6 @@ def log_images(
     """Filter every image of a recording, and log it with the results.
 
     Args:
-        log: The log to write to.
-        sequence: The recording.
-        config: Parameters of detector and filter.
         poses: Camera poses. Each image gets the pose nearest in time, or none if no pose is within
             0.02 s. None: the images have no poses.
 

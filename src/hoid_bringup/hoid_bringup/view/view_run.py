@@ -64,8 +64,6 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     The true trajectory is aligned to the estimate; it is left out if that is not possible.
 
     Args:
-        log: The log to write to.
-        run: The run.
         sequence: The recording, from which ground truth and camera are taken; None: it is missing.
 
     Raises:
