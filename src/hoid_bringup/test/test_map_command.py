@@ -94,6 +94,14 @@ def test_the_loops_of_a_map_are_listed_with_their_evidence(
     assert lines[0] == f'{path}: 1 loops and joins'
     assert lines[2].split() == ['0', 'closed', '0', '2', '123', '99', '%', '0.012', 'm', 'no']
     assert lines[3] == f'{maps[1]}: 0 loops and joins'
+    opened = tmp_path / 'opened.hoidmap'
+    assert main(['map', 'remove-loop', str(path), '0', '--out', str(opened)]) == 0
+    assert f'{opened}: without loop 0, 0 loops' in capsys.readouterr().out
+    assert len(map_file.load(opened).map) == len(content.map)
+    assert main(['map', 'remove-loop', str(opened), '0']) == 1
+    assert 'no loop 0: the map has 0' in capsys.readouterr().err
+    assert main(['map', 'remove-loop', str(opened)]) == 1
+    assert 'needs a map and the number of a loop' in capsys.readouterr().err
 
 
 def test_a_pair_that_must_stay_apart_is_not_joined(

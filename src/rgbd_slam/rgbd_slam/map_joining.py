@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_common.errors import ConfigError
 from hoid_common.values import IntArray
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map import ObjectMap
@@ -16,6 +17,7 @@ from rgbd_slam.loops.loop_closer import Join, LoopCloser
 from rgbd_slam.loops.map_fit import MapFit, map_fits
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.loop_edge import renumbered
 from rgbd_slam.model.map_state import restore, snapshot
 from rgbd_slam.model.trajectory import keyframe_poses
 from rgbd_slam.store.map_file import MapFile
@@ -94,6 +96,29 @@ def join_maps(
     objects = _joined_objects(contents, uids, atlas)
     content = MapFile(first.camera, *octaves, snapshot(atlas), dense, objects)
     return JoinedMaps(content, tuple(joins), keeps_dense)
+
+
+def without_loop(content: MapFile, number: int, config: SlamConfig) -> MapFile:
+    """Return a saved map without one of its loops or joins, adjusted again.
+
+    Args:
+        content: The map.
+        number: Number of the loop in `content.loops`.
+        config: Parameters of the core.
+
+    Raises:
+        ConfigError: The map has no such loop.
+    """
+    loops = content.loops_by_row
+    if not 0 <= number < len(loops):
+        raise ConfigError(f'no loop {number}: the map has {len(loops)}, numbered from 0')
+    atlas = Atlas(content.scale_factor, content.num_octaves)
+    camera = StereoCamera.from_model(content.camera, config.camera)
+    rows = restore(atlas, content.map, camera, keep=False, loops=loops)
+    LoopCloser(atlas, camera, config).open(number)
+    uids = np.arange(len(rows)) if content.uids is None else content.uids
+    numbers = dict(zip(atlas.keyframes.uid[rows].tolist(), uids.tolist(), strict=True))
+    return content._replace(map=snapshot(atlas), loops=renumbered(atlas.loops, numbers))
 
 
 def _restored(

@@ -368,6 +368,54 @@ def test_a_closed_loop_is_in_the_map_with_its_evidence_and_in_its_copies(
     assert atlas.changes_since(atlas.version).loops is None  # it has not changed
 
 
+def test_a_wrong_loop_is_taken_back_with_the_points_that_it_has_fused(
+    drifting: tuple[Atlas, IntArray, FloatArray],
+) -> None:
+    original, rows, truth = drifting
+    atlas, uid = _copy(original), original.keyframes.uid[rows].tolist()
+    keyframes = atlas.keyframes
+    wrong = _edge(uid[5], uid[30], np.eye(4))
+    atlas.loops = (_edge(uid[0], uid[-1], se3.inverse(truth[0]) @ truth[-1]), wrong)
+    seen, other = (np.setdiff1d(keyframes.points_of(int(rows[n])), [-1]) for n in (5, 30))
+    count = min(len(seen), len(other), 80)
+    atlas.replace_points(other[:count], seen[:count])
+    atlas.refresh(seen[:count])
+    atlas.update_connections(int(rows[30]))
+    region = region_around(atlas, rows[[5, 30]], len(rows))
+    move_map(atlas, *closed_poses(atlas, region, atlas.loops, 100))
+    atlas.set_parent(int(rows[31]), int(rows[6]))  # tracked from the wrong place
+    assert _errors_m(atlas, rows, truth).max() > 0.5
+
+    LoopCloser(atlas, CAMERA, SlamConfig()).open(1)
+
+    assert [edge[:2] for edge in atlas.loops] == [(uid[0], uid[-1])]
+    assert _errors_m(atlas, rows, truth).max() < 0.03
+    common = np.intersect1d(*(keyframes.points_of(int(rows[n])) for n in (5, 30)))
+    assert (common == -1).all()
+    assert keyframes.parent_uid[rows[31]] == uid[30]
+
+
+def test_two_maps_that_were_joined_wrongly_are_separate_again() -> None:
+    atlas, truth = Atlas(1.2, 8), ring_poses(24, 0.5)
+    old = mapped(atlas, RingWorld(), truth[:12], truth[:12])
+    new = mapped(atlas, RingWorld(seed=3), truth[12:], truth[12:], map_id=1)
+    keyframes, T_old = atlas.keyframes, atlas.keyframes.T_map_camera[old]
+    c, i = int(old[3]), int(new[4])
+    atlas.loops = (_edge(*keyframes.uid[[c, i]].tolist(), np.eye(4))._replace(kind='merged'),)
+    merge_maps(atlas, i, c, np.eye(4))
+    assert len(np.unique(keyframes.map_id[np.r_[old, new]])) == 1
+
+    LoopCloser(atlas, CAMERA, SlamConfig()).open(0)
+
+    assert not atlas.loops
+    (id_old,), (id_new,) = (np.unique(keyframes.map_id[rows]) for rows in (old, new))
+    assert id_old != id_new
+    np.testing.assert_allclose(keyframes.T_map_camera[old], T_old, atol=0.01)
+    roots = ~np.isin(keyframes.parent_uid[np.r_[old, new]], keyframes.uid[np.r_[old, new]])
+    assert roots.sum() == 2
+    assert restore(Atlas(1.2, 8), snapshot(atlas), CAMERA, keep=False) is not None
+
+
 def test_a_loop_outlives_its_keyframes_and_is_saved(
     drifting: tuple[Atlas, IntArray, FloatArray],
 ) -> None:

@@ -16,14 +16,14 @@ from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_query import ObjectQuery, find
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.map_io import checkpoint_folder
-from rgbd_slam.map_joining import MapJoin, join_maps
+from rgbd_slam.map_joining import MapJoin, join_maps, without_loop
 from rgbd_slam.saved_objects import saved_objects
 from rgbd_slam.store import map_file
 from rgbd_slam.store.map_directory import named_map
 from rgbd_slam.store.map_file import MapFile
 
 _MB = 1e6
-_INFO, _MERGE, _LOOPS = 'info', 'merge', 'loops'
+_INFO, _MERGE, _LOOPS, _REMOVE = 'info', 'merge', 'loops', 'remove-loop'
 _OTHER_VOXELS = 'its voxels have another size than those of the first map, or it is of old images'
 
 
@@ -31,12 +31,18 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid map`."""
     parser.add_argument(
         'action',
-        choices=(_INFO, _MERGE, _LOOPS),
+        choices=(_INFO, _MERGE, _LOOPS, _REMOVE),
         help='info: print what each map holds; merge: join the maps where they show the same '
-        'places, in the frame of the first one; loops: list the loops and joins of each map',
+        'places, in the frame of the first one; loops: list the loops and joins of each map; '
+        'remove-loop: take back loop K of a map, as in "remove-loop FILE K", and adjust the map',
     )
     parser.add_argument('maps', type=Path, nargs='+', metavar='FILE', help=f'saved {SUFFIX} files')
-    parser.add_argument('--out', type=Path, metavar='FILE', help='merge: file of the joined map')
+    parser.add_argument(
+        '--out',
+        type=Path,
+        metavar='FILE',
+        help='merge: file of the joined map; remove-loop: file of the new map, by default FILE',
+    )
     for option, text in (
         ('--join', 'merge: these two show the same places: one place that fits is enough'),
         ('--apart', 'merge: never join these two, even if they look the same'),
@@ -62,8 +68,9 @@ def map_command(args: argparse.Namespace) -> None:
             map cannot be written.
     """
     described = {_INFO: _described, _LOOPS: _listed_loops}
-    if args.action == _MERGE:
-        _merge(args)
+    change = {_MERGE: _merge, _REMOVE: _remove_loop}.get(args.action)
+    if change is not None:
+        change(args)
         return
     for path in args.maps:
         _print(*described[args.action](path, checkpoint_folder.load_map(named_map(path))))
@@ -86,6 +93,17 @@ def _merge(args: argparse.Namespace) -> None:
     args.out.parent.mkdir(parents=True, exist_ok=True)
     size = map_file.save(args.out, joined.content)
     _print(f'{args.out}: {len(joined.content.map)} keyframes, {size / _MB:.1f} MB')
+
+
+def _remove_loop(args: argparse.Namespace) -> None:
+    if len(args.maps) != 2 or not str(args.maps[1]).isdigit():
+        raise ConfigError('remove-loop needs a map and the number of a loop: FILE K')
+    path, number = named_map(args.maps[0]), int(str(args.maps[1]))
+    out = args.out or path
+    check_writable(out.parent)
+    opened = without_loop(checkpoint_folder.load_map(path), number, SlamConfig())
+    map_file.save(out, opened)
+    _print(f'{out}: without loop {number}, {len(opened.loops)} loops and joins are left')
 
 
 def _print(*lines: str) -> None:

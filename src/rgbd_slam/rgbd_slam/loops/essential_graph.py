@@ -94,12 +94,12 @@ def closed_poses(
     poses = keyframes.T_map_camera[rows]
     T_map_head = poses[groups.heads]
     group_of = np.where(position >= 0, groups.group[position], -1)  # of each keyframe of the map
-    pairs = _between_groups(_edges(atlas, rows, min_shared), group_of)
+    pairs = _between_groups(connected_pairs(atlas, rows, min_shared), group_of)
     graph = PoseGraph()
     is_fixed = (parents[groups.heads] < 0) | (groups.heads >= len(region.rows))
     for g, T in enumerate(T_map_head):
         graph.add_keyframe(g, T, fixed=bool(is_fixed[g]))
-    for edge in _constraints(pairs, T_map_head):
+    for edge in constraints(pairs, T_map_head):
         graph.add_constraint(*edge)
     for link in _links(atlas, loops, group_of, T_map_head):
         graph.add_measurement(*link)
@@ -107,7 +107,7 @@ def closed_poses(
     return region.rows, corrected[: len(region.rows)]
 
 
-def _constraints(
+def constraints(
     pairs: Edges, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, float, float]]:
     """Yield (a, b, T_a_b, sigma_rad, sigma_m) for each connected pair of groups a and b.
@@ -167,7 +167,7 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
     return Edges(low[chosen], high[chosen], edges.shared[chosen])
 
 
-def _edges(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
+def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
     """Return the pairs of keyframes that are parent and child, or share `min_shared` points.
 
     The first keyframe of a pair has the lower row. Of a pair that shares points, the first one is

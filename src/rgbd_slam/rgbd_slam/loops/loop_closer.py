@@ -20,11 +20,12 @@ from rgbd_slam.loops.essential_graph import (
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
 from rgbd_slam.loops.loop_graph import optimized
+from rgbd_slam.loops.loop_opening import open_loop
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.loop_edge import LoopEdge
+from rgbd_slam.model.loop_edge import JOIN, LoopEdge
 from rgbd_slam.places.place_finder import FoundPlace
 
 _AROUND = 10  # not tuned: neighbors of each of the two keyframes of a loop whose points are fused
@@ -44,7 +45,7 @@ class LoopEvent(Enum):
     NOTHING = 'nothing'
     REJOINED = 'rejoined'  # a short loop with hardly any drift: no global adjustment
     CLOSED = 'closed'
-    MERGED = 'merged'  # two maps have become one
+    MERGED = JOIN  # two maps have become one
 
 
 class Join(NamedTuple):
@@ -154,6 +155,18 @@ class LoopCloser:
         self.last_join = Join(event, stamp_ns, place_stamp_ns, T_c_i, place_uid, *evidence)
         _logger.info('%s', self.last_join)
         return event
+
+    def open(self, number: int) -> None:
+        """Take back a loop or join of the map by its number, and adjust the map again."""
+        keyframes, uids = self._atlas.keyframes, self._atlas.loops[number][:2]
+        open_loop(self._atlas, self._camera, number, self._config.essential_shared)
+        for edge in self._atlas.loops:
+            a, b = keyframes.index_of(edge.first_uid), keyframes.index_of(edge.second_uid)
+            if a is not None and b is not None and keyframes.map_id[a] == keyframes.map_id[b]:
+                self._fuse(b, a)
+        ends = [i for i in map(keyframes.index_of, uids) if i is not None]
+        if ends:
+            self._adjust(np.array(ends))
 
     def index_places(self) -> None:
         """Index the places of all keyframes now, if closing loops is switched on.

@@ -8,6 +8,9 @@ from typing import NamedTuple
 from hoid_common import se3
 from hoid_common.values import FloatArray
 
+JOIN = 'merged'
+"""Kind of an edge that joined two maps."""
+
 
 class LoopEdge(NamedTuple):
     """A loop or join that was found, whether or not the map uses it.
@@ -21,7 +24,7 @@ class LoopEdge(NamedTuple):
     covariance: FloatArray  # (6, 6) in the camera frame of the second, rotation first
     num_inliers: int  # matched points that agree with it
     found_share: float  # share of the points expected there that were found
-    kind: str  # how it was found: the value of a `LoopEvent`
+    kind: str  # what it did: the value of a `LoopEvent`, such as `JOIN`
     residual_m: float  # by which the map deviated from it after the last optimization
     is_used: bool  # False: it was left out, because it contradicts the rest of the map
 
