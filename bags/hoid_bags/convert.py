@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
@@ -21,7 +22,6 @@ from hoid_bags.bag.encoding import (
 )
 from hoid_bags.progress import progress
 from hoid_bags.storage.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
-from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
 from hoid_bags.tum.tum_folder import ListedImage, TumFolder, open_tum_folder
 from hoid_common import topics
 from hoid_common.config import Config, param
@@ -54,10 +54,10 @@ class ConvertConfig(Config):
         maximum=100,
     )
     depth_units_per_m: float = param(
-        TUM_DEPTH_UNITS_PER_M,
-        'Depth units per meter in the image files (1/m). Set it for recordings with other units '
-        'than those of TUM RGB-D.',
-        minimum=1e-3,
+        0.0,
+        'Depth units per meter in the image files (1/m); 0 means those of the layout, such as '
+        '5000 for TUM RGB-D.',
+        minimum=0.0,
     )
     round_depth: bool = param(
         False,
@@ -85,7 +85,7 @@ def convert(
     *,
     show_progress: bool = False,
 ) -> None:
-    """Convert a TUM folder to a bag, image by image.
+    """Convert a folder of images to a bag, image by image.
 
     Args:
         folder: The recording.
@@ -102,14 +102,16 @@ def convert(
         ConfigError: A list of the recording contains a file name that no file can have.
     """
     config = config or ConvertConfig()
-    source = open_tum_folder(folder, camera, config.depth_units_per_m)
+    source = open_tum_folder(folder, camera, config.depth_units_per_m or None)
+    if str(source) and show_progress:
+        sys.stderr.write(f'{folder}: {source}\n')
     color = ColorEncoder(source.camera, config.rgb, config.jpeg_quality)
     with BagWriter(bag, compress=config.compress) as writer:
         depth = choose_depth_encoder(
             source.depth,
             source.camera,
             config.depth,
-            config.depth_units_per_m,
+            source.depth_units_per_m,
             round_to_mm=config.round_depth,
         )
         _add_topics(writer, source, color, depth)

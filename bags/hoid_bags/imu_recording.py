@@ -12,7 +12,7 @@ from hoid_bags.bag.bag_messages import imu_values
 from hoid_bags.bag.bag_reader import BagReader, is_bag
 from hoid_bags.bag.stamps import stamp_ns
 from hoid_bags.storage import bag_types as types
-from hoid_bags.tum.tum_folder import ACCELEROMETER, GYRO
+from hoid_bags.tum.layouts import TUM, find_layout
 from hoid_common import topics
 from hoid_common.errors import InputError, MessageError
 from hoid_common.io.stamps import in_order
@@ -65,14 +65,15 @@ def read_imu(name: str, recording: Path) -> ImuRecording:
 def read_own_imu(recording: Path) -> ImuRecording:
     """Return the samples that a recording has under the usual names.
 
-    These are the topics `imu` and `imu/accelerometer` of a bag, and the files `gyro.txt` and
-    `accelerometer.txt` of a folder. If both contain the same sensor, the first one is used.
+    These are the topics `imu` and `imu/accelerometer` of a bag, and the files of a folder's
+    layout, such as `gyro.txt`. If both contain the same sensor, the first one is used.
 
     Raises:
         InputError: The recording has no samples of an IMU, or they cannot be used.
     """
     if not is_bag(recording):
-        names = [str(recording / name) for name in (GYRO, ACCELEROMETER)]
+        layout = find_layout(recording) or TUM
+        names = [str(recording / name) for name in (layout.gyro, layout.accelerometer)]
         names = [name for name in names if Path(name).is_file()]
     else:
         with BagReader(recording) as reader:

@@ -124,8 +124,10 @@ def open_recording(
     found = open_sequence(
         path, camera, depth_units_per_m(args), topics, max_gap_ns, depth_offset_ns(args)
     )
+    taken = str(found.topics if isinstance(found, BagSequence) else found)
+    if taken:
+        sys.stderr.write(f'{path}: {taken}\n')
     if isinstance(found, BagSequence):
-        sys.stderr.write(f'{path}: {found.topics}\n')
         if args.driver and not _is_of_driver(found.topics.color.name, args.driver):
             sys.stderr.write(
                 f'{path}: these are not the topics of the driver {args.driver}, such as '

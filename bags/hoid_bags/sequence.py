@@ -11,8 +11,8 @@ from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_topics import TopicChoice
 from hoid_bags.bag.metadata import METADATA
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
-from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
-from hoid_bags.tum.tum_folder import COLOR_LIST, open_tum_folder
+from hoid_bags.tum.layouts import COLOR_LIST, find_layout
+from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory
 
@@ -64,13 +64,13 @@ def open_sequence(
     max_gap_ns: int = MAX_PAIR_GAP_NS,
     depth_offset_ns: int = 0,
 ) -> Sequence:
-    """Open a TUM folder or a bag.
+    """Open a folder of images or a bag.
 
     Args:
         path: The folder, or one file of a bag.
         camera: Camera of the recording; None takes it from the folder's name or the bag.
-        depth_units_per_m: Depth units per meter; None: 5000 for a folder, as in TUM RGB-D, and
-            those of the encoding for a bag (1000 for whole numbers, 1 for floats).
+        depth_units_per_m: Depth units per meter; None: those of the layout of a folder (5000 for
+            TUM RGB-D), or of the encoding for a bag (1000 for whole numbers, 1 for floats).
         choice: Topics of a bag that the user names; the other topics are found (see
             `find_topics`).
         max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
@@ -88,9 +88,8 @@ def open_sequence(
         return BagSequence(
             path, camera, choice, max_gap_ns, depth_offset_ns, depth_units_per_m or 0.0
         )
-    if (path / COLOR_LIST).exists():
-        units_per_m = TUM_DEPTH_UNITS_PER_M if depth_units_per_m is None else depth_units_per_m
-        return open_tum_folder(path, camera, units_per_m, max_gap_ns, depth_offset_ns)
+    if find_layout(path) is not None:
+        return open_tum_folder(path, camera, depth_units_per_m, max_gap_ns, depth_offset_ns)
     raise InputError(
         f'{path}: neither a TUM folder (no {COLOR_LIST}) nor a bag '
         f'(no {METADATA}, .mcap, .db3 or .bag)'

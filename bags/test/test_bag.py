@@ -78,7 +78,7 @@ def test_a_bag_gives_the_frames_of_its_folder(
 ) -> None:
     folder = with_truth(make_folder(5))
     convert(folder, tmp_path / 'bag', config, camera)
-    expected = open_sequence(folder, camera, config.depth_units_per_m)
+    expected = open_sequence(folder, camera, config.depth_units_per_m or None)
     sequence = open_sequence(tmp_path / 'bag')
     assert sequence.name == 'bag'
     assert sequence.camera == camera

@@ -1,8 +1,9 @@
-"""Recordings in the TUM RGB-D layout: `rgb.txt` and `depth.txt` list the images."""
+"""Recordings in folders of images: the TUM RGB-D layout, and others (see `layouts`)."""
 
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,26 +20,21 @@ from hoid_bags.images import (
     read_image_bytes,
 )
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
-from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, camera_from_name
+from hoid_bags.tum.layouts import TUM, Layout, find_layout, numbered_stamp_ns
 from hoid_common.errors import ConfigError, InputError, MessageError
 from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
-from hoid_common.io.trajectory_io import read_tum
 from hoid_common.io.tum_text import NumberTable, read_numbers, sorted_rows
 from hoid_common.io.untrusted import check_path_name
 from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory
 
 _LOG = logging.getLogger(__name__)
-COLOR_LIST = 'rgb.txt'
-DEPTH_LIST = 'depth.txt'
-GROUND_TRUTH = 'groundtruth.txt'
-ACCELEROMETER = 'accelerometer.txt'
-GYRO = 'gyro.txt'
+_SUFFIXES = ('.jpg', '.jpeg', '.png')
 REGISTER_FILES = 'register the files to color'
 
 
 class ListedImage(NamedTuple):
-    """One entry of rgb.txt or depth.txt."""
+    """One color or depth image."""
 
     stamp_ns: int
     path: Path
@@ -46,7 +42,7 @@ class ListedImage(NamedTuple):
 
 @dataclass(frozen=True)
 class TumFolder:
-    """A recording in the TUM layout; iterating it yields its paired images.
+    """A recording in a folder of images; iterating it yields its paired images.
 
     It has all members of the protocol `hoid_bags.sequence.Sequence`.
     """
@@ -54,10 +50,26 @@ class TumFolder:
     path: Path
     camera: CameraModel
     depth_units_per_m: float  # depth units per meter in the PNG files
-    color: tuple[ListedImage, ...]  # all entries of rgb.txt
-    depth: tuple[ListedImage, ...]  # all entries of depth.txt
+    color: tuple[ListedImage, ...]  # all color images
+    depth: tuple[ListedImage, ...]  # all depth images
     max_gap_ns: int = MAX_PAIR_GAP_NS
     depth_offset_ns: int = 0  # time by which the stamps of depth images are too late
+    layout: Layout = TUM
+
+    def __str__(self) -> str:
+        """Return a line of text: what was taken for what; empty for the usual layout, TUM."""
+        layout, camera = self.layout, self.camera
+        if layout is TUM:
+            return ''
+        names = (layout.truth, layout.gyro, layout.accelerometer)
+        others = [name for name in names if name and (self.path / name).exists()]
+        stamps = ', stamps of an assumed 30 Hz' if layout.is_numbered else ''
+        return (
+            f'{layout.name} layout: color {layout.color} ({len(self.color)}), depth '
+            f'{layout.depth} ({len(self.depth)}, {self.depth_units_per_m:g} units per meter), '
+            f'camera {camera.width_px}x{camera.height_px} fx {camera.fx_px:.1f}{stamps}'
+            f'{"".join(f", {name}" for name in others)}'
+        )
 
     @property
     def name(self) -> str:
@@ -76,36 +88,36 @@ class TumFolder:
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Return the poses of `groundtruth.txt`; the trajectory is empty if the file has no rows.
+        """Return the ground-truth poses; the trajectory is empty if their file has no rows.
 
         The result is None if the file is missing. It is also None, with a warning in the log, if
         the file cannot be read, or has rows and none of them is a pose.
         """
-        path = self.path / GROUND_TRUTH
+        path = self.path / self.layout.truth
         try:
-            return read_tum(path) if path.exists() else None
+            return self.layout.read_truth(path) if path.is_file() else None
         except InputError as error:
             _LOG.warning('%s; errors are not computed', error)
             return None
 
     @cached_property
     def accelerometer(self) -> NumberTable | None:
-        """Return accelerations (N, 3) in m/s^2; None if there is no `accelerometer.txt`.
+        """Return accelerations (N, 3) in m/s^2; None: there are none.
 
         Raises:
             InputError: The file cannot be read, or has rows and none of them is usable.
         """
-        path = self.path / ACCELEROMETER
+        path = self.path / self.layout.accelerometer
         return read_numbers(path, columns=3) if path.exists() else None
 
     @cached_property
     def gyro(self) -> NumberTable | None:
-        """Return angular velocities (N, 3) in rad/s; None if there is no `gyro.txt`.
+        """Return angular velocities (N, 3) in rad/s; None: there are none.
 
         Raises:
             InputError: The file cannot be read, or has rows and none of them is usable.
         """
-        path = self.path / GYRO
+        path = self.path / self.layout.gyro
         return read_numbers(path, columns=3) if path.exists() else None
 
     @cached_property
@@ -156,17 +168,17 @@ class TumFolder:
 def open_tum_folder(
     path: Path,
     camera: CameraModel | None = None,
-    depth_units_per_m: float = TUM_DEPTH_UNITS_PER_M,
+    depth_units_per_m: float | None = None,
     max_gap_ns: int = MAX_PAIR_GAP_NS,
     depth_offset_ns: int = 0,
 ) -> TumFolder:
-    """Open a TUM folder, and check its lists of images.
+    """Open a folder of images, and check its lists of images.
 
     Args:
         path: The folder.
-        camera: Camera of the recording; None: the published camera whose name the folder's name
-            contains.
-        depth_units_per_m: Depth units per meter in the PNG files.
+        camera: Camera of the recording; None: the one that the layout states or, for TUM, the
+            published camera whose name the folder's name contains.
+        depth_units_per_m: Depth units per meter in the files; None: those of the layout.
         max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
         depth_offset_ns: Time by which the stamps of depth images are too late; it is subtracted
             before pairing.
@@ -177,20 +189,38 @@ def open_tum_folder(
         ConfigError: The depth units are not positive, or a list contains a file name that no file
             can have.
     """
-    if not (np.isfinite(depth_units_per_m) and depth_units_per_m > 0):
+    if depth_units_per_m is not None and not 0 < depth_units_per_m < np.inf:
         raise ConfigError(f'depth units per meter must be positive, got {depth_units_per_m}')
     if not path.is_dir():
         raise InputError(f'{path}: no such folder')
-    color, depth = (_read_list(path, name) for name in (COLOR_LIST, DEPTH_LIST))
-    camera = camera or camera_from_name(path.resolve().name)
+    layout = find_layout(path) or TUM
+    read = _read_numbered if layout.is_numbered else _read_list
+    color, depth = (read(path, name) for name in (layout.color, layout.depth))
+    stated = layout.read_camera(path) if camera is None or depth_units_per_m is None else None
+    camera = camera or (stated.camera if stated else None)
     if camera is None:
         raise InputError(
             f'{path}: the name contains no known camera;'
             ' give --calibration fr1, fr2, fr3, bonn or a YAML file'
         )
-    folder = TumFolder(path, camera, depth_units_per_m, color, depth, max_gap_ns, depth_offset_ns)
+    units_per_m = depth_units_per_m or (stated.units_per_m if stated else 0) or layout.units_per_m
+    folder = TumFolder(
+        path, camera, units_per_m, color, depth, max_gap_ns, depth_offset_ns, layout
+    )
     _ = folder.pairs, folder.ground_truth  # their warnings come before the work, not after it
     return folder
+
+
+def _read_numbered(folder: Path, pattern: str) -> tuple[ListedImage, ...]:
+    """Return the images whose names end with a number, in order of it."""
+    numbers = {
+        int(match[1]): path
+        for path in folder.glob(pattern)
+        if (match := re.search(r'(\d+)$', path.stem)) and path.suffix.lower() in _SUFFIXES
+    }
+    if not numbers:
+        raise InputError(f'{folder}: has no images {pattern}')
+    return tuple(ListedImage(numbered_stamp_ns(n), numbers[n]) for n in sorted(numbers))
 
 
 def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from hoid_bags.tum.tum_folder import COLOR_LIST
+from hoid_bags.tum.layouts import COLOR_LIST
 
 WHERE = (
     'https://cvg.cit.tum.de/data/datasets/rgbd-dataset/download and '
