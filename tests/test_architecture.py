@@ -45,7 +45,7 @@ LAYERS = {
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping
-        < loops < store < map_io < mapper map_joining saved_objects < processes
+        < loops < store < mapper map_joining saved_objects < processes
         < slam_map statistics < robot_frames slam late_verdicts < leveling robot_map < session
         < ros < node
     """,

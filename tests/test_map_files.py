@@ -336,7 +336,7 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
         ('cut', 'damaged'),
         ('flipped', 'damaged'),
         ('foreign', 'no map file'),
-        ('folder', 'no such file'),
+        ('folder', 'not a regular file'),
         ('pipe', 'not a regular file'),
         ('link', 'is a link'),
         ('octaves', 'camera.num_octaves'),

@@ -53,7 +53,7 @@ def by_launch(params: Path, *, restart: bool) -> tuple[str, ...]:
 
 
 def checkpoints(folder: Path) -> list[str]:
-    return [file.name for file in folder.iterdir() if file.name.startswith('.checkpoint')]
+    return [file.name for file in folder.glob('.running-*.hoidmap')]
 
 
 def mapped(suite: StartedSuite, peer: RunningCamera, folder: Path) -> None:

@@ -19,12 +19,12 @@ from hoid_bringup.live.supervisor import Supervisor
 from hoid_common.ros import conversions
 from hoid_common.values import NS_PER_S
 from hoid_system_tests.frame_tree import OPTICAL
-from hoid_system_tests.point_world import CAMERA
+from hoid_system_tests.point_world import CAMERA, PointWorld
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, executable
 from hoid_system_tests.running_camera import RunningCamera
 from hoid_system_tests.slam_peer import NO_SCENE, START_NS
-from rgbd_slam.map_io import checkpoint_folder
+from rgbd_slam.store import map_file
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
@@ -120,13 +120,13 @@ def test_a_map_that_was_stopped_or_reset_is_kept_and_not_resumed(
     before = peer.status[-1].keyframes
     assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request(), times=3).success
     (kept,) = kept_maps(folder)
-    assert len(checkpoint_folder.load_map(kept).map) == before
+    assert len(map_file.load(kept).map) == before
     assert f'map of {before} keyframes kept as {kept}; load it' in log_of(tmp_path)
     for _ in range(10):
         peer.send(100)
     node.stop()
     (_, second) = kept_maps(folder)
-    assert len(checkpoint_folder.load_map(second).map) == 1
+    assert len(map_file.load(second).map) == 1
     assert f'map of 1 keyframes kept as {second}; load it' in log_of(tmp_path)
     node = run()
     peer.await_ready()
@@ -155,7 +155,7 @@ def test_another_camera_keeps_the_map_of_the_one_before(
 
     probe.spin_until(is_kept, 'the map is not kept', 30.0)
     (kept,) = kept_maps(folder)
-    assert len(checkpoint_folder.load_map(kept).map) == before
+    assert len(map_file.load(kept).map) == before
 
 
 def test_a_restarted_recording_gets_a_new_map_and_the_old_one_is_kept(
@@ -174,27 +174,50 @@ def test_a_restarted_recording_gets_a_new_map_and_the_old_one_is_kept(
 
 
 def test_a_node_that_was_away_for_a_day_finds_the_camera_in_its_map(
-    run: Callable[[], Supervisor], probe: Probe, folder: Path, tmp_path: Path
+    run: Callable[[], Supervisor], probe: Probe, folder: Path
 ) -> None:
     node = run()
     peer = mapped(probe, folder)
+    before = peer.status[-1].keyframes
     kill(node)
     peer.stamp_ns += 24 * 3600 * NS_PER_S
     node = run()
     peer.await_ready()
     assert 'relocalizing the camera' in peer.status[0].message
-    (kept,) = kept_maps(folder)
-    keyframes = len(checkpoint_folder.load_map(kept).map)
-    assert keyframes >= 1
-    assert f'map of {keyframes} keyframes kept as {kept}; load it' in log_of(tmp_path)
     status = peer.send(10)
     assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.MAPPING)
     peer.check_pose(10)
     for place in range(10, 40):
         peer.send(place)
-    peer.await_checkpoint(folder)  # which replaces the one before, and not the kept map
+    peer.await_checkpoint(folder)
     kill(node)
-    assert len(checkpoint_folder.load_map(kept).map) == keyframes
+    assert kept_maps(folder) == []  # the map goes on, and nothing of it is lost
+    (running,) = folder.glob('.running-*.hoidmap')
+    assert len(map_file.load(running).map) >= before
+
+
+def test_a_map_in_which_the_camera_is_not_found_is_kept(
+    run: Callable[[], Supervisor], probe: Probe, folder: Path, tmp_path: Path
+) -> None:
+    node = run()
+    peer = mapped(probe, folder)
+    kill(node)
+    (running,) = folder.glob('.running-*.hoidmap')
+    before = map_file.load(running).map.digest()
+    peer.stamp_ns += 24 * 3600 * NS_PER_S
+    peer.world = PointWorld(3000, seed=2)  # the robot was carried to another place
+    run()
+    peer.await_ready()
+    peer.send(0)
+    peer.stamp_ns += 31 * NS_PER_S
+    assert 'a new map is started beside it' in peer.send(0).message
+    for place in range(20):
+        peer.send(place)
+    probe.spin_until(lambda: bool(kept_maps(folder)), 'the map is not kept', 30.0)
+    (kept,) = kept_maps(folder)
+    assert map_file.load(kept).map.digest() == before
+    line = f'keyframes kept as {kept}; load it'
+    probe.spin_until(lambda: line in log_of(tmp_path), 'no line', 10.0)
 
 
 def test_a_second_node_says_who_runs_and_takes_no_map(
@@ -235,7 +258,8 @@ def test_two_nodes_of_one_name_say_so(
 
 
 def kept_maps(folder: Path) -> list[Path]:
-    return sorted(folder.glob('kept-*.hoidmap'))
+    """Return the kept maps, the oldest first."""
+    return sorted(folder.glob('kept-*.hoidmap'), key=lambda path: (len(path.name), path.name))
 
 
 def log_of(tmp_path: Path) -> str:

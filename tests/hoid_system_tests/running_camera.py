@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from hoid_msgs.msg import SlamStatus
 
 from hoid_common import se3
+from hoid_common.errors import MapFileError
 from hoid_common.ros import conversions
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
@@ -16,6 +18,7 @@ from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
+from rgbd_slam.store import map_file
 
 _WRITTEN_S = 20.0
 
@@ -60,11 +63,11 @@ class RunningCamera(SlamPeer):
     def await_checkpoint(self, folder: Path) -> None:
         """Wait until the node has written a checkpoint into a folder from now on."""
         before_ns = time.time_ns()
-        self.probe.spin_until(
-            lambda: any(
-                index.stat().st_ctime_ns > before_ns
-                for index in folder.glob('.checkpoint-*/index')
-            ),
-            'no checkpoint',
-            _WRITTEN_S,
-        )
+
+        def is_written() -> bool:
+            with suppress(MapFileError, OSError, StopIteration):  # it is just being made
+                path = next(folder.glob('.running-*.hoidmap'))
+                return path.stat().st_ctime_ns > before_ns and bool(map_file.load(path).map)
+            return False
+
+        self.probe.spin_until(is_written, 'no checkpoint', _WRITTEN_S)

@@ -8,12 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import psutil
+
 from hoid_benchmarks.building.drive import Drive
-from rgbd_slam.map_io.checkpoint import CheckpointWriter
-from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.records.record_store import temporary_folder
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.store import map_file
+from rgbd_slam.store.map_writer import MapWriter
+from rgbd_slam.store.running_map import RunningMap
 
 T = TypeVar('T')
 
@@ -25,7 +27,7 @@ class Written(NamedTuple):
 
     cpu_s: float
     copy_ms: float  # longest CPU time for which the tracker waits
-    num_bytes: int
+    num_bytes: int  # written by this process
 
 
 def checkpoint_costs(drive: Drive, drive_on: Callable[[], None]) -> dict[str, Any]:
@@ -36,15 +38,15 @@ def checkpoint_costs(drive: Drive, drive_on: Callable[[], None]) -> dict[str, An
         drive_on: Drives on in this map.
     """
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as directory:
-        folder = CheckpointFolder(directory, 'benchmark')
-        writer = CheckpointWriter(folder, drive.session.slam.map.atlas)
+        running = RunningMap(directory, 'benchmark')
+        writer = running.writer(drive.session.slam.map.atlas)
         first = _write(drive, writer)
         before = drive.num_keyframes
         drive_on()
         more = _write(drive, writer)
-        stored, read_s = _timed(folder.read)
+        stored, read_s = _timed(running.read)
         assert stored is not None
-        if stored.content.map.digest() != drive.session.robot_map.export().map.digest():
+        if stored.map.digest() != drive.session.robot_map.export().map.digest():
             raise AssertionError('the checkpoint is not the map')
     return {
         'first checkpoint MB': first.num_bytes / _MB,
@@ -79,16 +81,21 @@ def load_costs(drive: Drive) -> dict[str, Any]:
     return {'load s': load_s + prepare_s + restore_s, 'swap ms': _MS * swap_s}
 
 
-def _write(drive: Drive, writer: CheckpointWriter) -> Written:
-    start_s, longest_s = time.process_time(), 0.0
-    while True:
-        part, copy_s = _timed(writer.parts.copy)
+def _write(drive: Drive, writer: MapWriter) -> Written:
+    start_s, longest_s, before = time.process_time(), 0.0, _written_bytes()
+    writer.begin()
+    is_complete = False
+    while not is_complete:
+        part, copy_s = _timed(writer.copy)
         longest_s = max(longest_s, copy_s)
-        writer.append(part)
-        if part.keyframes is not None:
-            header, stamp_ns = drive.session.robot_map.header(), drive.session.stamp_ns
-            num_bytes = writer.finish(header, part.keyframes, None, stamp_ns)
-            return Written(time.process_time() - start_s, _MS * longest_s, num_bytes)
+        is_complete = writer.append(part, drive.session.robot_map.header())
+    cpu_s = time.process_time() - start_s
+    return Written(cpu_s, _MS * longest_s, _written_bytes() - before)
+
+
+def _written_bytes() -> int:
+    """Return the number of bytes that this process has written to files so far."""
+    return int(psutil.Process().io_counters().write_chars)
 
 
 def _timed(function: Callable[[], T]) -> tuple[T, float]:

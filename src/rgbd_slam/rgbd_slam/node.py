@@ -22,7 +22,7 @@ from rgbd_slam.ros.motion.imu_input import ImuInput
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.ros.service_handlers import ServiceHandlers
-from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper, owned_folder
+from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper, owned_map
 from rgbd_slam.ros.tracking_log import TrackingLog
 from rgbd_slam.session import SlamSession
 
@@ -37,7 +37,7 @@ class RgbdSlamNode(ManagedNode):
         super().__init__('rgbd_slam')
         self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure)
         config = self._settings.config
-        checkpoint = owned_folder(self, config)  # raises before anything is started
+        running = owned_map(self, config)  # raises before anything is started
         static = StaticFrameListener(self, self.diagnostics)
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
         self._tracking_log = TrackingLog(self)
@@ -46,7 +46,7 @@ class RgbdSlamNode(ManagedNode):
         self._lifecycle = SessionLifecycle(
             self,
             config,
-            checkpoint,
+            running,
             static.frames,
             self._scene,
             self.diagnostics,
@@ -60,7 +60,13 @@ class RgbdSlamNode(ManagedNode):
         handlers.add(Trigger, topics.PAUSE, lambda _: self._set_paused(is_paused=True))
         handlers.add(Trigger, topics.RESUME, lambda _: self._set_paused(is_paused=False))
         self._map_services = MapServices(
-            self, config, require_session, self._scene, self._lifecycle.loader, self.diagnostics
+            self,
+            config,
+            require_session,
+            self._scene,
+            self._lifecycle.loader,
+            self.diagnostics,
+            self._lifecycle.checkpoints.copy_to,
         )
         self._map_outputs = MapOutputs(self, config, lambda: self._lifecycle.session)
         inputs = Inputs(self, config.input, self.diagnostics)

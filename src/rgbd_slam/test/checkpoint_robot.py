@@ -8,29 +8,26 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common import se3
-from hoid_scene.config.dense_config import DenseConfig
-from hoid_scene.dense.depth_view import Surface
-from hoid_scene.dense.submap import Evidence, Submap
-from rgbd_slam.map_io.checkpoint import CheckpointWriter
-from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
-from rgbd_slam.model.map_state import snapshot
+from hoid_common.store.database import Database
+from hoid_scene.dense.submap import Submap
+from rgbd_slam.model.map_state import restore, snapshot
+from rgbd_slam.store.running_map import RunningMap
 from rgbd_slam.store.tables import MapHeader
 
-from .map_content import OCTAVES, SCALE, new_map, ring
-from .ring_world import MODEL, RingWorld, mapped, ring_poses
+from .map_content import CONFIG, OCTAVES, SCALE, new_map, no_evidence, ring, surface
+from .ring_world import CAMERA, MODEL, RingWorld, mapped, ring_poses
 
 T_MAP_CORE = se3.exp(np.array([0.1, -0.2, 0.3, 1.0, 2.0, 3.0]))
-CONFIG = DenseConfig()
 HEADER = MapHeader(MODEL, SCALE, OCTAVES, T_MAP_CORE)
 
 
 class Robot:
-    """A mapper, the tracker's copy of its map, and the checkpoint of the copy."""
+    """A mapper, the tracker's copy of its map, and the database of the copy."""
 
     def __init__(self, folder: Path, count: int = 8) -> None:
         self.mapper, self.copy = ring(count), new_map()
-        self.folder = CheckpointFolder(str(folder), 'robot')
-        self.writer = CheckpointWriter(self.folder, self.copy)
+        self.running = RunningMap(str(folder), 'robot')
+        self.writer = self.running.writer(self.copy)
         self.update()
 
     def update(self) -> None:
@@ -38,13 +35,14 @@ class Robot:
         version = self.copy.version if len(self.copy.keyframes) else 0
         self.copy.apply(self.mapper.changes_since(version))
 
-    def write(self, stamp_ns: int = 7) -> int:
+    def write(
+        self, stamp_ns: int = 7, put_more: Callable[[Database], None] = lambda _: None
+    ) -> int:
         """Write a checkpoint; return the number of its parts."""
+        self.writer.begin()
         for count in range(1, 1000):
-            part = self.writer.parts.copy()
-            self.writer.append(part)
-            if part.keyframes is not None:
-                self.bytes = self.writer.finish(HEADER, part.keyframes, None, stamp_ns)
+            header = HEADER._replace(stamp_ns=stamp_ns)
+            if self.writer.append(self.writer.copy(), header, put_more):
                 return count
         raise AssertionError('it never ends')
 
@@ -52,8 +50,8 @@ class Robot:
         return snapshot(self.copy).moved(T_MAP_CORE).digest()
 
     def stored(self) -> str | None:
-        checkpoint = self.folder.read()
-        return None if checkpoint is None else checkpoint.content.map.digest()
+        content = self.running.read()
+        return None if content is None else content.map.digest()
 
 
 def extend(robot: Robot, first: int, end: int) -> None:
@@ -93,6 +91,12 @@ def cull_and_extend(robot: Robot) -> None:
     extend(robot, 8, 9)
 
 
+def load(robot: Robot) -> None:
+    """Replace the map by a saved one, of whose keyframes none has an old number."""
+    restore(robot.mapper, snapshot(ring(5)), CAMERA, keep=False)
+    robot.update()
+
+
 CHANGES: dict[str, Callable[[Robot], None]] = {
     'new keyframes': lambda robot: extend(robot, 8, 10),
     'points': change_points,
@@ -100,18 +104,8 @@ CHANGES: dict[str, Callable[[Robot], None]] = {
     'a culled keyframe': cull,
     'verdicts': forbid,
     'a reused row': cull_and_extend,
+    'a loaded map': load,
 }
-
-
-def surface(seed: int) -> Surface:
-    rng = np.random.default_rng(seed)
-    points_m = rng.uniform(0.1, 1.4, (500, 3))
-    return Surface(points_m, rng.integers(0, 255, (500, 3), np.uint8), np.ones(500))
-
-
-def no_evidence(count: int) -> Evidence:
-    none = np.zeros(count, np.bool_)
-    return Evidence(none, none, none)
 
 
 def submap(anchor_uid: int, seed: int) -> Submap:

@@ -12,14 +12,14 @@ import pytest
 
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_io.checkpoint import CheckpointWriter
-from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.ros import checkpoints
+from rgbd_slam.ros import checkpoint_thread
 from rgbd_slam.ros.checkpoints import Checkpoints
-from rgbd_slam.ros.session_lifecycle import owned_folder
+from rgbd_slam.ros.session_lifecycle import owned_map
 from rgbd_slam.session import SlamSession
+from rgbd_slam.store.map_writer import MapWriter
+from rgbd_slam.store.running_map import RunningMap
 
 from .world import CAMERA, PERIOD_NS, World, sway
 
@@ -53,10 +53,10 @@ class DirectCalls:
 def new_checkpoints(
     folder: Path, monkeypatch: pytest.MonkeyPatch, session: Callable[[], SlamSession | None]
 ) -> Checkpoints:
-    monkeypatch.setattr(checkpoints, 'NodeThread', DirectCalls)
+    monkeypatch.setattr(checkpoint_thread, 'NodeThread', DirectCalls)
     config = SlamNodeConfig(map_directory=str(folder), checkpoint_period_s=0.05)
     fake: Any = Fake()
-    return Checkpoints(fake, config, owned_folder(fake, config), fake, session, lambda *_: None)
+    return Checkpoints(fake, config, owned_map(fake, config), fake, session, lambda *_: None)
 
 
 def session_of(num_images: int) -> SlamSession:
@@ -71,13 +71,13 @@ def test_a_reset_while_the_checkpoint_is_read_discards_it(
 ) -> None:
     is_reading, may_end = Event(), Event()
 
-    def read(_: CheckpointFolder) -> None:
+    def read(_: RunningMap) -> None:
         is_reading.set()
         may_end.wait(LIMIT_S)
 
     errors: list[object] = []
     monkeypatch.setattr(threading, 'excepthook', errors.append)
-    monkeypatch.setattr(CheckpointFolder, 'read', read)
+    monkeypatch.setattr(RunningMap, 'read', read)
     tested = new_checkpoints(tmp_path, monkeypatch, lambda: None)
     assert is_reading.wait(LIMIT_S)
     reader = next(t for t in threading.enumerate() if t.name == 'read checkpoint')
@@ -102,15 +102,17 @@ def test_a_checkpoint_has_the_header_of_its_own_session(
 
     written: list[Atlas] = []
     is_written = Event()
-    finish = CheckpointWriter.finish
+    append = MapWriter.append
 
-    def record(writer: CheckpointWriter, *arguments: Any, **named: Any) -> int:
-        written.append(writer.parts.atlas)
-        is_written.set()
-        return finish(writer, *arguments, **named)
+    def record(writer: MapWriter, *arguments: Any) -> bool:
+        is_complete = append(writer, *arguments)
+        if is_complete:
+            written.append(writer.atlas)
+            is_written.set()
+        return is_complete
 
     monkeypatch.setattr(DirectCalls, 'before', staticmethod(change_camera))
-    monkeypatch.setattr(CheckpointWriter, 'finish', record)
+    monkeypatch.setattr(MapWriter, 'append', record)
     tested = new_checkpoints(tmp_path, monkeypatch, lambda: current[0])
     assert is_written.wait(LIMIT_S)
     tested.close(is_asked_for=True)

@@ -15,7 +15,6 @@ from hoid_common.store.database import SUFFIX
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_query import ObjectQuery, find
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.map_io import checkpoint_folder
 from rgbd_slam.map_joining import MapJoin, join_maps, without_loop
 from rgbd_slam.saved_objects import saved_objects
 from rgbd_slam.store import map_file
@@ -73,14 +72,14 @@ def map_command(args: argparse.Namespace) -> None:
         change(args)
         return
     for path in args.maps:
-        _print(*described[args.action](path, checkpoint_folder.load_map(named_map(path))))
+        _print(*described[args.action](path, map_file.load(named_map(path))))
 
 
 def _merge(args: argparse.Namespace) -> None:
     if args.out is None or len(args.maps) < 2:
         raise ConfigError('merge needs at least two maps, and --out for the joined one')
     check_writable(args.out.parent)
-    contents = [checkpoint_folder.load_map(named_map(path)) for path in args.maps]
+    contents = [map_file.load(named_map(path)) for path in args.maps]
     same, apart = _numbers(args.join, args.maps), _numbers(args.apart, args.maps)
     joined = join_maps(contents, SlamConfig(), same=same, apart=apart)
     for path, join in zip(args.maps[1:], joined.joins, strict=True):
@@ -101,7 +100,7 @@ def _remove_loop(args: argparse.Namespace) -> None:
     path, number = named_map(args.maps[0]), int(str(args.maps[1]))
     out = args.out or path
     check_writable(out.parent)
-    opened = without_loop(checkpoint_folder.load_map(path), number, SlamConfig())
+    opened = without_loop(map_file.load(path), number, SlamConfig())
     map_file.save(out, opened)
     _print(f'{out}: without loop {number}, {len(opened.loops)} loops and joins are left')
 

@@ -14,8 +14,8 @@ from hoid_common.store.database import SUFFIX
 from hoid_scene.objects.object_query import STATES, ObjectQuery, find
 from hoid_scene.objects.object_text import object_table, objects_yaml
 from rgbd_slam.config.node_config import FrameConfig
-from rgbd_slam.map_io import checkpoint_folder
 from rgbd_slam.saved_objects import saved_objects
+from rgbd_slam.store import map_file
 from rgbd_slam.store.map_directory import named_map
 
 
@@ -64,7 +64,7 @@ def objects_command(args: argparse.Namespace) -> None:
             cannot be written.
         MapFileError: The file is no valid map.
     """
-    content = checkpoint_folder.load_map(named_map(args.map))
+    content = map_file.load(named_map(args.map))
     if content.objects is None:
         raise InputError(
             f'{args.map}: has no object map: set object_map.enabled to true where it is made'

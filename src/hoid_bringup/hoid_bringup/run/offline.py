@@ -27,7 +27,6 @@ from hoid_scene.grid.floor import NO_FLOOR
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.inertial.report import ImuReport, report_of
-from rgbd_slam.map_io import checkpoint_folder
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.statistics import SlamStats
@@ -102,7 +101,7 @@ class OfflinePipeline:
                 other voxels than the configuration, or the map is to be extended and its camera
                 differs too much.
         """
-        content = checkpoint_folder.load_map(path)
+        content = map_file.load(path)
         loaded = self._session.robot_map.load(content, extend=not localize)
         if content.dense is not None:
             self._scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)

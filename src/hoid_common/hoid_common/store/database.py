@@ -20,6 +20,7 @@ from hoid_common.store.table import Table
 
 SUFFIX = '.hoidmap'
 _PAGE_BYTES = 16_384  # measured in a trial: fastest for blobs of 50 kB
+_JOURNAL_BYTES = 32_000_000  # chosen: a larger journal is cut once it is in the file
 _PATIENCE_S = 10.0  # chosen: how long a statement waits for another process's transaction
 _SIDE_FILES = ('-wal', '-shm', '-journal')
 _REMEDIES = {
@@ -76,25 +77,32 @@ class Database:
         if path.exists():
             raise MapFileError(f'{path}: exists already')
         for side in side_files(path):
-            side.unlink(missing_ok=True)  # SQLite would take them for those of the new file
+            with suppress(OSError):  # SQLite would take them for those of the new file
+                side.unlink()
         with replaced(path) as aside:
             cls.create(aside, tables).close()
         with _connected(path, 'rw') as connection:
             connection.execute('PRAGMA journal_mode = WAL')
-            connection.execute('PRAGMA synchronous = NORMAL')
             return cls(path, connection)
 
     @classmethod
-    def open(cls, path: Path, tables: Iterable[Table]) -> Self:
+    def open(cls, path: Path, tables: Iterable[Table], *, is_own: bool = False) -> Self:
         """Open an existing database to read and write it, after the checks of `read`.
 
         Tables that it does not have are added. The journal of a killed process is applied.
+
+        Args:
+            path: The file.
+            tables: The tables that will be used.
+            is_own: This process has written it, and has all of the tables: only its header is
+                checked.
         """
         check_header(path)
         tables = tuple(tables)
         with _connected(path, 'rw') as connection:
-            found = check_content(connection, tables)
-            connection.execute('PRAGMA synchronous = NORMAL')
+            found = frozenset(table.name for table in tables)
+            if not is_own:
+                found = check_content(connection, tables)
             for table in tables:
                 if table.name not in found:
                     connection.execute(table.sql)
@@ -137,14 +145,26 @@ class Database:
 
         Blocks must not be nested.
         """
-        self._run('BEGIN IMMEDIATE')
+        self.begin()
         try:
             yield
-            self._run('COMMIT')
+            self.commit()
         except BaseException:
-            with suppress(sqlite3.Error):  # SQLite may have ended the transaction itself
-                self._connection.execute('ROLLBACK')
+            self.rollback()
             raise
+
+    def begin(self) -> None:
+        """Begin a transaction, which `commit` or `rollback` ends."""
+        self._run('BEGIN IMMEDIATE')
+
+    def commit(self) -> None:
+        """Write all since `begin` to the disk; if that fails, `rollback` must follow."""
+        self._run('COMMIT')
+
+    def rollback(self) -> None:
+        """Undo all since `begin`; nothing happens without a transaction."""
+        with suppress(sqlite3.Error):  # SQLite may have ended the transaction itself
+            self._connection.execute('ROLLBACK')
 
     def put(self, table: Table, rows: Iterable[tuple[Any, ...]]) -> None:
         """Insert rows: the key, then the other columns; rows with the same keys are replaced.
@@ -207,9 +227,9 @@ class Database:
             copy.execute('PRAGMA journal_mode = DELETE')
 
     def finish(self) -> None:
-        """Make it a finished file, without files beside it, and close it.
+        """Close it as a finished file, without files beside it.
 
-        It fails while another process reads the database.
+        That fails while another process reads the database.
         """
         self._run('PRAGMA journal_mode = DELETE')
         self.close()
@@ -313,6 +333,8 @@ def _connected(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
         connection.execute('PRAGMA trusted_schema = OFF')  # no SQL of the file's own may run
         connection.execute('PRAGMA cell_size_check = ON')
         connection.execute('PRAGMA temp_store = MEMORY')
+        connection.execute('PRAGMA synchronous = NORMAL')
+        connection.execute(f'PRAGMA journal_size_limit = {_JOURNAL_BYTES}')
         if mode != 'rw':  # no value is larger than the file
             limit = _size(path) + _size(path.with_name(path.name + '-wal'))
             connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(limit, _PAGE_BYTES))

@@ -2,57 +2,46 @@
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import os
 import socket
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
 from hoid_common.errors import MapFileError
 
-_MAX_SHOWN = 200  # characters of the owner's description that an error quotes
+_MAX_BYTES = 500  # chosen: more than the text of an owner has
 
 
 class OwnerLock:
-    """The only owner of a database, until `release` or the end of the process.
+    """Makes this process the only owner of a database, until `release` or until it ends.
 
-    The lock is on a file of its own, because SQLite locks the database itself for each access. On
-    a file system without locks, everybody owns the database.
+    The lock is on a file of its own, because SQLite locks the database itself for each access. The
+    kernel releases it when the process ends in whatever way. Nothing is locked if the file cannot
+    be opened, or if its file system has no locks.
 
     Args:
-        owner: Who takes the lock, such as the full name of a node; the error names it to others.
+        path: The file of the lock. It is made if it is missing, and stays.
+        owner: Full name of the node, which others are told.
 
     Raises:
-        MapFileError: Another process or object has the lock, or the file cannot be made.
+        MapFileError: Another process owns the database; the text says which one, and where it
+            runs.
     """
 
     def __init__(self, path: Path, owner: str) -> None:
-        self.path = path
-        try:
+        self._descriptor: int | None = None
+        with suppress(OSError):  # the database cannot be written either, which its writer reports
             path.parent.mkdir(parents=True, exist_ok=True)
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        except OSError as error:
-            raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                other = os.read(self._descriptor, _MAX_SHOWN).decode(errors='replace')
-                self.release()
-                raise MapFileError(
-                    f'{path.parent}: {owner} already runs here, as {other or "another process"}: '
-                    'end that one first, or use another namespace or folder of maps'
-                ) from error
-        text = f'{owner}, process {os.getpid()} on {socket.gethostname()}'
-        os.ftruncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, text.encode(), 0)
+            self._lock(self._descriptor, path.parent, owner)
 
     def release(self) -> None:
-        """Release the lock, if it is held."""
-        if self._descriptor >= 0:
+        """Release the database."""
+        if self._descriptor is not None:
             os.close(self._descriptor)
-            self._descriptor = -1
+            self._descriptor = None
 
     def __enter__(self) -> Self:
         """Return the lock, which is released at the end of the block."""
@@ -61,3 +50,17 @@ class OwnerLock:
     def __exit__(self, *_: object) -> None:
         """Release the lock."""
         self.release()
+
+    def _lock(self, descriptor: int, folder: Path, owner: str) -> None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            other = os.pread(descriptor, _MAX_BYTES, 0).decode(errors='replace').strip()
+            self.release()
+            raise MapFileError(
+                f'another {owner} runs already: {other or "its process is just starting"}; it '
+                f'stores its map in {folder}. End it, or give this node another namespace, '
+                'ROS_DOMAIN_ID or map_directory'
+            ) from None
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f'process {os.getpid()} on {socket.gethostname()}\n'.encode(), 0)

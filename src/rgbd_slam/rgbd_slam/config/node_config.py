@@ -81,7 +81,7 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     map_directory: str = param(
         '~/.ros/hoid',
         'The only folder in which services read and write files. It also contains map_file and '
-        'the checkpoints. Set it to the folder in which maps are to be stored.',
+        'the map of the running node. Set it to the folder in which maps are to be stored.',
     )
     map_file: str = param(
         '',
@@ -103,11 +103,11 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     )
     checkpoint_period_s: float = param(
         10.0,  # decision 030
-        'Usual time between two checkpoints, which are copies of the map from which a node '
-        'resumes after a crash (s). The time is shorter just after the start of the node, and '
-        'longer if writing is slow. Set a longer period to write less; a crash then loses more of '
-        'the map. With 0, or if the node starts with the mode localization, no checkpoints are '
-        'written, and no map is resumed or kept at the end.',
+        'Usual time between two checkpoints, with which the map on the disk, from which a node '
+        'resumes after a crash, becomes that of the node (s). The time is shorter just after the '
+        'start of the node, and longer if writing is slow. Set a longer period to write less; a '
+        'crash then loses more of the map. With 0, or if the node starts with the mode '
+        'localization, no checkpoints are written, and no map is resumed or kept at the end.',
         minimum=0.0,
         maximum=3600.0,
         expert=True,

@@ -7,9 +7,10 @@ done in the tracker's thread, between two images (`NodeThread`).
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
@@ -22,9 +23,8 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from hoid_common.store.database import Database, replaced
-from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.map_io import checkpoint_folder
+from rgbd_slam.ros.checkpoint_thread import put_maps
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.ros.scene.client import SceneClient
@@ -47,8 +47,7 @@ from rgbd_slam.store.map_directory import (
 )
 from rgbd_slam.store.map_file import MapFile
 from rgbd_slam.store.map_parts import MapPart
-from rgbd_slam.store.map_writer import MapWriter
-from rgbd_slam.store.scene_tables import put_export, put_objects
+from rgbd_slam.store.map_writer import ALL_TABLES, MapWriter
 from rgbd_slam.store.tables import MapHeader
 
 T = TypeVar('T')
@@ -60,13 +59,6 @@ _SETTLE_S = 40.0
 # Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
 _POLL_S = 0.05
 _MB = 1e6
-
-
-class _LastPart(NamedTuple):
-    """What is needed of the last part of a copied map to write dense map and object map."""
-
-    uids: IntArray  # (K,) of the keyframes
-    receive_maps: Callable[[], SceneExport] | None  # None: both maps are off
 
 
 class MapServices:
@@ -82,6 +74,7 @@ class MapServices:
         scene: Client of the scene process, which has the dense map and the object map.
         loader: Loads saved maps.
         diagnostics: Diagnostics of the node.
+        copy_stored: Copies the map on the disk to a new file (`Checkpoints.copy_to`).
     """
 
     def __init__(
@@ -92,8 +85,9 @@ class MapServices:
         scene: SceneClient,
         loader: MapLoader,
         diagnostics: Diagnostics,
+        copy_stored: Callable[[Path], bool],
     ) -> None:
-        self._config = config
+        self._config, self._copy_stored = config, copy_stored
         self._logger = node.get_logger()
         self._session = session
         self._scene, self._loader = scene, loader
@@ -144,44 +138,38 @@ class MapServices:
         if len(session.slam.map.atlas.keyframes) == 0:
             raise InputError('nothing has been mapped yet: there is nothing to save')
         with replaced(path) as aside:
-            with Database.create(aside, map_file.ALL_TABLES) as database:
-                self._write(database, session)
+            if not self._copy_stored(aside):
+                self._write(aside, session)
             content = map_file.load(aside)  # a map that could not be loaded again is not saved
             size = aside.stat().st_size
         return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
 
-    def _write(self, database: Database, session: SlamSession) -> None:
-        """Write the session's map to a database, with dense map and object map.
+    def _write(self, path: Path, session: SlamSession) -> None:
+        """Write the session's map to a new file, with dense map and object map.
 
         Raises:
             InputError: The map was discarded meanwhile, or the scene process is late.
             MapFileError: It cannot be written.
         """
-        writer, maps = MapWriter(database, session.slam.map.atlas), list[_LastPart]()
+        writer = MapWriter(session.slam.map.atlas, lambda: Database.create(path, ALL_TABLES))
 
-        def copy() -> tuple[MapPart, MapHeader]:
+        def copy() -> tuple[MapPart, MapHeader, Callable[[], SceneExport] | None]:
             if self._session() is not session:
                 raise InputError('the map was discarded meanwhile: there is nothing to save')
-            part = writer.parts.copy()
-            if part.keyframes is not None:
-                receive = self._scene.request_maps(session.robot_map.keyframes())
-                maps.append(_LastPart(part.keyframes.uid, receive))
-            return part, session.robot_map.header()
+            part, robot_map = writer.copy(), session.robot_map
+            is_last = part.keyframes is not None
+            receive = self._scene.request_maps(robot_map.keyframes()) if is_last else None
+            return part, robot_map.header()._replace(stamp_ns=session.stamp_ns), receive
 
-        def copies() -> Iterator[tuple[MapPart, MapHeader]]:
-            while not maps:
-                start_s = time.perf_counter()
-                yield self._node_thread.call(copy)
-                # The tracker has about half of the time.
-                time.sleep(min(time.perf_counter() - start_s, _POLL_S))
-
-        writer.write(copies())
-        ((uids, receive),) = maps
-        if receive is not None:
-            submaps, objects = receive()
-            with database.transaction():
-                put_export(database, submaps)
-                put_objects(database, objects, uids)
+        writer.begin()
+        is_complete = False
+        while not is_complete:
+            start_s = time.perf_counter()
+            part, header, receive = self._node_thread.call(copy)
+            copy_s = time.perf_counter() - start_s
+            maps = SceneExport(None, None) if receive is None else receive()
+            is_complete = writer.append(part, header, partial(put_maps, part, maps))
+            time.sleep(min(copy_s, _POLL_S))  # so that tracking has about half of the time
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
@@ -232,7 +220,7 @@ class MapServices:
 
     def _load(self, request: LoadMap.Request) -> str:
         path = existing_map(self._config.map_directory, request.name)
-        content = checkpoint_folder.load_map(path)
+        content = map_file.load(path)
         session = self._node_thread.call(self._session)
         extend = session.mode is SlamMode.MAPPING
         note = self._loader.load(session, content, keep=request.merge, extend=extend)

@@ -19,16 +19,16 @@ from hoid_common.slam_status import SlamMode, SlamStatus
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.map_io import checkpoint_folder
-from rgbd_slam.map_io.checkpoint_folder import CheckpointFolder
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
+from rgbd_slam.store import map_file
 from rgbd_slam.store.map_directory import existing_map
 from rgbd_slam.store.map_file import MapFile
+from rgbd_slam.store.running_map import RunningMap
 from rgbd_slam.tracking.motion_sources import ExternalOdometry
 
 
@@ -38,7 +38,7 @@ class SessionLifecycle:
     Args:
         node: The SLAM node.
         config: Its parameters.
-        checkpoint: The folder of its checkpoint.
+        running: The database of its map.
         frames: The static transforms of `/tf_static`.
         scene: Client of the scene process, whose scene is started and cleared with the session.
         diagnostics: Diagnostics of the node.
@@ -52,7 +52,7 @@ class SessionLifecycle:
         self,
         node: Node,
         config: SlamNodeConfig,
-        checkpoint: CheckpointFolder,
+        running: RunningMap,
         frames: StaticFrames,
         scene: SceneClient,
         diagnostics: Diagnostics,
@@ -75,7 +75,7 @@ class SessionLifecycle:
         self._first_map_error: HoidError | None = None  # why the configured map file is not used
         self._is_reset = False  # True: the configured map file is not loaded again
         self.checkpoints = Checkpoints(
-            node, config, checkpoint, diagnostics, lambda: self.session, scene.request_maps
+            node, config, running, diagnostics, lambda: self.session, scene.request_maps
         )
         self.loader = MapLoader(node, lambda: self.session, scene, self.checkpoints.keep)
 
@@ -279,7 +279,7 @@ class SessionLifecycle:
     def _read_first_map(self) -> MapFile | None:
         config = self._config
         if config.map_file:
-            return checkpoint_folder.load_map(existing_map(config.map_directory, config.map_file))
+            return map_file.load(existing_map(config.map_directory, config.map_file))
         if SlamMode[config.mode.upper()] is SlamMode.LOCALIZATION:
             raise ConfigError(
                 'mode is localization, which needs a map_file: set it, or the mode mapping'
@@ -300,8 +300,8 @@ class SessionLifecycle:
             raise SystemExit(f'error: {self._config.map_file}: {error}') from error
 
 
-def owned_folder(node: Node, config: SlamNodeConfig) -> CheckpointFolder:
-    """Return the folder of a node's checkpoint, which this process owns if it writes checkpoints.
+def owned_map(node: Node, config: SlamNodeConfig) -> RunningMap:
+    """Return the database of a node's map, which this process owns if it writes checkpoints.
 
     Raises:
         ConfigError: The home folder, with which `map_directory` begins, is not known.
@@ -309,14 +309,14 @@ def owned_folder(node: Node, config: SlamNodeConfig) -> CheckpointFolder:
             `map_directory`.
     """
     domain, name = os.environ.get('ROS_DOMAIN_ID', '0'), node.get_fully_qualified_name()
-    folder = CheckpointFolder(config.map_directory, f'{domain}{name}')
+    running = RunningMap(config.map_directory, f'{domain}{name}')
     try:
         # A node that localizes in a given map does not change it, so that a crash loses nothing.
         if config.checkpoint_period_s > 0 and config.mode == SlamMode.MAPPING.name.lower():
-            folder.own(name)
-    except InputError as error:
+            running.own(name)
+    except MapFileError as error:
         raise SystemExit(f'error: {error}') from None
-    return folder
+    return running
 
 
 @contextmanager

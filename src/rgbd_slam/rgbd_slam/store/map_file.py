@@ -17,16 +17,19 @@ from rgbd_slam.model.map_state import MapState
 from rgbd_slam.store.map_check import check_loops, check_map, check_objects, check_submaps
 from rgbd_slam.store.map_parts import part_of
 from rgbd_slam.store.map_reader import read_map
-from rgbd_slam.store.map_writer import put_header, put_keyframes, put_loops, put_part
-from rgbd_slam.store.scene_tables import SCENE_TABLES, put_scene, read_scene
-from rgbd_slam.store.tables import TABLES, MapHeader
+from rgbd_slam.store.map_writer import (
+    ALL_TABLES,
+    put_header,
+    put_keyframes,
+    put_loops,
+    put_part,
+)
+from rgbd_slam.store.scene_tables import put_scene, read_scene
+from rgbd_slam.store.tables import MapHeader
 
 _SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
 _MAX_DISTORTION = 14  # number of coefficients of OpenCV's largest lens model
 _MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera extends another's map
-
-
-ALL_TABLES = (*TABLES, *SCENE_TABLES)
 
 
 class MapFile(NamedTuple):
@@ -198,13 +201,13 @@ def _write(path: Path, content: MapFile) -> int:
         content.session,
         content.stamp_ns,
     )
-    part = part_of(content.map, content.uids)
+    part = part_of(content.map, content.uids, content.loops)
     assert part.keyframes is not None
     with replaced(path) as aside:
         with Database.create(aside, ALL_TABLES) as database, database.transaction():
             put_header(database, header)
             put_part(database, part)
             put_keyframes(database, part.keyframes)
-            put_loops(database, content.loops)
+            put_loops(database, part.loops)
             put_scene(database, content.dense, content.objects, part.keyframes.uid)
         return aside.stat().st_size

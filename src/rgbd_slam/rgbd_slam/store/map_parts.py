@@ -7,8 +7,7 @@ spanning tree) are few bytes, and are copied with the last part.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from hoid_common.io.records import Array
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import NONE, MapState, joined_rows
 from rgbd_slam.records.soa_table import DEAD
 from rgbd_slam.store.tables import CHUNK, FeatureRows, PointRows, StateRows
@@ -50,14 +50,18 @@ class MapPart(NamedTuple):
     chunks: IntArray  # (C,) chunks of points that are in `points`, ascending
     points: PointRows
     keyframes: KeyframeCopy | None  # None: more parts follow
+    loops: tuple[LoopEdge, ...]  # all of them
 
 
-def part_of(state: MapState, uids: IntArray | None = None) -> MapPart:
+def part_of(
+    state: MapState, uids: IntArray | None = None, loops: tuple[LoopEdge, ...] = ()
+) -> MapPart:
     """Return all of a saved map as one part.
 
     Args:
         state: The map.
         uids: (K,) ascending uids of its keyframes; None: their rows.
+        loops: Its loop edges.
     """
     uids = np.arange(len(state)) if uids is None else uids
     counts, rows = state.num_features.astype(np.int64), np.arange(len(state.position_m))
@@ -79,6 +83,7 @@ def part_of(state: MapState, uids: IntArray | None = None) -> MapPart:
             state.num_found,
         ),
         KeyframeCopy(uids, state.stamp_ns, map_id, parent_uid, state.T_map_camera),
+        loops,
     )
 
 
@@ -100,18 +105,13 @@ class MapParts:
         # of the table of keyframes, and that at which points were copied, by chunk.
         self._state_version, self._chunk_version = nothing, nothing
 
-    @contextmanager
-    def undone_if_failed(self) -> Iterator[None]:
-        """Forget the copies that are made in the block if it raises, because they are not stored.
+    def state(self) -> tuple[IntArray, ...]:
+        """Return which rows have been copied, for `restore`."""
+        return self._uid.copy(), self._state_version.copy(), self._chunk_version.copy()
 
-        They are then made again.
-        """
-        before = self._uid.copy(), self._state_version.copy(), self._chunk_version.copy()
-        try:
-            yield
-        except BaseException:
-            self._uid, self._state_version, self._chunk_version = before
-            raise
+    def restore(self, state: tuple[IntArray, ...]) -> None:
+        """Let `copy` copy the rows again that it has copied since `state` was called."""
+        self._uid, self._state_version, self._chunk_version = (rows.copy() for rows in state)
 
     def copy(self) -> MapPart:
         """Return a copy of the next rows that have changed; it takes a few ms."""
@@ -139,6 +139,7 @@ class MapParts:
             chunks,
             self._points(chunks),
             self._keyframes(rows) if is_last else None,
+            atlas.loops,
         )
 
     def _grow(self, num_chunks: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from hoid_common.values import IntArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.store.map_parts import KeyframeCopy, MapPart, MapParts
+from rgbd_slam.store.scene_tables import SCENE_TABLES
 from rgbd_slam.store.tables import (
     CHUNK,
     FEATURES,
@@ -27,53 +28,113 @@ from rgbd_slam.store.tables import (
     Pose,
 )
 
+ALL_TABLES = (*TABLES, *SCENE_TABLES)
+
 
 class MapWriter:
     """Writes a map that changes to a database, each time what has changed since the last time.
 
-    The first time, the content of the database is replaced.
+    `begin`, then `append` for each part of the map, are one transaction. The database is closed
+    between two of them, so that nothing is left beside it, and its disk can be made read-only. The
+    first time, and if somebody has deleted or replaced the database, all of its content is written
+    anew.
 
     Args:
-        database: A database with the tables `TABLES`, or one that `Database.start` made.
         atlas: The map.
+        open_database: Opens the database, or creates one with empty tables.
     """
 
-    def __init__(self, database: Database, atlas: Atlas) -> None:
-        self.parts = MapParts(atlas)
-        self._database, self._atlas = database, atlas
+    def __init__(self, atlas: Atlas, open_database: Callable[[], Database]) -> None:
+        self.atlas = atlas
+        self._open_database = open_database
+        self._parts = MapParts(atlas)
+        self._before = self._parts.state()  # at `begin`
+        self._database: Database | None = None  # during a transaction
         self._stored: KeyframeCopy | None = None  # None: nothing of this map is stored
+        self._new_uids: IntArray = np.empty(0, np.int64)  # whose features were written by now
 
-    def write(self, copies: Iterable[tuple[MapPart, MapHeader]]) -> None:
-        """Write parts of the map in one transaction.
+    @property
+    def is_open(self) -> bool:
+        """Return whether a transaction has begun that has not ended."""
+        return self._database is not None
 
-        If anything raises, nothing is written, and the next call writes these parts again.
+    @property
+    def is_first(self) -> bool:
+        """Return whether nothing of this map is stored yet."""
+        return self._stored is None
+
+    def begin(self) -> None:
+        """Begin a transaction; raise MapFileError if the database cannot be written."""
+        self._database = database = self._open_database()
+        try:
+            database.begin()
+            if self._stored is None or database.count(KEYFRAMES) != len(self._stored.uid):
+                self._stored, self._parts = None, MapParts(self.atlas)
+                for table in ALL_TABLES:
+                    database.clear(table)
+            self._before, self._new_uids = self._parts.state(), self._new_uids[:0]
+        except BaseException:
+            self.abort()
+            raise
+
+    def copy(self) -> MapPart:
+        """Return a copy of the next part of the map, which takes a few ms, for `append`.
+
+        The map must not change during the call: it is made between two images.
+        """
+        return self._parts.copy()
+
+    def append(
+        self,
+        part: MapPart,
+        header: MapHeader,
+        put_more: Callable[[Database], None] = lambda _: None,
+    ) -> bool:
+        """Write a part of the map; return whether it was the last one, and all is committed.
 
         Args:
-            copies: Yields parts as `parts.copy` returns them, one after the other, until one has
-                keyframes, each with the header of the map at that time.
+            part: A part that `copy` returned after `begin`.
+            header: The header of the map at that time.
+            put_more: Called for the last part; writes to other tables in the same transaction.
 
         Raises:
-            MapFileError: The database cannot be written.
-            Exception: Whatever `copies` raises.
+            MapFileError: The database cannot be written. What it had before is unchanged, and the
+                next transaction writes these parts again.
         """
-        stored = self._stored
-        with self._database.transaction(), self.parts.undone_if_failed():
-            if stored is None:
-                for table in TABLES:
-                    self._database.clear(table)
-            for part, header in copies:
-                put_part(self._database, part)
-                if part.keyframes is not None:
-                    put_keyframes(self._database, part.keyframes, stored)
-                    put_header(self._database, header)
-                    put_loops(self._database, self._atlas.loops)
-                    stored = part.keyframes
-        self._stored = stored
+        assert self._database is not None
+        try:
+            put_part(self._database, part)
+            self._new_uids = np.union1d(self._new_uids, part.new_uids)
+            if part.keyframes is None:
+                return False
+            put_keyframes(self._database, part.keyframes, self._stored, self._new_uids)
+            put_loops(self._database, part.loops)
+            put_header(self._database, header)
+            put_more(self._database)
+            self._database.commit()
+        except BaseException:
+            self.abort()
+            raise
+        self._stored = part.keyframes
+        self._close()
+        return True
+
+    def abort(self) -> None:
+        """Undo all since `begin`, if there is a transaction."""
+        if self._database is not None:
+            self._database.rollback()
+            self._parts.restore(self._before)
+            self._close()
 
     def touch(self, header: MapHeader) -> None:
-        """Write only the header of a map that has not changed since the last `write`."""
-        with self._database.transaction():
-            put_header(self._database, header)
+        """Write only the header of a map that has not changed since the last transaction."""
+        with self._open_database() as database:
+            put_header(database, header)
+
+    def _close(self) -> None:
+        if self._database is not None:
+            self._database.close()
+            self._database = None
 
 
 def put_header(database: Database, header: MapHeader) -> None:
@@ -94,7 +155,10 @@ def put_part(database: Database, part: MapPart) -> None:
 
 
 def put_keyframes(
-    database: Database, keyframes: KeyframeCopy, stored: KeyframeCopy | None = None
+    database: Database,
+    keyframes: KeyframeCopy,
+    stored: KeyframeCopy | None = None,
+    new_uids: IntArray | None = None,
 ) -> None:
     """Write the keyframes that differ from the stored ones, and delete those that are gone.
 
@@ -102,22 +166,26 @@ def put_keyframes(
         database: The database.
         keyframes: All keyframes.
         stored: The keyframes that are stored; None: there are none.
+        new_uids: Uids of keyframes whose features have been written since, of which some may be
+            gone; None: all of them are among `keyframes`.
     """
     is_new = np.ones(len(keyframes.uid), np.bool_)
     if stored is not None:
         _, at, stored_at = np.intersect1d(
             keyframes.uid, stored.uid, assume_unique=True, return_indices=True
         )
-        pairs = [(new[at], old[stored_at]) for new, old in zip(keyframes, stored, strict=True)]
-        is_new[at] = np.any(
-            [(new != old).reshape(len(at), -1).any(axis=1) for new, old in pairs], axis=0
-        )
-        gone = np.setdiff1d(stored.uid, keyframes.uid, assume_unique=True).tolist()
-        for table in (KEYFRAMES, FEATURES, STATES):
-            database.delete(table, gone)
+        is_new[at] = False
+        for new, old in zip(keyframes, stored, strict=True):
+            differs = new[at] != old[stored_at]
+            is_new[at] |= differs.any(axis=tuple(range(1, differs.ndim)))
     *numbers, poses = (column[is_new] for column in keyframes)
     columns = (column.tolist() for column in numbers)
     database.put(KEYFRAMES, zip(*columns, map(Pose, poses), strict=True))
+    known = [] if stored is None else [stored.uid]
+    known += [] if new_uids is None else [new_uids]
+    gone = np.setdiff1d(np.concatenate([keyframes.uid, *known]), keyframes.uid).tolist()
+    for table in (KEYFRAMES, FEATURES, STATES):
+        database.delete(table, gone)
 
 
 def put_loops(database: Database, edges: Sequence[LoopEdge]) -> None:

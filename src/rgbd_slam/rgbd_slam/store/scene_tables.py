@@ -75,11 +75,12 @@ def put_objects(database: Database, objects: ObjectMapState | None, uids: IntArr
 
 
 def _put_contents(database: Database, numbers: IntArray, state: SubmapState) -> None:
-    ends = np.cumsum(state.num_voxels).tolist()
-    starts = [0, *ends[:-1]]
+    ends = np.cumsum(state.num_voxels)
+    starts = ends - state.num_voxels
+    runs = map(slice, starts.tolist(), ends.tolist())
     rows = (
-        (number, SubmapState.of(_single(state.arrays(), n, slice(start, end))))
-        for n, (number, start, end) in enumerate(zip(numbers.tolist(), starts, ends, strict=True))
+        (number, SubmapState.of(_single(state.arrays(), n, run)))
+        for n, (number, run) in enumerate(zip(numbers.tolist(), runs, strict=True))
     )
     database.put(SUBMAPS, rows)
 

@@ -1,0 +1,312 @@
+"""Writes the map of the node to its database at intervals, while images are tracked."""
+
+from __future__ import annotations
+
+import operator
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from threading import Event, Lock, RLock, Thread, get_native_id
+from typing import NamedTuple
+
+from rclpy.node import Node
+
+from hoid_common.errors import HoidError, InputError
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.store.database import Database
+from hoid_scene.dense.submap_export import ExportMark
+from rgbd_slam.ros.node_thread import NodeThread
+from rgbd_slam.ros.scene.messages import SceneExport
+from rgbd_slam.session import SlamSession
+from rgbd_slam.store.map_parts import MapPart
+from rgbd_slam.store.map_writer import MapWriter
+from rgbd_slam.store.running_map import RunningMap
+from rgbd_slam.store.scene_tables import put_export, put_objects
+from rgbd_slam.store.tables import MapHeader
+
+# Chosen: the first checkpoint is written after this time, the others at doubling intervals up to
+# `checkpoint_period_s`.
+_FIRST_S = 1.0
+_MAX_SHARE = 0.05  # chosen: largest share of the time that is spent on writing
+# Chosen: largest share of the tracker's time that is spent on copying a large map in parts.
+_MAX_COPY_SHARE = 0.2
+_NICE = 10  # lower priority than tracking and mapping (decision 016)
+_MS = 1e3
+_VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
+
+ReceiveMaps = Callable[[], SceneExport]
+RequestMaps = Callable[[KeyframePoses, ExportMark | None], ReceiveMaps | None]
+
+
+class _Task(NamedTuple):
+    """What is to be written next."""
+
+    writer: MapWriter
+    header: MapHeader | None  # of a map that has not changed: only this is written
+    keeps_stored: bool  # whether another map is stored, which gets a name of its own before
+
+
+class _Copied(NamedTuple):
+    """A copied part of the map, and what else a checkpoint contains."""
+
+    part: MapPart
+    header: MapHeader
+    copy_s: float  # time for which the tracker waited for the copy
+    # Waits for dense map and object map; None: this is not the last part, or both maps are off.
+    receive_maps: ReceiveMaps | None = None
+
+
+class CheckpointThread:
+    """Writes what has changed in the map at intervals, in a thread of low priority.
+
+    Args:
+        node: The SLAM node.
+        period_s: Usual time between two checkpoints.
+        running: The database of its map, which this process owns.
+        diagnostics: Diagnostics of the node.
+        session: Returns the session, or None while there is no session.
+        request_maps: Requests the object map, and the changes of the dense map since an export;
+            returns a function that waits for them, or None if both maps are off.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        period_s: float,
+        running: RunningMap,
+        diagnostics: Diagnostics,
+        session: Callable[[], SlamSession | None],
+        request_maps: RequestMaps,
+    ) -> None:
+        self._logger = node.get_logger()
+        self._diagnostics = diagnostics
+        self._find_session, self._request_maps = session, request_maps
+        self._node_thread = NodeThread(node)
+        self._period_s, self._running = period_s, running
+        # While True, nothing is written: the camera is searched for in the map that is stored.
+        self.is_paused = False
+        # Whether the session continues the map that is stored; otherwise, that one is kept.
+        self.continues_stored = False
+        self._writer: MapWriter | None = None
+        # The export of the dense map that is stored; None: none is.
+        self._mark: ExportMark | None = None
+        # Version of the map of which a checkpoint was written or is being written; None: none.
+        self._written: int | None = None
+        # Whether the checkpoint was written once more after the map had stopped changing. The
+        # dense map is some images behind the map, so that the first checkpoint may lack some.
+        self._is_dense_written = False
+        self._lock = RLock()  # guards the database and its writer
+        self._is_writing = Lock()  # held by the only thread besides the node's that may write
+        self._is_ended = Event()
+        diagnostics.set_count(_FAILED, 0)
+        diagnostics.set_value(_VALUE, 'none yet')
+        Thread(target=self._run, name='checkpoints', daemon=True).start()
+
+    def end(self) -> None:
+        """Write no further checkpoints."""
+        self._is_ended.set()
+
+    def keep(self) -> None:
+        """Keep the map under a name of its own, which the log says, so that no node resumes it.
+
+        What has changed since the last checkpoint is written first, unless the thread is
+        paused. Call this in the node's thread, while the session still exists.
+        """
+        with self._lock:  # what another thread is writing now must not reach the database later
+            try:
+                if self._writer is not None:
+                    self._writer.abort()
+                if not self.is_paused:
+                    self._write(is_last=True)
+            except Exception as error:  # noqa: BLE001 - the checkpoint before is kept
+                self._report_failure(error)
+            self._use_writer(None)
+            self.is_paused = self.continues_stored = False
+            self._keep_stored()
+
+    def copy_to(self, path: Path) -> bool:
+        """Write what has changed, then copy the stored map to a new file.
+
+        It must be called in another thread than the node's. False is returned without a file if
+        no map of the session is stored.
+
+        Raises:
+            HoidError: The map cannot be written.
+        """
+        with self._is_writing:
+            self._written = None  # so that the dense map is written even if the map is the same
+            self._write()
+            with self._lock:
+                if self._written is None:
+                    return False
+                self._running.copy_to(path)
+                return True
+
+    def _keep_stored(self) -> bool:
+        """Give the stored map a name of its own; return False if that is not possible.
+
+        Both are logged.
+        """
+        try:
+            kept = self._running.keep()
+        except (HoidError, OSError) as error:
+            self._report_failure(error)
+            return False
+        if kept:
+            self._logger.info(kept)
+        return True
+
+    def _use_writer(self, writer: MapWriter | None) -> None:
+        if self._writer is not None:
+            self._writer.abort()
+        self._writer, self._written, self._mark = writer, None, None
+
+    def _run(self) -> None:
+        os.setpriority(os.PRIO_PROCESS, get_native_id(), _NICE)  # of this thread alone
+        pause_s = usual_s = min(_FIRST_S, self._period_s)
+        while not self._is_ended.wait(pause_s):
+            took_s = 0.0
+            try:
+                with self._is_writing:
+                    took_s = self._write()
+            except Exception as error:  # noqa: BLE001 - the next one may be written
+                self._report_failure(error)
+            usual_s = min(2 * usual_s, self._period_s)
+            pause_s = max(usual_s, took_s / _MAX_SHARE)
+
+    def _write(self, *, is_last: bool = False) -> float:
+        """Write what has changed in the map, and return the time [s] that writing took.
+
+        With `is_last`, this is the node's thread, which does not wait between parts of the map.
+        """
+        call = operator.call if is_last else self._node_thread.call
+        task = call(self._begin)
+        start_s, longest_s, wrote_s = time.monotonic(), 0.0, 0.0
+        if task is None or not self._open(task):
+            return 0.0
+        try:
+            while (copied := call(partial(self._copy, task.writer))) is not None:
+                longest_s = max(longest_s, copied.copy_s)
+                maps = self._received(copied, is_first=task.writer.is_first)
+                part_s = time.monotonic()
+                if not self._append(task.writer, copied, maps):
+                    break
+                wrote_s += time.monotonic() - part_s
+                if (keyframes := copied.part.keyframes) is not None:
+                    self._report(len(keyframes.uid), time.monotonic() - start_s, longest_s)
+                    break
+                if not is_last:
+                    self._is_ended.wait(copied.copy_s / _MAX_COPY_SHARE)
+        finally:
+            with self._lock:
+                task.writer.abort()  # if it is not complete
+        return wrote_s
+
+    def _begin(self) -> _Task | None:
+        """Return what to write; None if there is nothing. Runs between images.
+
+        While the camera is being relocalized in the old map, the database of that map stays as it
+        is. If the map has not changed since the last checkpoint, it is written once more for the
+        dense map; afterwards only the stamp in its header is updated.
+        """
+        session = self._find_session()
+        if session is None or self.is_paused:
+            return None
+        atlas = session.slam.map.atlas
+        if len(atlas.keyframes) == 0:
+            return None
+        if self._writer is None or self._writer.atlas is not atlas:
+            return _Task(self._running.writer(atlas), None, keeps_stored=not self.continues_stored)
+        is_same = atlas.version == self._written
+        header = _header(session) if is_same and self._is_dense_written else None
+        self._is_dense_written = is_same
+        return _Task(self._writer, header, keeps_stored=False)
+
+    def _open(self, task: _Task) -> bool:
+        """Begin the transaction of a task; return False if there is none."""
+        with self._lock:
+            if task.keeps_stored and not self._keep_stored():
+                return False
+            if task.writer is not self._writer:
+                self._use_writer(task.writer)
+                self.continues_stored = False
+            if task.header is not None:
+                task.writer.touch(task.header)
+                return False
+            task.writer.begin()
+            if task.writer.is_first:
+                self._mark = None
+            return True
+
+    def _copy(self, writer: MapWriter) -> _Copied | None:
+        """Copy the next part of the map; None if the map was discarded. Runs between images.
+
+        After a change of the camera, the session has another map than the writer.
+        """
+        session = self._find_session()
+        if session is None or writer is not self._writer or not writer.is_open:
+            return None
+        if session.slam.map.atlas is not writer.atlas:
+            return None
+        start_s = time.perf_counter()
+        part, receive_maps = writer.copy(), None
+        if part.keyframes is not None:
+            self._written = session.slam.map.atlas.version
+            receive_maps = self._request_maps(session.robot_map.keyframes(), self._mark)
+        return _Copied(part, _header(session), time.perf_counter() - start_s, receive_maps)
+
+    @staticmethod
+    def _received(copied: _Copied, *, is_first: bool) -> SceneExport | None:
+        """Return dense map and object map for the last part; None: those stored are kept.
+
+        Raises:
+            InputError: They are late, and none are stored.
+        """
+        if copied.receive_maps is None:
+            return SceneExport(None, None)
+        try:
+            return copied.receive_maps()
+        except InputError:  # the scene process has just ended, or is late
+            if is_first:
+                raise
+            return None
+
+    def _append(self, writer: MapWriter, copied: _Copied, maps: SceneExport | None) -> bool:
+        """Write a part of the map; return False without writing if the map was discarded."""
+        with self._lock:
+            if writer is not self._writer or not writer.is_open:
+                return False
+            put = partial(put_maps, copied.part, maps)
+            if writer.append(copied.part, copied.header, put) and maps is not None:
+                self._mark = None if maps.submaps is None else maps.submaps.mark
+            return True
+
+    def _report(self, num_keyframes: int, took_s: float, longest_s: float) -> None:
+        text = (
+            f'{num_keyframes} keyframes written in {took_s:.2f} s, copied in at most '
+            f'{_MS * longest_s:.1f} ms each'
+        )
+        self._diagnostics.set_value(_VALUE, text)
+        self._diagnostics.clear_problem(_FAILED)
+
+    def _report_failure(self, error: Exception) -> None:
+        self._written = None
+        self._diagnostics.count(_FAILED)
+        text = (
+            f'the map cannot be stored to resume it after a crash: {" ".join(str(error).split())}'
+        )
+        self._diagnostics.set_problem(_FAILED, text)
+
+
+def put_maps(part: MapPart, maps: SceneExport | None, database: Database) -> None:
+    """Write dense map and object map with the last part of a map; None: keep those stored."""
+    if maps is not None and part.keyframes is not None:
+        put_export(database, maps.submaps)
+        put_objects(database, maps.objects, part.keyframes.uid)
+
+
+def _header(session: SlamSession) -> MapHeader:
+    return session.robot_map.header()._replace(stamp_ns=session.stamp_ns)

@@ -1,0 +1,135 @@
+"""The database of a node's map, from which the next node resumes if this one is killed.
+
+A map is never deleted. When no node is to resume it any more, its database is renamed to that of a
+saved map.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from time import strftime
+
+from hoid_common.errors import MapFileError
+from hoid_common.io.untrusted import expand_home
+from hoid_common.store.database import SUFFIX, Database, kept, side_files
+from hoid_common.store.owner_lock import OwnerLock
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.store import map_file
+from rgbd_slam.store.map_file import MapFile
+from rgbd_slam.store.map_writer import ALL_TABLES, MapWriter
+from rgbd_slam.store.tables import KEYFRAMES
+
+_KEPT = 'kept-'  # first part of the names of kept maps
+_MB = 1e6
+
+
+class RunningMap:
+    """The database of one node's map, `.running-NODE.hoidmap`.
+
+    Args:
+        directory: The folder of all maps; `~` is the home folder.
+        owner: Name of the node, which must be unique on this machine. In the name of the file,
+            characters other than letters and digits are replaced by "-".
+
+    Raises:
+        ConfigError: `directory` begins with `~`, and the home folder is not known.
+    """
+
+    def __init__(self, directory: str, owner: str) -> None:
+        plain = ''.join(c if c.isalnum() else '-' for c in owner)
+        folder = expand_home(directory, 'map_directory')
+        self.path = folder / f'.running-{plain}{SUFFIX}'  # hidden: no service accepts it as a name
+        self._old = folder / f'.checkpoint-{plain}'
+        self._lock: OwnerLock | None = None
+
+    @property
+    def is_owned(self) -> bool:
+        """Return whether this process may write the database, which `own` asks for."""
+        return self._lock is not None
+
+    def own(self, name: str) -> None:
+        """Make this process the only one that writes the database, until `disown` or its end.
+
+        Raises:
+            MapFileError: Another process does; `name` is the full name of its node.
+        """
+        self._lock = OwnerLock(self.path.with_suffix('.lock'), name)
+
+    def disown(self) -> None:
+        """Let other processes write the database."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def outdated(self) -> str:
+        """Return a warning about a checkpoint of version 0.3 or earlier; '' if there is none."""
+        found = [path for path in (self._old, self._old.with_suffix(SUFFIX)) if path.exists()]
+        if not found:
+            return ''
+        return f'{found[0]} is a checkpoint of version 0.3 or earlier and is not used: delete it'
+
+    def read(self) -> MapFile | None:
+        """Return the map of the database, or None if there is none.
+
+        Raises:
+            MapFileError: It cannot be read, is damaged, or is of another version.
+        """
+        return map_file.load(self.path) if self._num_keyframes() != 0 else None
+
+    def writer(self, atlas: Atlas) -> MapWriter:
+        """Return the writer of a map, which replaces the map that is stored (`keep` it before)."""
+        return MapWriter(atlas, self._open)
+
+    def copy_to(self, path: Path) -> None:
+        """Copy the map to a new file; raise MapFileError if that is not possible."""
+        with Database.open(self.path, ALL_TABLES, is_own=True) as database:
+            database.copy_to(path)
+
+    def keep(self) -> str:
+        """Give the map a name of its own, under which it can be loaded as a saved map.
+
+        Returns:
+            A line for the log that says where the map is, and how to load it; empty if there is no
+            map.
+
+        Raises:
+            MapFileError: The database cannot be renamed; it is unchanged.
+        """
+        count = self._num_keyframes()
+        if count == 0:
+            for path in (self.path, *side_files(self.path)):
+                path.unlink(missing_ok=True)
+            return ''
+        with suppress(MapFileError):  # of a damaged map, the journal is renamed as well
+            Database.open(self.path, [], is_own=True).finish()
+        path = kept(self.path, self.path.with_name(strftime(f'{_KEPT}%Y%m%d-%H%M%S{SUFFIX}')))
+        what = 'unreadable map' if count is None else f'map of {count} keyframes'
+        return (
+            f'{what} kept as {path}; load it with load_map or map_file, by the name {path.stem}. '
+            + self._all_kept()
+        )
+
+    def _all_kept(self) -> str:
+        """Return a sentence about all kept maps, because nobody deletes them but the user."""
+        paths = list(self.path.parent.glob(f'{_KEPT}*{SUFFIX}'))
+        size_mb = sum(path.stat().st_size for path in paths) / _MB
+        return (
+            f'{len(paths)} kept maps take {size_mb:.0f} MB in {self.path.parent}: "hoid map info" '
+            'says what is in them; delete those that you do not need'
+        )
+
+    def _open(self) -> Database:
+        if self.path.exists():
+            return Database.open(self.path, ALL_TABLES, is_own=True)
+        return Database.start(self.path, ALL_TABLES)
+
+    def _num_keyframes(self) -> int | None:
+        """Return the number of keyframes in the database, 0 without one; None: it is damaged."""
+        if not self.path.exists():
+            return 0
+        try:
+            with Database.open(self.path, [], is_own=True) as database:
+                return database.count(KEYFRAMES) if database.has(KEYFRAMES) else 0
+        except MapFileError:
+            return None
