@@ -9,6 +9,7 @@ import pytest
 from hoid_msgs.msg import SlamStatus
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -85,6 +86,26 @@ def test_reliable_messages_are_requested_again_after_a_best_effort_driver(
     strong = sample.probe.publisher(Image, TOPIC)
     strong.publish(Image())
     spin_until(lambda: sample.count('color images refused') == 1, 'no message is received')
+
+
+def test_a_best_effort_driver_that_runs_already_is_asked_for_no_more(domain_id: int) -> None:
+    """The driver would print a warning on its console."""
+    refused: list[object] = []
+    probe = Probe(domain_id)
+    probe.node.create_publisher(
+        Image,
+        TOPIC,
+        qos.input_qos('best_effort', 1),
+        event_callbacks=PublisherEventCallbacks(incompatible_qos=refused.append),
+    )
+    bench = SampleBench(domain_id)
+    try:
+        probe.spin_for(2.0)
+        assert requested(bench) == ['BEST_EFFORT']
+        assert refused == []
+    finally:
+        bench.close()
+        probe.close()
 
 
 @pytest.mark.parametrize(

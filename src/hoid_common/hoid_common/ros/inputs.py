@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -30,6 +30,10 @@ __all__ = ['InputConfig', 'Inputs', 'checked_callback']
 Callback = Callable[[Any], None]
 
 _IMAGES = (Image, CompressedImage)
+# Chosen: time for which a new node waits for publishers that run already, for all its inputs
+# together. With the suite's transport profile they are known within 0.2 s.
+_DISCOVERY_S = 0.3
+_POLL_S = 0.02  # chosen: period of the search for these publishers
 _LOOK_S = 0.5  # chosen: period of the search for a publisher that keeps its last message
 # A larger message is refused unless it is an image. Deserializing a message of this size takes a
 # second.
@@ -47,6 +51,7 @@ class Inputs:
         self._node = node
         self._config = config
         self._diagnostics = diagnostics
+        self._discovered_s = time.monotonic() + _DISCOVERY_S
 
     def color(self, callback: Callback) -> None:
         """Subscribe to color images, compressed if configured or if the topic's name says so.
@@ -177,7 +182,7 @@ class Inputs:
         )
         on_bytes = checked_callback(callback, type_, full_name, what, self._diagnostics)
         depth = queue_length or config.queue_length
-        _Input(self._node, watch, on_bytes, type_, topic, depth)
+        _Input(self._node, watch, on_bytes, type_, topic, depth, self._discovered_s)
 
 
 class _Input:
@@ -195,12 +200,15 @@ class _Input:
         type_: type[Any],
         topic: str,
         depth: int,
+        discovered_s: float,
     ) -> None:
         self._node, self._watch, self._on_bytes = node, watch, on_bytes
         self._type, self._topic, self._depth = type_, topic, depth
         self._last: tuple[bytes, float] | None = None  # last latched message, and its time
         self._has_latched = False  # whether there is a second subscription
-        if watch.reliability == AUTO:
+        if watch.reliability == AUTO and self._offers_best_effort(discovered_s):
+            self._request_best_effort()
+        elif watch.reliability == AUTO:
             self._request_reliable()
         else:
             self._subscribe(watch.reliability)
@@ -211,6 +219,19 @@ class _Input:
             self._timer = node.create_timer(_LOOK_S, self._find_latched, clock=steady)
             if isinstance(node, ManagedNode):
                 node.on_activation.append(self._repeat_last)
+
+    def _offers_best_effort(self, until_s: float) -> bool:
+        """Return whether a publisher that runs already offers best effort only.
+
+        A driver logs each subscription that requests more than it offers, so that publishers are
+        looked for before the first request, up to a time of the monotonic clock.
+        """
+        while True:
+            infos = self._node.get_publishers_info_by_topic(self._watch.topic)
+            if infos or time.monotonic() > until_s:
+                weak = ReliabilityPolicy.BEST_EFFORT
+                return any(info.qos_profile.reliability == weak for info in infos)
+            time.sleep(_POLL_S)
 
     def _request_reliable(self) -> None:
         def relax(_info: object) -> None:
