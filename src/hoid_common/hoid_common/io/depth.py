@@ -25,6 +25,14 @@ _UNIT_STRIDE_PX, _MIN_READINGS = 16, 50
 # fr3_walking_halfsphere). Chosen: limits beyond which a warning is given, because the unit of
 # depth may be wrong.
 _USUAL_MEDIAN_M = (0.3, 8.0)
+# Depth noise over the square of depth (1/m): 0.00077 and 0.00081 (Kinect), 0.00045 and 0.0006
+# (D435), 0.00035 (phone); nearest depths: 0.48 to 1.46 m. Chosen: limits half way, as ratios, to
+# those with depth that is five times too large or small (0.0018 and 0.00016).
+_NOISE_PER_M, _USUAL_NOISE_PER_M = 0.0006, (0.00024, 0.0012)
+_USUAL_NEAREST_M = (0.35, 2.5)
+_LEAST_NOISE_PER_M = 1e-6  # of rendered depth, whose logarithm is needed
+_DEVIATION_PER_MEDIAN = 1.4826  # of the absolute values of a normal distribution
+_SCALES = (0.1, 0.2, 5.0, 10.0)  # units in use: 0.1 mm, 0.2 mm (TUM) and 1 mm
 _NUM_IMAGES = 10  # chosen: a third of a second of images decides whether to warn
 
 
@@ -63,27 +71,61 @@ def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
 
 
 class DepthUnitWarning:
-    """Warns once, with a remedy, if the median of ten depth images is unusual for a room."""
+    """Warns once, with a remedy, if ten depth images look as if their unit were wrong.
+
+    Three signs are used: the median, the nearest depth, and the noise, which grows with the square
+    of the depth in triangulating cameras. Nearest depth and noise must both be unusual.
+    """
 
     def __init__(self, remedy: str) -> None:
         self._remedy = remedy
-        self._medians_m: list[float] = []
+        self._seen: list[tuple[float, float, float]] = []  # median, nearest depth, noise by image
 
     def warning_for(self, depth_m: Float32Array) -> str:
-        """Store the median of depth (H, W) in m; return a warning at the tenth, else ''.
+        """Store the signs of depth (H, W) in m; return a warning at the tenth image, else ''.
 
         Images with few measurements do not count.
         """
-        if len(self._medians_m) >= _NUM_IMAGES or (median_m := _median_m(depth_m)) is None:
+        if len(self._seen) >= _NUM_IMAGES or (median_m := _median_m(depth_m)) is None:
             return ''
-        self._medians_m.append(median_m)
-        typical_m, (least_m, most_m) = float(np.median(self._medians_m)), _USUAL_MEDIAN_M
-        if len(self._medians_m) < _NUM_IMAGES or least_m <= typical_m <= most_m:
+        self._seen.append((median_m, *_nearest_and_noise(depth_m)))
+        if len(self._seen) < _NUM_IMAGES:
             return ''
+        typical_m, nearest_m, noise_per_m = np.median(self._seen, axis=0).tolist()
+        least_m, most_m = _USUAL_MEDIAN_M
+        is_near = nearest_m < _USUAL_NEAREST_M[0] and noise_per_m > _USUAL_NOISE_PER_M[1]
+        is_far = nearest_m > _USUAL_NEAREST_M[1] and noise_per_m < _USUAL_NOISE_PER_M[0]
+        if least_m <= typical_m <= most_m and not is_near and not is_far:
+            return ''
+        likely = ''
+        if is_near or is_far:
+            scale = min(_SCALES, key=lambda s: abs(np.log(noise_per_m / s / _NOISE_PER_M)))
+            change = f'divided by {scale:g}' if scale > 1 else f'multiplied by {1 / scale:g}'
+            likely = (
+                f'; the nearest depth, {nearest_m:.2f} m, and the noise, '
+                f'{1e3 * noise_per_m:.2f} mm at 1 m, fit if the depth units per meter are {change}'
+            )
         return (
-            f'the first depth images have a median of {typical_m:.2f} m, but rooms have '
-            f'{least_m:g} to {most_m:g} m: if the unit is wrong, {self._remedy}'
+            f'the first depth images have a median of {typical_m:.2f} m, and rooms usually '
+            f'{least_m:g} to {most_m:g} m{likely}: if the unit is wrong, {self._remedy}'
         )
+
+
+def _nearest_and_noise(depth_m: Float32Array) -> tuple[float, float]:
+    """Return the first percentile of depth (H, W) in m, and its noise over its square in 1/m.
+
+    The noise is that of third differences along rows, in which surfaces cancel; the median ignores
+    edges.
+    """
+    z = depth_m[::_UNIT_STRIDE_PX].astype(np.float64)
+    four = np.stack([z[:, n : z.shape[1] - 3 + n] for n in range(4)])
+    four = four[:, (four > 0).all(axis=0) & np.isfinite(four).all(axis=0)]
+    readings = z[(z > 0) & np.isfinite(z)]
+    if four.shape[1] == 0:
+        return float(np.percentile(readings, 1)), _NOISE_PER_M
+    third_m = np.abs(four[3] - 3 * four[2] + 3 * four[1] - four[0]) / np.sqrt(20)
+    noise_per_m = _DEVIATION_PER_MEDIAN * np.median(third_m / four[1] ** 2)
+    return float(np.percentile(readings, 1)), max(float(noise_per_m), _LEAST_NOISE_PER_M)
 
 
 def _median_m(depth_m: Float32Array) -> float | None:
