@@ -23,6 +23,7 @@ from hoid_common.config import did_you_mean
 from hoid_common.errors import HoidError, InputError
 from hoid_common.io.files import abandoned_scratch_folders
 from hoid_common.io.untrusted import check_path_name
+from hoid_common.process.limits import require_memory
 from hoid_common.process.output import relay_output
 from hoid_common.process.signals import interrupt_on_termination, termination_signals_blocked
 
@@ -105,6 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if '_ARGCOMPLETE' in os.environ:
             chosen = _command_in(os.environ.get('COMP_LINE', '').split()[1:])
             complete(argument_parser(chosen if chosen in COMMANDS else ''))  # ends the process
+        require_memory()  # before a module of the command imports NumPy
         args = argument_parser(chosen).parse_args(argv)
         if COMMANDS[chosen].is_live:
             # The output of `nodes` is relayed even to a terminal, because `nodes` must not wait if

@@ -20,7 +20,7 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
-from hoid_common.process.limits import require_descriptors
+from hoid_common.process.limits import require_node_limits
 from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.topics import IMU, NAMESPACED_TF
 from hoid_detector.model.model_path import find_model
@@ -112,7 +112,7 @@ def nodes_command(args: argparse.Namespace) -> None:
     Raises:
         HoidError: An option is invalid, or a node ended that is not restarted.
     """
-    require_descriptors()  # the nodes inherit the limit of open files
+    require_node_limits()  # which the nodes inherit
     options = node_options(args)
     check_files(options)
     specs = node_specs(without_detector(options))

@@ -15,7 +15,7 @@ from typing import NoReturn
 
 from hoid_common.errors import ConfigError
 from hoid_common.process.child_process import preload
-from hoid_common.process.limits import require_descriptors
+from hoid_common.process.limits import require_node_limits
 from hoid_common.process.output import relay_output
 from hoid_common.process.signals import NODE_END_SIGNALS
 
@@ -37,8 +37,8 @@ pause.
 def start(module: str) -> NoReturn:
     """Import a node's module, run its `main`, and exit with the status that `main` returns.
 
-    If `main` returns EXIT_CONFIG, the process first waits for the time in REFUSAL_PAUSE. If the
-    process may not open enough files, it ends with EXIT_CONFIG at once.
+    If `main` returns EXIT_CONFIG, the process first waits for the time in REFUSAL_PAUSE. If a
+    limit of the process is too low, it ends with EXIT_CONFIG at once.
 
     Until `main` installs its own handlers, SIGINT ends the process with status 130. SIGINT is also
     unblocked, because a parent may block it while the interpreter starts. From here on, output
@@ -50,7 +50,7 @@ def start(module: str) -> NoReturn:
     signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     try:
-        require_descriptors()
+        require_node_limits()
     except ConfigError as error:
         sys.stderr.write(f'error: {error}\n')
         sys.exit(EXIT_CONFIG)

@@ -1,4 +1,8 @@
-"""System limits that must be high enough for a process, checked at its start."""
+"""System limits that must be high enough for a process, checked at its start.
+
+Without these checks, the process (or another program that it executes in its place) would fail
+later, at any point and with any error.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +12,37 @@ from hoid_common.errors import ConfigError
 
 _MIN_DESCRIPTORS = 256
 """Open files that a process may need: several times the 34 that were measured for a node."""
+_BYTES_PER_MB = 2**20
+# Chosen: more than the 2.1 GB of address space that were measured for a benchmark in a building.
+_MIN_ADDRESS_SPACE_MB = 3000
+_MIN_FILE_MB = 256  # chosen: several times the segment of Fast DDS for images, 64 MB
 
 
-def require_descriptors() -> None:
-    """Raise this process's soft limit of open files to 256 if it is lower.
+def require_memory() -> None:
+    """Raise ConfigError if the limit of this process's address space is too low for NumPy."""
+    _require(
+        resource.RLIMIT_AS,
+        _MIN_ADDRESS_SPACE_MB,
+        'have {} MB of address space',
+        '"ulimit -v unlimited" in the shell, LimitAS=infinity in a service of systemd',
+    )
+
+
+def require_node_limits() -> None:
+    """Check the limits of a node: memory, size of files, and open files.
+
+    The soft limit of open files is raised to 256 if it is lower.
 
     Raises:
-        ConfigError: The hard limit is lower: the process would fail later, at any point.
+        ConfigError: A limit is too low.
     """
+    require_memory()
+    _require(
+        resource.RLIMIT_FSIZE,
+        _MIN_FILE_MB,
+        'write files of {} MB, also for images in shared memory,',
+        '"ulimit -f unlimited" in the shell, LimitFSIZE=infinity in a service of systemd',
+    )
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft >= _MIN_DESCRIPTORS or soft == resource.RLIM_INFINITY:
         return
@@ -26,3 +53,17 @@ def require_descriptors() -> None:
             '"--ulimit nofile=1024" for docker)'
         )
     resource.setrlimit(resource.RLIMIT_NOFILE, (_MIN_DESCRIPTORS, hard))
+
+
+def _require(kind: int, least_mb: int, what: str, remedy: str) -> None:
+    soft, hard = resource.getrlimit(kind)
+    least = least_mb * _BYTES_PER_MB
+    if soft == resource.RLIM_INFINITY or soft >= least:
+        return
+    if hard == resource.RLIM_INFINITY or hard >= least:
+        resource.setrlimit(kind, (hard, hard))
+        return
+    raise ConfigError(
+        f'this process may {what.format(hard // _BYTES_PER_MB)} and needs {least_mb}: raise the '
+        f'limit ({remedy})'
+    )
