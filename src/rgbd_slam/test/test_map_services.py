@@ -20,15 +20,15 @@ from rgbd_slam.ros.map_services import MapServices
 class FakeNode:
     """A node, its log, its diagnostics and the thread of its services."""
 
-    group = None
-
     def __init__(self, *_: object) -> None:
+        self.group = self
         self.services: dict[str, Callable[[Any, Any], Any]] = {}
+        self.groups: dict[str, object] = {}
 
     def create_service(
-        self, _: object, name: str, respond: Callable[[Any, Any], Any], **__: object
+        self, _: object, name: str, respond: Callable[[Any, Any], Any], *, callback_group: object
     ) -> None:
-        self.services[name] = respond
+        self.services[name], self.groups[name] = respond, callback_group
 
     def get_logger(self) -> FakeNode:
         return self
@@ -70,3 +70,5 @@ def test_a_mode_that_was_switched_is_a_success(
     assert modes == [SlamMode.LOCALIZATION]
     assert response.success
     assert response.message == message
+    # A request for a file, on a disk that does not respond, must not delay it.
+    assert node.groups[topics.SET_MODE] is not node.groups[topics.SAVE_MAP]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from multiprocessing import Pipe
+
 import pytest
 
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import Mapper
 from rgbd_slam.processes import mapper_worker
-from rgbd_slam.processes.mapper_worker import MapperServer, Settle
+from rgbd_slam.processes.mapper_worker import MapperServer, Settle, run_mapper
 
 from .ring_world import CAMERA
 
@@ -33,3 +35,16 @@ def test_an_adjustment_that_failed_is_reported_once_as_its_end(
     assert report.is_settled
     assert not report.completes_request
     assert server.poll() is None
+
+
+def test_a_tracker_that_was_killed_ends_the_process_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(mapper_worker, '_NICE', 0)
+    for reads_first in (True, False):
+        requests, to_requests = Pipe(duplex=False)
+        from_reports, reports = Pipe(duplex=False)
+        to_requests.close()
+        if not reads_first:
+            from_reports.close()
+        run_mapper(requests, reports, CAMERA, SlamConfig())

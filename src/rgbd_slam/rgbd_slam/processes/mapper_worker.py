@@ -167,14 +167,14 @@ def run_mapper(
     """
     os.nice(_NICE)
     server = MapperServer(camera, config)
-    reports.send(Ready())
     try:
+        reports.send(Ready())
         while True:
             has_request = requests.poll(_IDLE_S)
             report = server.serve(requests.recv()) if has_request else server.poll()
             if report is not None:
                 reports.send(report)
-    except (EOFError, BrokenPipeError):
-        pass  # the tracker has ended
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        pass  # the tracker has ended or was killed, even while this process was starting
     finally:
         server.close()

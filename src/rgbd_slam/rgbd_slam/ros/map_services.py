@@ -64,6 +64,8 @@ _MB = 1e6
 class MapServices:
     """Offers the map services in a separate thread, which continues after a request has failed.
 
+    The service that sets the mode has a thread of its own, so that a disk that does not respond
+    delays no change of the mode.
     It offers the services of the object map (`ObjectServices`) as well, and removes unfinished
     files that killed processes have left in `map_directory`.
 
@@ -92,7 +94,7 @@ class MapServices:
         self._session = session
         self._scene, self._loader = scene, loader
         self._node_thread = NodeThread(node)
-        self._thread = ServiceThread(node)
+        self._thread, self._mode_thread = ServiceThread(node), ServiceThread(node)
         handlers = ServiceHandlers(node, diagnostics, self._thread.group)
         for type_, topic, handle in (
             (SaveMap, topics.SAVE_MAP, self._save),
@@ -100,16 +102,19 @@ class MapServices:
             (SaveMap, topics.SAVE_CLOUD, self._save_cloud),
             (SaveMap, topics.SAVE_GRID, self._save_grid),
             (LoadMap, topics.LOAD_MAP, self._load),
-            (SetMode, topics.SET_MODE, self._set_mode),
         ):
             handlers.add(type_, topic, handle)
+        mode = ServiceHandlers(node, diagnostics, self._mode_thread.group)
+        mode.add(SetMode, topics.SET_MODE, self._set_mode)
         ObjectServices(handlers, scene, config.frames.map, self._new_path)
         self._remove_abandoned()
-        self._thread.start(handlers.report_fault)
+        for thread in (self._thread, self._mode_thread):
+            thread.start(handlers.report_fault)
 
     def close(self) -> None:
         """End the thread; wait at most two seconds for a request that is being handled."""
-        self._thread.close()
+        for thread in (self._thread, self._mode_thread):
+            thread.close()
 
     def _path(self, name: str, kind: FileKind) -> Path:
         return path_in(self._config.map_directory, name, kind)
