@@ -1,6 +1,8 @@
 """Samples of an IMU are read from text files and from topics of a bag."""
 
+from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -139,3 +141,60 @@ def test_a_sensor_whose_values_are_all_zero_is_missing(tmp_path: Path) -> None:
     assert found.accelerations is not None
     assert found.rates.stamps_ns.tolist() == [1, 3, 5]
     assert found.accelerations.stamps_ns.tolist() == [2, 4, 6]
+
+
+NUM_SAMPLES, IMU_PERIOD_NS = 40, 5_000_000
+
+
+def rate_at(i: float) -> list[float]:
+    return [0.01 * i, -0.02 * i - 0.1, 0.3]
+
+
+def force_at(i: float) -> list[float]:
+    return [0.1, 0.02 * i, 9.8]
+
+
+def driver_messages(method: str) -> dict[str, list[tuple[float, Any]]]:
+    """Return the messages by topic, with their numbers, as realsense2_camera publishes an IMU.
+
+    The gyro has every number, the accelerometer every other one. With `unite_imu_method` 1 (copy),
+    each message has the newest value of the other sensor; with 2 (linear), an interpolated one.
+    """
+    imu, accel, gyro = '/camera/imu', '/camera/accel/sample', '/camera/gyro/sample'
+    found: dict[str, list[tuple[float, Any]]] = {}
+    for i in range(NUM_SAMPLES):
+        ns = NS_PER_S + i * IMU_PERIOD_NS
+        rate = np.array(rate_at(i))
+        if method == 'none':
+            found.setdefault(gyro, []).append((i, bag_messages.imu(ns, None, rate)))
+            if i % 2 == 0:
+                found.setdefault(accel, []).append(
+                    (i, bag_messages.imu(ns, np.array(force_at(i))))
+                )
+            continue
+        force = np.array(force_at(i if method == 'linear' else i - i % 2))
+        message = bag_messages.imu(ns, force, rate)
+        if method == 'no covariance':
+            message.orientation_covariance[:] = 0
+        found.setdefault(imu, []).append((i, message))
+    return found
+
+
+@pytest.mark.parametrize('method', ['none', 'copy', 'linear', 'no covariance'])
+def test_an_imu_as_drivers_publish_it(method: str, tmp_path: Path) -> None:
+    found = driver_messages(method)
+    with BagWriter(tmp_path / 'bag') as writer:
+        for topic in found:
+            writer.add_topic(topic, IMU)
+        for topic, messages in found.items():
+            for i, message in messages:
+                writer.write(topic, int(i), message)
+    imu = reduce(ImuRecording.joined, (read_imu(topic, tmp_path / 'bag') for topic in found))
+    assert imu.rates is not None
+    assert imu.accelerations is not None
+    np.testing.assert_allclose(imu.rates.values, [rate_at(i) for i in range(NUM_SAMPLES)])
+    numbers = (imu.accelerations.stamps_ns - NS_PER_S) / IMU_PERIOD_NS
+    assert len(numbers) == (NUM_SAMPLES // 2 if method == 'none' else NUM_SAMPLES)
+    for number, force in zip(numbers, imu.accelerations.values, strict=True):
+        taken_at = number - number % 2 if method in ('copy', 'no covariance') else number
+        np.testing.assert_allclose(force, force_at(taken_at))

@@ -214,3 +214,19 @@ def test_centers_after_the_number_of_the_image_are_refused() -> None:
     probe = Probe(SIZE_WH, ('output',), (rows[None],), {}, ('person', 'cup', 'chair'))
     with pytest.raises(ModelError, match='the answer fits no known order of columns'):
         recognize(probe)
+
+
+@pytest.mark.parametrize('num_classes', [None, 1, 2, 3, 80])
+@pytest.mark.parametrize('shape', [(0, 7), (0, 6), (1, 0, 6)])
+def test_a_table_without_a_box_is_recognized(
+    shape: tuple[int, ...], num_classes: int | None
+) -> None:
+    """As YOLOv7 exported with `--end2end --max-wh` answers a test image that shows nothing."""
+    names = None if num_classes is None else COCO[:num_classes]
+    for size_wh in ((640, 640), SIZE_WH):
+        layout = recognize(Probe(size_wh, ('output',), (np.zeros(shape, np.float32),), {}, names))
+        columns = 'batch_xyxy_class_score' if shape[-1] == 7 else 'xyxy_score_class'
+        row = (10.5, 20.25, 30.5, 60.75, 0.9, 0)
+        found = layout.decode([table((row,), columns)], size_wh, THRESHOLD)
+        assert found.class_ids.tolist() == [0]
+        np.testing.assert_allclose(found.boxes_xyxy_px, [row[:4]])
