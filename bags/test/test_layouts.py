@@ -64,6 +64,12 @@ def openloris(folder: Path) -> None:
     images(folder, 'color/{}.png', 'aligned_depth/{}.png', 1000)
     lists(folder, color='color/{}.png', aligned_depth='aligned_depth/{}.png')
     truth(folder)
+    (folder / 'sensors.yaml').write_text(
+        '%YAML:1.0\nd400_color_optical_frame:\n   fps: 30\n   width: 64\n   height: 48\n'
+        '   intrinsics: !!opencv-matrix\n      rows: 1\n      cols: 4\n      dt: d\n'
+        '      data: [ 6.0e+01, 3.15e+01,\n          6.1e+01, 2.35e+01 ]\n'
+        'd400_depth_optical_frame:\n   width: 64\n'
+    )
     for name, z in (('d400_gyroscope', 0.1), ('d400_accelerometer', 9.8)):
         lines = ['# time x y z', *(f'{1 + 0.01 * i:.3f} 0 0 {z}' for i in range(10))]
         (folder / f'{name}.txt').write_text('\n'.join(lines) + '\n')
@@ -100,7 +106,7 @@ def test_a_layout_is_known_by_its_files(name: str, tmp_path: Path) -> None:
     folder = tmp_path / 'recording'
     folder.mkdir()
     writer(folder)
-    given = CAMERA if name in ('TUM', 'OpenLORIS') else None
+    given = CAMERA if name == 'TUM' else None
     sequence = open_sequence(folder, given)
     expected = '' if name == 'TUM' else f'{name} layout: color '
     assert str(sequence)[: len(expected) or None] == expected
@@ -141,13 +147,17 @@ def test_the_imu_of_openloris_is_found(tmp_path: Path) -> None:
         ('intrinsic.json', '{', r'intrinsic\.json: is not JSON'),
         ('intrinsic.json', '[]', r'intrinsic\.json: expected a JSON object'),
         ('intrinsic.json', '{"intrinsic_matrix": [1]}', 'intrinsic_matrix must have nine numbers'),
+        ('sensors.yaml', 'd400_color_optical_frame:', r'sensors\.yaml: has no intrinsics'),
         ('traj.txt', '1 2 3', 'None'),
     ],
 )
 def test_files_that_state_no_camera_are_named(
     name: str, text: str, expected: str, tmp_path: Path
 ) -> None:
-    writer = {'calibration.txt': eth3d, 'intrinsic.json': open3d, 'traj.txt': replica}[name]
+    writer = {
+        'calibration.txt': eth3d, 'intrinsic.json': open3d, 'traj.txt': replica,
+        'sensors.yaml': openloris,
+    }[name]  # fmt: skip
     folder = tmp_path / 'recording'
     folder.mkdir()
     writer(folder)

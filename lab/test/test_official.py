@@ -9,7 +9,12 @@ import pytest
 
 from hoid_benchmarks.commands import add_bench_arguments, bench_command
 from hoid_benchmarks.jobs.results import Result
-from hoid_benchmarks.plan.official import find_official, packed_official, short_name
+from hoid_benchmarks.plan.official import (
+    find_official,
+    official_name,
+    packed_official,
+    short_name,
+)
 from hoid_benchmarks.plan.plan import Job, Plan, load_plan
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.publish.official import official_text, sequences_text
@@ -45,6 +50,15 @@ def test_sequences_are_found_in_folders_in_folders(tmp_path: Path) -> None:
     assert find_official(tmp_path) == {'bonn_crowd': crowd, 'fr3_walking_xyz': nested}
     assert find_official(nested) == {'fr3_walking_xyz': nested}
     assert packed_official(tmp_path) == ['rgbd_dataset_freiburg3_walking_rpy.tgz']
+
+
+def test_folders_of_eth3d_are_known_by_their_files(tmp_path: Path) -> None:
+    folder = tmp_path / 'training/cables_1'
+    folder.mkdir(parents=True)
+    for name in ('rgb.txt', 'calibration.txt'):
+        (folder / name).touch()
+    assert find_official(tmp_path) == {'eth3d_cables_1': folder}
+    assert official_name('eth3d_cables_1') == 'cables_1'
 
 
 def test_an_archive_that_is_not_unpacked_is_named(tmp_path: Path) -> None:

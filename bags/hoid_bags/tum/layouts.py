@@ -7,6 +7,7 @@ Replica as NICE-SLAM renders it, and Open3D's recorders for RealSense and Azure 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,6 +29,11 @@ ACCELEROMETER = 'accelerometer.txt'
 GYRO = 'gyro.txt'
 _MM = 1000.0
 _RATE_HZ = 30.0  # chosen: of recordings whose files have numbers and no stamps
+_OPENLORIS_COLOR = re.compile(
+    r'd400_color_optical_frame:.*?width:\s*(?P<w>\d+).*?height:\s*(?P<h>\d+)'
+    r'.*?data:\s*\[(?P<data>[^]]+)\]',
+    re.DOTALL,
+)
 _MAX_BYTES = 100_000_000  # chosen: a trajectory of a million poses
 
 
@@ -86,6 +92,24 @@ def _eth3d_camera(folder: Path) -> FolderCamera:
         return FolderCamera(CameraModel(*(size_px or (0, 0)), fx, fy, cx, cy))
     except (ValueError, ConfigError) as error:
         raise InputError(f'{path}: expected fx fy cx cy of the images in rgb/') from error
+
+
+def _openloris_camera(folder: Path) -> FolderCamera:
+    """Return the color camera of sensors.yaml, which has tags of OpenCV and is no plain YAML.
+
+    Its matrix of one row is fx, cx, fy, cy.
+    """
+    path = folder / 'sensors.yaml'
+    if not path.exists():
+        return FolderCamera(None)
+    found = _OPENLORIS_COLOR.search(read_text(path))
+    values = re.split(r'[\s,]+', found['data'].strip()) if found else []
+    try:
+        fx, cx, fy, cy = map(float, values)
+    except ValueError as error:
+        raise InputError(f'{path}: has no intrinsics of d400_color_optical_frame') from error
+    assert found is not None
+    return FolderCamera(_camera(path, [int(found['w']), int(found['h']), fx, fy, cx, cy]))
 
 
 def _replica_camera(folder: Path) -> FolderCamera:
@@ -160,10 +184,10 @@ LAYOUTS = (
         _eth3d_camera,
     ),
     TUM,
-    # Its poses are those of the robot, and its camera is in OpenCV's YAML.
+    # Its poses are those of the robot.
     Layout(
         'OpenLORIS', ('color.txt', 'aligned_depth.txt'), 'color.txt', 'aligned_depth.txt', _MM,
-        _camera_in_name, truth='', gyro='d400_gyroscope.txt',
+        _openloris_camera, truth='', gyro='d400_gyroscope.txt',
         accelerometer='d400_accelerometer.txt',
     ),
     Layout(

@@ -1,4 +1,4 @@
-"""Finds recordings of TUM RGB-D and of Bonn RGB-D Dynamic by the names of their folders."""
+"""Finds recordings of TUM RGB-D, Bonn RGB-D Dynamic and ETH3D by their folders."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from hoid_bags.tum.layouts import COLOR_LIST
+from hoid_bags.tum.layouts import COLOR_LIST, find_layout
 
 WHERE = (
     'https://cvg.cit.tum.de/data/datasets/rgbd-dataset/download and '
@@ -17,6 +17,7 @@ _DEPTH = 2  # of folders below the given one: archives may unpack to a folder in
 _COPY = r'(?: ?\(\d+\))?'  # a browser's suffix of a second download
 _TUM = re.compile(rf'(?:rgbd[ _-]dataset[ _-])?(?:freiburg|fr)([123])[ _-](.+?){_COPY}', re.I)
 _BONN = re.compile(rf'(?:rgbd[ _-])?bonn[ _-](?!dataset$)(.+?){_COPY}', re.I)
+_ETH3D = 'eth3d_'  # of short names; the folders have any names and are known by their files
 _PACKED = re.compile(r'\.(?:tgz|tar|tar\.gz|zip)$', re.I)
 
 
@@ -36,8 +37,9 @@ def official_name(name: str) -> str:
     """Return the official folder name for a short name; empty if the name is not official."""
     if match := re.fullmatch(r'fr([123])_(\w+)', name):
         return f'rgbd_dataset_freiburg{match[1]}_{match[2]}'
-    match = re.fullmatch(r'bonn_(\w+)', name)
-    return f'rgbd_bonn_{match[1]}' if match else ''
+    if match := re.fullmatch(r'bonn_(\w+)', name):
+        return f'rgbd_bonn_{match[1]}'
+    return name.removeprefix(_ETH3D) if name.startswith(_ETH3D) else ''
 
 
 def find_official(folder: Path) -> dict[str, Path]:
@@ -48,7 +50,7 @@ def find_official(folder: Path) -> dict[str, Path]:
     """
     found: dict[str, list[Path]] = {}
     for path in _folders(folder.resolve(), _DEPTH):
-        if name := short_name(path.name):
+        if name := short_name(path.name) or _eth3d_name(path):
             found.setdefault(name, []).append(path)
     return {
         name: min(found[name], key=lambda p: (not _is_recording(p), len(p.parts), p.name))
@@ -71,6 +73,13 @@ def _folders(folder: Path, depth: int) -> Iterator[Path]:
         for path in sorted(folder.iterdir()):
             if path.is_dir():
                 yield from _folders(path, depth - 1)
+
+
+def _eth3d_name(path: Path) -> str:
+    """Return the short name of a folder in the layout of ETH3D; empty for another layout."""
+    layout = find_layout(path)
+    is_eth3d = layout is not None and layout.name == 'ETH3D'
+    return f'{_ETH3D}{_plain(path.name)}' if is_eth3d else ''
 
 
 def _is_recording(folder: Path) -> bool:
