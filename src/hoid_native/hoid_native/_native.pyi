@@ -916,12 +916,7 @@ def share_on_surface(
     """
     Return the ratio of points (N, 3) that are in cells of a surface; 0 without points.
 
-    Args:
-        points_map_m: (N, 3) points of the map frame.
-        T_object_map: (4, 4) transform from the map frame to that of the cells.
-        cells: ascending int64 keys of the cells (`cells_of`).
-        cell_m: side of a cell.
-        bits: number of cells along each axis (see `voxel_keys`).
+    The points are in the map frame; the other arguments are those of `pixels_on_surface`.
     """
 
 def share_in_box(
@@ -933,11 +928,7 @@ def share_in_box(
     """
     Return the ratio of points (N, 3) of the map frame that are inside a box; 0 without points.
 
-    Args:
-        points_map_m: (N, 3) points.
-        T_box_map: (4, 4) transform from the map frame to that of the box.
-        low_m: (3,) lowest corner.
-        high_m: (3,) highest corner.
+    The box has a lowest and a highest corner (3,) in a frame to which `T_box_map` (4, 4) maps.
     """
 
 def object_surfaces(
@@ -1200,11 +1191,8 @@ def evaluate_matches(
     between poses that have different outliers.
 
     Args:
-        camera: camera model of the image, with its measured noise.
+        camera: camera model; points and measurements as in `optimize_pose`.
         gates: chi-square limits of outliers.
-        points_m: (N, 3) map points in the map frame.
-        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (N,) as in `optimize_pose`.
         T_camera_map: (4, 4) pose.
     """
 
@@ -1225,13 +1213,9 @@ def most_biasing_region(
     `joint_noise` is on. If a point or the pose is not finite, the region is empty and has a gain of 0.
 
     Args:
-        camera: camera model of the image, with its measured noise.
+        camera: camera model; points and measurements as in `optimize_pose`.
         gates: chi-square limits of outliers. A pixel error beyond `gates.mono` and a disparity error
             beyond 3.841 are not used.
-        points_m: (N, 3) map points in the map frame.
-        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The disparity
-            u - u_right has a variance of its own, which the camera states.
         T_camera_map: (4, 4) pose fitted to all matches.
         noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
     """
@@ -1257,16 +1241,14 @@ def adjust_bundle(
 
     Args:
         lens: camera model of all images.
-        gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
-            that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
+        gates: chi-square limits of outliers, as in `optimize_pose`.
         T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
         num_free: number of optimized cameras.
         points_m: (P, 3) map points in the map frame, which are all optimized.
         camera: (M,) int64 index of the camera of each observation.
         point: (M,) int64 index of the point of each observation. A camera observes a point at most
             once.
-        measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        inv_sigma2: (M,) as in `optimize_pose`, of each observation.
+        measured_px, inv_sigma2: (M, 3) and (M,) as in `optimize_pose`, of each observation.
         rounds: number of rounds, at least 1.
         iterations: largest number of iterations in each round.
 

@@ -218,12 +218,7 @@ Args:
     "points_map_m"_a, "T_object_map"_a, "cells"_a, "cell_m"_a, "bits"_a, R"(
 Return the ratio of points (N, 3) that are in cells of a surface; 0 without points.
 
-Args:
-    points_map_m: (N, 3) points of the map frame.
-    T_object_map: (4, 4) transform from the map frame to that of the cells.
-    cells: ascending int64 keys of the cells (`cells_of`).
-    cell_m: side of a cell.
-    bits: number of cells along each axis (see `voxel_keys`).)");
+The points are in the map frame; the other arguments are those of `pixels_on_surface`.)");
   module.def(
     "share_in_box",
     [](
@@ -237,11 +232,7 @@ Args:
     "points_map_m"_a, "T_box_map"_a, "low_m"_a, "high_m"_a, R"(
 Return the ratio of points (N, 3) of the map frame that are inside a box; 0 without points.
 
-Args:
-    points_map_m: (N, 3) points.
-    T_box_map: (4, 4) transform from the map frame to that of the box.
-    low_m: (3,) lowest corner.
-    high_m: (3,) highest corner.)");
+The box has a lowest and a highest corner (3,) in a frame to which `T_box_map` (4, 4) maps.)");
 }
 
 }  // namespace

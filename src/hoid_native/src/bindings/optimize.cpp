@@ -171,11 +171,8 @@ The squared errors of pixel and disparity, each divided by its measured variance
 between poses that have different outliers.
 
 Args:
-    camera: camera model of the image, with its measured noise.
+    camera: camera model; points and measurements as in `optimize_pose`.
     gates: chi-square limits of outliers.
-    points_m: (N, 3) map points in the map frame.
-    measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (N,) as in `optimize_pose`.
     T_camera_map: (4, 4) pose.)");
   module.def(
     "most_biasing_region",
@@ -201,13 +198,9 @@ the matches (docs/decisions/036). Pixel and disparity are independent measuremen
 `joint_noise` is on. If a point or the pose is not finite, the region is empty and has a gain of 0.
 
 Args:
-    camera: camera model of the image, with its measured noise.
+    camera: camera model; points and measurements as in `optimize_pose`.
     gates: chi-square limits of outliers. A pixel error beyond `gates.mono` and a disparity error
         beyond 3.841 are not used.
-    points_m: (N, 3) map points in the map frame.
-    measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The disparity
-        u - u_right has a variance of its own, which the camera states.
     T_camera_map: (4, 4) pose fitted to all matches.
     noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.)");
   module.def(
@@ -244,16 +237,14 @@ following rounds. Pixels and disparities have separate robust kernels, unless `j
 
 Args:
     lens: camera model of all images.
-    gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
-        that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
+    gates: chi-square limits of outliers, as in `optimize_pose`.
     T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
     num_free: number of optimized cameras.
     points_m: (P, 3) map points in the map frame, which are all optimized.
     camera: (M,) int64 index of the camera of each observation.
     point: (M,) int64 index of the point of each observation. A camera observes a point at most
         once.
-    measured_px: (M, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    inv_sigma2: (M,) as in `optimize_pose`, of each observation.
+    measured_px, inv_sigma2: (M, 3) and (M,) as in `optimize_pose`, of each observation.
     rounds: number of rounds, at least 1.
     iterations: largest number of iterations in each round.
 

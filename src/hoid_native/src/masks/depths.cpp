@@ -34,7 +34,7 @@ public:
 #endif
   }
 
-  // Write the bits of the readings and return their number. The bits of positive floats are
+  // Write the bits of the measurements and return their number. The bits of positive floats are
   // ordered like their values.
   ALWAYS_INLINE int read(uint32_t* bits) const
   {
@@ -43,7 +43,7 @@ public:
       const float* row = at(v, 0);
       for (int u = left_; u < left_ + side_; ++u) {
         const float reading = row[std::clamp(u, 0, depth_m_.width - 1)];
-        // Without a branch: the next pixel overwrites this one if it is no reading.
+        // Without a branch: the next pixel overwrites this one if it is no measurement.
         std::memcpy(bits + count, &reading, sizeof(*bits));
         count += static_cast<int>(reading > 0);
       }

@@ -31,7 +31,7 @@ struct HandlingRule
 
 struct ClassifiedBoxes
 {
-  std::vector<double> depth_m;  // (count) median at each box's center; NaN without readings
+  std::vector<double> depth_m;  // (count) median at each box's center; NaN without measurements
   std::vector<double> overlap;  // (count) share covered by the handling person, else the largest
   std::vector<double> gap_m;    // (count) depth difference to the same person; NaN = unknown
   std::vector<uint8_t> moves;   // (count) role of each dynamic box; 0 = static
@@ -67,7 +67,7 @@ struct Objects
 // Write 1 for each pixel of a depth image that shows a dynamic object, and 0 for the others.
 //
 // To an object belong the regions that lie mostly in its area and near its depth, and the gaps
-// without readings beside them. It may extend beyond its area by a tenth of the area's side
+// without measurements beside them. It may extend beyond its area by a tenth of the area's side
 // (decision 010), because boxes cut off hands. Parts of a region further outside belong to a surface
 // that the object touches, such as a desk under a hand. If the regions fill little of the area of a
 // detected object, the object has merged with its surroundings; then every pixel of the area near

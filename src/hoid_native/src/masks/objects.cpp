@@ -15,13 +15,13 @@ namespace hoid::masks {
 namespace {
 
 constexpr double kMinInsideShare = 0.6;  // chosen: share of an object's region that is in its box
-// Chosen: if its regions fill a smaller share of its box, a detected object has merged with what
+// Chosen: if its regions fill a smaller ratio of its box, a detected object has merged with what
 // it touches.
 constexpr double kMinFilledShare = 0.25;
-// How far an object extends beyond its box, as a share of its side (decision 010: `crowd` 2.9 mm
+// How far an object extends beyond its box, as a ratio of its side (decision 010: `crowd` 2.9 mm
 // instead of 3.2, and no image of a half occluded `fr1_xyz` is lost instead of 77).
 constexpr double kMaxBeyondShare = 0.1;
-// Chosen: gaps without readings belong to the object up to this many pixels from its regions.
+// Chosen: gaps without measurements belong to the object up to this many pixels from its regions.
 constexpr int kGapReachPx = 5;
 
 // A rectangle of an image: columns [x1, x2), rows [y1, y2).
@@ -33,7 +33,7 @@ struct Area
   int height() const { return std::max(y2 - y1, 0); }
 };
 
-// Set the pixels without readings that have a set pixel within reach along rows and columns.
+// Set the pixels without measurements that have a set pixel within reach along rows and columns.
 // `pixels` are those of the area, row by row.
 void fill_gaps(const float* depth_m, int stride, const Area& area, std::vector<uint8_t>& pixels)
 {

@@ -19,13 +19,13 @@ constexpr float kBinM = 0.1F;
 constexpr float kMaxDepthM = 10.0F;  // farther than a depth camera measures
 constexpr int kBins = 128;           // kMaxDepthM / kBinM and some more
 constexpr int kLayerBins = 4;        // 0.4 m: the thickness of a torso
-// The nearest layer with this share of the largest one's size is the person; larger layers behind
+// The nearest layer with this ratio of the largest one's size is the person; larger layers behind
 // it are the background.
 constexpr double kMinLayerShare = 0.6;
 // The part of a box that mostly shows the person: x1, y1, x2, y2 as shares of its sides.
 constexpr double kMiddle[] = {0.2, 0.1, 0.8, 0.9};
 constexpr float kMaxStepM = 0.5F;  // a person's depth changes by less between images
-// With a smaller share of the readings near the known depth, it was that of the background.
+// With a smaller ratio of the measurements near the known depth, it was that of the background.
 constexpr double kMinNearShare = 0.3;
 
 int pixel(double place_px, int size)
@@ -51,7 +51,7 @@ void read_middle(const Image<float>& depth_m, const double* box, std::vector<flo
   }
 }
 
-// Keep only the readings near the known depth, unless these are too few.
+// Keep only the measurements near the known depth, unless these are too few.
 void keep_near(float known_m, std::vector<float>& readings)
 {
   const auto is_near = [known_m](float reading) {
@@ -68,7 +68,7 @@ int bin_of(float reading)
   return static_cast<int>(reading / kBinM);
 }
 
-// Return the first bin of the nearest large layer of readings.
+// Return the first bin of the nearest large layer of measurements.
 int first_layer(const std::vector<float>& readings)
 {
   int count[kBins + kLayerBins] = {}, layer[kBins + kLayerBins] = {};

@@ -12,7 +12,7 @@
 namespace hoid::masks {
 
 // Chosen: a depth jump is at least 0.02 m plus 3 % of the depth over 3x3 pixels, so that noise and
-// slanted surfaces do not split a region. Pixels without a reading count as depth 0.
+// slanted surfaces do not split a region. Pixels without a measurement count as depth 0.
 constexpr float kJumpM = 0.02F, kJumpShare = 0.03F;
 
 // Write for each pixel of a row whether it is smooth: it has a reading, and there is no depth jump

@@ -16,7 +16,7 @@ struct Pinhole
   double fx_px, fy_px, cx_px, cy_px;
 };
 
-// A current depth image (0 = no reading), and its pose in the frame of an earlier image of the
+// A current depth image (0 = no measurement), and its pose in the frame of an earlier image of the
 // same camera and size.
 struct ViewPair
 {
@@ -28,12 +28,12 @@ struct ViewPair
 // Segments of a depth image: smooth regions, cut along a grid of square cells.
 struct Segments
 {
-  std::vector<int32_t> label;   // segment of each pixel; -1: on a depth jump, or no reading
+  std::vector<int32_t> label;   // segment of each pixel; -1: on a depth jump, or no measurement
   std::vector<int32_t> region;  // smooth region of each segment
   std::vector<int32_t> area_px;
 };
 
-// Evidence of motion from the share of a segment that occludes earlier depth.
+// Evidence of motion from the ratio of a segment that occludes earlier depth.
 struct OcclusionEvidence
 {
   double occluding;            // log-odds of a segment that occludes with all its pixels
@@ -112,7 +112,7 @@ struct CornersOnDepth
   const int64_t* pixel;  // (count) flat indices
   const uint8_t* score;
   int count;
-  Image<float> depth_m;           // 0 or not finite = no reading
+  Image<float> depth_m;           // 0 or not finite = no measurement
   const int64_t* small_of_pixel;  // flat index in the downscaled image of each pixel
   const int32_t* label;           // segment of each pixel of the downscaled image; -1 = none
   int64_t label_count;

@@ -9,7 +9,7 @@ namespace hoid::motion {
 // A depth image, and its camera in the frame of the target.
 struct DepthSource
 {
-  Image<float> depth_m;   // 0, negative or NaN = no reading
+  Image<float> depth_m;   // 0, negative or NaN = no measurement
   const float* rays;      // (H, W, 3) ray of each pixel, with length 1 along the depth camera's axis
   const float* t_m;       // (3) position of the depth camera
   const float* side_px;   // (2) width and height of a depth pixel in target pixels, at equal depth

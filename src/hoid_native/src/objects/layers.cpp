@@ -19,11 +19,11 @@ constexpr double kBinM = 0.05;
 constexpr int kLayerBins = 4;
 constexpr double kNearerShare = 0.6;
 constexpr double kLayerShare = 0.3;  // thickness of the layer of a large object: share of its size
-// An object ends at a gap in depth of this length: a share of the size of its box, or this many
+// An object ends at a gap in depth of this length: a ratio of the size of its box, or this many
 // meters if that is less.
 constexpr double kGapShare = 0.3, kGapM = 0.25;
-constexpr double kEmptyShare = 0.02;  // a bin with a smaller share of the box's pixels is empty
-// Largest extent of an object along the viewing direction: a share of the size of its box, or this
+constexpr double kEmptyShare = 0.02;  // a bin with a smaller ratio of the box's pixels is empty
+// Largest extent of an object along the viewing direction: a ratio of the size of its box, or this
 // many meters if that is more.
 constexpr double kMaxDepthShare = 0.9, kMinDepthM = 0.2;
 

@@ -15,7 +15,7 @@ using Transform = const double*;
 
 struct DepthPoints
 {
-  Image<float> depth_m;    // 0 = no reading
+  Image<float> depth_m;    // 0 = no measurement
   const double* points_m;  // (height * width, 3)
   double pixel_m;          // distance between neighboring pixels at a depth of 1 m
 };
@@ -75,7 +75,7 @@ struct VoxelGrid
 // Write the key of each point's voxel, -1 outside the grid.
 void voxel_keys(const double* points_m, int count, const VoxelGrid& grid, int64_t* key_out);
 
-// Return the voxels of the points of one look, each of which was hit once; points outside the grid
+// Return the voxels of the points of one image, each of which was hit once; points outside the grid
 // are left out.
 Voxels voxels_of(const double* points_m, int count, const VoxelGrid& grid);
 
@@ -114,14 +114,14 @@ struct SurfaceCells
   VoxelGrid grid;
 };
 
-// Return the ascending pixels with a reading in a box whose points are in cells of a surface.
+// Return the ascending pixels with a measurement in a box whose points are in cells of a surface.
 std::vector<int64_t> pixels_on_surface(
   const DepthPoints& image, const int* box_px, const SurfaceCells& cells);
 
-// Return the share of points that are in cells of a surface; 0 without points.
+// Return the ratio of points that are in cells of a surface; 0 without points.
 double share_on_surface(const double* points_m, int count, const SurfaceCells& cells);
 
-// Return the share of points (map frame) that are in a box; 0 without points.
+// Return the ratio of points (map frame) that are in a box; 0 without points.
 double share_in_box(
   const double* points_m, int count, Transform T_box_map, const double* low_m,
   const double* high_m);
@@ -191,8 +191,8 @@ struct ObjectSet
   int count;
 };
 
-// Write the (S, O) geometric means of the share of the segment's points that are in the box of the
-// object and of the share of the object's visible voxels that are in the box of the detection; 0
+// Write the (S, O) geometric means of the ratio of the segment's points that are in the box of the
+// object and of the ratio of the object's visible voxels that are in the box of the detection; 0
 // where the pair is not a candidate. A voxel half a pixel left of a box or above it is inside.
 void pair_scores(
   const SegmentSet& segments, const ObjectSet& objects, const uint8_t* is_candidate,

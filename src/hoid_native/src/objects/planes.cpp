@@ -13,7 +13,7 @@ namespace hoid::objects {
 namespace {
 
 constexpr int kTrials = 24;  // number of planes through random points that are compared; not tuned
-// A reading at a depth z [m] belongs to a plane if its distance from it is less than
+// A depth at a depth z [m] belongs to a plane if its distance from it is less than
 // kPlaneM * max(1, kPlaneGrowth * z^2), because the noise of depth grows with z^2. Not tuned.
 constexpr float kPlaneM = 0.015F, kPlaneGrowth = 0.28F;
 // Norm of the cross product (two thirds of the triangle's area) below which three points count as
@@ -25,7 +25,7 @@ double tolerance_m(float depth_m)
   return kPlaneM * std::max(1.0F, kPlaneGrowth * (depth_m * depth_m));
 }
 
-// The readings, contiguous for vector instructions.
+// The measurements, contiguous for vector instructions.
 struct Readings
 {
   std::vector<double> x, y, z, tolerance;

@@ -1,4 +1,4 @@
-// Planes through the readings around a box.
+// Planes through the measurements around a box.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ struct Plane
   double offset_m;   // dot product of the normal and a point of the plane
 };
 
-// Return whether the reading at a pixel is on a plane, as far as the noise of depth shows.
+// Return whether the depth at a pixel is on a plane, as far as the noise of depth shows.
 bool is_on(const Plane& plane, const DepthPoints& image, int64_t pixel);
 
 // Return the plane that most pixels are on, fitted to them; none if they are on a line. There must be

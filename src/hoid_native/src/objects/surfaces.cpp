@@ -39,7 +39,7 @@ constexpr double kMinRest = 0.15;
 // Two segments that share more than this part of the smaller one are the same surface; the second
 // number holds if one of them is a person.
 constexpr double kShared = 0.4, kSharedWithPerson = 0.1;
-// If at least this share of the object's nearest part is at its known place, nothing hides it.
+// If at least this ratio of the object's nearest part is at its known place, nothing hides it.
 constexpr double kAtPlaceShare = 0.5;
 // Ratio of box areas from which on the smaller object may lie on the larger one.
 constexpr double kSupportRatio = 3.0;

@@ -30,7 +30,7 @@ void extend(double* box_px, const double* uv)
   }
 }
 
-// Return the share of the visible voxels of an object that are in a box; 0 if none is visible.
+// Return the ratio of the visible voxels of an object that are in a box; 0 if none is visible.
 double share_in_pixels(const ObjectSet& objects, int64_t first, int64_t end, const int32_t* box_px)
 {
   int64_t inside = 0, visible = 0;

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <vector>
 
+#include "common/multiversion.hpp"
 #include "objects/objects.hpp"
 #include "objects/points.hpp"
 #include "objects/rows.hpp"
@@ -14,7 +15,7 @@ namespace hoid::objects {
 namespace {
 
 // Return the key of a point's voxel, -1 outside the grid.
-int64_t key_of(double x, double y, double z, const VoxelGrid& grid)
+ALWAYS_INLINE int64_t key_of(double x, double y, double z, const VoxelGrid& grid)
 {
   const auto cells = static_cast<double>(1 << grid.bits), half = cells / 2;
   const double a = std::floor(x / grid.voxel_m) + half, b = std::floor(y / grid.voxel_m) + half,
@@ -27,7 +28,7 @@ int64_t key_of(double x, double y, double z, const VoxelGrid& grid)
          static_cast<int64_t>(c);
 }
 
-int64_t key_of(const double* p, const VoxelGrid& grid)
+ALWAYS_INLINE int64_t key_of(const double* p, const VoxelGrid& grid)
 {
   return key_of(p[0], p[1], p[2], grid);
 }

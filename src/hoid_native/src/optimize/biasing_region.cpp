@@ -79,7 +79,7 @@ void add_equations(
   const double pixel = seen.weight / (camera.pixel_noise * camera.pixel_noise * noise_scale);
   const double depth = 1 / (disparity_variance(camera, seen) * noise_scale);
   const bool is_pixel_inlier = pixel * (e[0] * e[0] + e[1] * e[1]) <= gates.mono;
-  // False without a reading: its disparity is NaN.
+  // False without a measurement: its disparity is NaN.
   const bool is_depth_inlier = depth * e[2] * e[2] <= kGateDisparity;
   const double weights[kRows] = {
     is_pixel_inlier ? pixel : 0, is_pixel_inlier ? pixel : 0, is_depth_inlier ? depth : 0};
