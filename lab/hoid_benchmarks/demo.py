@@ -58,8 +58,7 @@ _DRAWN = (Reason.PERSON, Reason.HANDLED)
 _RULES, _WITHOUT, _WITH = "ORB-SLAM3's rules", 'ours, no filter', 'ours, HOID'
 _FOLDERS = {_RULES: 'orb_slam3_rules', _WITHOUT: 'without', _WITH: 'with_filter'}
 _LIVE, _LIVE_FOLDER = 'HOID live here', 'live'
-_NOTE = f"""{_RULES}: this tracker with the thresholds of ORB-SLAM3, not ORB-SLAM3 itself.
-{_LIVE}: what this computer could do in real time; the other columns are repeatable."""
+_NOTE = f"{_RULES}: this tracker with ORB-SLAM3's thresholds; only the last column varies"
 _NO_FILTER = 'none'
 
 
@@ -148,9 +147,9 @@ def _live(bag: BagSequence, config: RunConfig, out: Path) -> tuple[Summary | Non
         live = replay(bag, ReplayConfig(run=config), out)
     except HoidError as error:
         return None, f'not measured: {error}'
-    dropped = dropped_frames(live)
-    in_time = f'{live.frames_processed} of {live.frames_total} images in time'
-    return live, in_time + (f'; dropped {dropped}' if dropped else '')
+    if dropped := dropped_frames(live):
+        print(f'     dropped {dropped}')
+    return live, f'{live.frames_processed} of {live.frames_total} images in time'
 
 
 def _draw(bag: BagSequence, configs: Mapping[str, RunConfig], out: Path) -> tuple[Path, Path]:
@@ -264,12 +263,11 @@ def _table(summaries: dict[str, Summary]) -> str:
     rows = [('', *summaries)]
     every = list(summaries.values())
     rows.append(('frames tracked', *(f'{s.frames_tracked} of {s.frames_total}' for s in every)))
-    rows.append(('coverage', *(f'{100 * s.coverage:.1f} %' for s in every)))
     rows.append(('ATE RMSE', *(_meters(s.ate_rmse_m) for s in every)))
     rows.append(('time per frame', *(_median_ms(s.stage_ms.get('frame')) for s in every)))
     rows.append(('image to odometry', *(_median_ms(s.latency_ms) for s in every)))
     return '\n' + '\n'.join(
-        ''.join([f'{name:17s}', *(f'{text:>19s}' for text in texts)]) for name, *texts in rows
+        ''.join([f'{name:17s}', *(f'{text:>18s}' for text in texts)]) for name, *texts in rows
     )
 
 
