@@ -1,6 +1,7 @@
 """Topics of common camera drivers, so that a camera is chosen by name instead of by three remaps.
 
-Each driver must publish depth that is registered to color. The table names the setting for it.
+The table names the setting with which a driver registers depth to color. Without it, filter and
+dense map do so, if the driver publishes camera_info of depth and /tf_static.
 """
 
 from __future__ import annotations
@@ -44,6 +45,10 @@ CAMERA_TOPICS = {
     'realsense': CameraTopics(
         'realsense2_camera 4.55, align_depth.enable:=true', '/camera/camera',
         'color/image_raw', 'aligned_depth_to_color/image_raw', 'color/camera_info',
+    ),
+    'realsense_unaligned': CameraTopics(
+        'realsense2_camera 4.55 as it starts by default', '/camera/camera',
+        'color/image_raw', 'depth/image_rect_raw', 'color/camera_info',
     ),
     'realsense_4_54': CameraTopics(
         'realsense2_camera before 4.55 and that of ROS 1, align_depth', '/camera',
