@@ -266,7 +266,9 @@ _IMU_ERRORS = {
     'tilt_5s_to_last_deg': ('5 s to the last one', 1),
     'bridge_deg': ('end of the black images [deg]', 2),
     'bridge_m': ('[m]', 3),
+    'bridge_sigmas': ('[standard deviations]', 1),
     'after_m': ('10 images later [m]', 3),
+    'reported': ('reported', 1),
 }
 """Columns of the view `imu` by error: the title and the number of decimals."""
 
@@ -308,8 +310,13 @@ def _same_run(job: Job) -> tuple[str, str, str, int]:
 
 
 def _ratio(result: Result, without: Result | None) -> Result | None:
-    """Return a result whose ATE is relative to that of the same run without an IMU."""
-    ends = [_ATE(r.summary) for r in (result, without) if r is not None and r.ok]
+    """Return a result whose ATE is relative to that of the same run without an IMU.
+
+    Both are those of the images that are not black, if they are known.
+    """
+    both = [r.summary for r in (result, without) if r is not None and r.ok]
+    seen = [key_value('imu_errors.seen_m')(summary) for summary in both]
+    ends = [_ATE(summary) for summary in both] if None in seen else seen
     if len(ends) < 2 or None in ends:
         return None
     return replace(result, summary={'ate_rmse_m': ends[0] / ends[1]})
