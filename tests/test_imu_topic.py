@@ -126,6 +126,7 @@ def test_a_covered_lens_is_bridged_and_the_map_is_level(start: Start, probe: Pro
     assert peer.step().state == SlamStatus.TRACKING
     _, values = peer.diagnosis()
     assert int(values['IMU samples']) > 900
+    assert values['IMU sensors in use'] == 'gyro, accelerometer'
     assert abs(int(values['IMU time offset'].removesuffix(' ms'))) <= 3
 
 

@@ -140,6 +140,7 @@ def test_errors_of_level_calibration_and_bridge() -> None:
     assert found['bias_5s_radps'] == pytest.approx(0.003)
     assert [found[name] for name in ('bridged', 'bridge_m')] == pytest.approx([1.0, 0.0])
     assert found['seen_m'] == pytest.approx(0.0, abs=1e-6)
+    assert (found['reported'], found['gyro_used']) == (0.0, 0.0)
     jumped = errors_of(job, 0.0, 45, 0.2)
     assert [jumped[name] for name in ('bridge_m', 'after_m')] == pytest.approx([0.2, 0.2])
     assert jumped['bridge_sigmas'] == pytest.approx(0.2 / np.sqrt(3))

@@ -50,6 +50,7 @@ class InertialErrors:
         self._poses: list[FloatArray | None] = []  # (4, 4) T_map_camera as published
         self._sigmas_m: list[float] = []  # standard deviation of its position
         self._reports: dict[float, ImuReport] = {}  # by time [s]
+        self._last: ImuReport | None = None
 
     def add(self, stamp_ns: int, pose: RobotPose | None, report: ImuReport | None) -> None:
         """Add a processed image.
@@ -64,6 +65,7 @@ class InertialErrors:
         covariance = np.zeros((6, 6)) if pose is None else pose.covariance
         self._sigmas_m.append(float(np.sqrt(np.trace(covariance[3:, 3:]))))
         elapsed_s = S_PER_NS * (stamp_ns - self._stamps_ns[0])
+        self._last = report
         for time_s in _TIMES_S:
             if report is not None and elapsed_s < time_s:
                 self._reports[time_s] = report
@@ -71,12 +73,16 @@ class InertialErrors:
     def summary(self, final: Trajectory) -> dict[str, float]:
         """Return the errors by name; those that are not known are left out.
 
-        `seen_m` is the RMSE of the final poses of images that are not black.
+        `seen_m` is the RMSE of the final poses of images that are not black, `reported` whether a
+        problem of the IMU was reported, `gyro_used` whether its gyro is in use at the end: 0 or 1.
         """
         black_ns = [self._stamps_ns[k] for k in self._black]
         is_seen = ~np.isin(final.stamps_ns, black_ns)
         seen = Trajectory(final.stamps_ns[is_seen], final.T_world_camera[is_seen])
         errors = {'seen_m': evaluate(seen, self._truth).ate_rmse_m} if len(seen) > 2 else {}
+        if self._last is not None:
+            errors['reported'] = float(len(self._last.problems) > 0)
+            errors['gyro_used'] = float('gyro' in self._last.in_use)
         return errors | self._calibration() | self._tilts() | self._bridge()
 
     def _calibration(self) -> dict[str, float]:

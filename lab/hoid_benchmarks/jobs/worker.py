@@ -159,9 +159,7 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     if verdicts is not None:
         document['verdicts'] = verdicts.summary()
     if errors is not None:
-        problems = [] if document['imu'] is None else document['imu']['problems']
         document['imu_errors'] = errors.summary(read_tum(out / 'trajectory.txt'))
-        document['imu_errors']['reported'] = float(len(problems) > 0)
     (out / 'summary.json').write_text(json.dumps(document))
 
 

@@ -268,7 +268,8 @@ _IMU_ERRORS = {
     'bridge_m': ('[m]', 3),
     'bridge_sigmas': ('[standard deviations]', 1),
     'after_m': ('10 images later [m]', 3),
-    'reported': ('reported', 1),
+    'reported': ('fault reported', 0),
+    'gyro_used': ('gyro in use at the end', 0),
 }
 """Columns of the view `imu` by error: the title and the number of decimals."""
 

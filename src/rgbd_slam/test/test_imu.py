@@ -145,6 +145,7 @@ def test_the_report_says_what_was_found() -> None:
     assert report.up_sigma_deg is not None
     assert report.up_sigma_deg < 1.5
     assert report.fault == ''
+    assert report.in_use == 'gyro, accelerometer'
 
 
 def test_the_bias_is_found_in_five_seconds() -> None:
@@ -206,6 +207,7 @@ def test_a_fault_is_noticed_said_once_and_left_out(
     shaken = ShakenImu(distort=distort)
     shaken.run(4.0)
     assert shaken.imu.trust.fault is fault
+    assert shaken.imu.trust.in_use == 'none'
     first_ns = START_NS + round(shaken.time_s * 30) * IMAGE_NS - NS_PER_S
     assert shaken.imu.rotation(first_ns, first_ns + IMAGE_NS) is None
     assert shaken.imu.trust.take_news() == [(f'imu: the gyro is left out: {fault.value}', True)]

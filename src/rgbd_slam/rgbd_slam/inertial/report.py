@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hoid_common.values import FloatArray
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.rotations import rotation_vector
 
@@ -26,6 +26,7 @@ class ImuReport:
     gyro_bias_radps: tuple[float, ...] | None = None  # along the axes of the IMU
     gyro_bias_sigma_radps: float | None = None
     up_sigma_deg: float | None = None  # standard deviation of the direction of gravity
+    in_use: str = 'none'  # the sensors that are in use: gyro, accelerometer
     fault: str = ''  # which sensor is left out, and why
     problems: tuple[str, ...] = ()  # all that were reported so far
     samples_left_out: int = 0  # because no sensor measures that
@@ -35,23 +36,21 @@ def report_of(imu: Imu) -> ImuReport:
     """Return the calibration and the faults of an IMU as known so far; numbers are rounded."""
     fit, up = imu.fit, imu.up
     report = ImuReport(
-        up_sigma_deg=None if up is None else round(float(np.rad2deg(up.sigma_rad)), 3),
+        up_sigma_deg=None if up is None else round(math.degrees(up.sigma_rad), 3),
+        in_use=imu.trust.in_use,
         fault=imu.trust.problem,
         problems=tuple(imu.trust.problems),
         samples_left_out=imu.num_impossible,
     )
     if fit is None:
         return report
+    rotation_deg = np.rad2deg(rotation_vector(fit.R_camera_imu)).round(3)
     return replace(
         report,
         time_offset_ms=round(1e3 * fit.offset_s, 2),
         time_offset_sigma_ms=round(1e3 * fit.offset_sigma_s, 2),
-        rotation_deg=_rounded(np.rad2deg(rotation_vector(fit.R_camera_imu)), 3),
-        rotation_sigma_deg=round(float(np.rad2deg(fit.rotation_sigma_rad)), 3),
-        gyro_bias_radps=_rounded(fit.bias_radps, 5),
+        rotation_deg=tuple(rotation_deg.tolist()),
+        rotation_sigma_deg=round(math.degrees(fit.rotation_sigma_rad), 3),
+        gyro_bias_radps=tuple(fit.bias_radps.round(5).tolist()),
         gyro_bias_sigma_radps=round(fit.bias_sigma_radps, 5),
     )
-
-
-def _rounded(values: FloatArray, digits: int) -> tuple[float, ...]:
-    return tuple(round(value, digits) for value in values.tolist())

@@ -119,6 +119,13 @@ class Trust:
         return self.uses_accelerometer and is_right
 
     @property
+    def in_use(self) -> str:
+        """Return the names of the sensors that are in use, or 'none'."""
+        is_tried = self.has_accelerometer and self.uses_accelerometer and self.agrees
+        names = ['gyro'] * self.uses_gyro + ['accelerometer'] * bool(is_tried)
+        return ', '.join(names) or 'none'
+
+    @property
     def problem(self) -> str:
         """Return which sensor is left out and why, or ''."""
         if self.fault is not None:

@@ -49,8 +49,6 @@ class InertialMotion:
         self._reckoned: tuple[tuple[int, int], Reckoned | None] = (0, 0), None
         self._observed_ns = 0  # stamp of the last tracked image
         self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
-        self._rate_at_ns: int | None = None  # stamp of the image of `_rate_radps`
-        self._rate_radps: FloatArray | None = None  # (3,)
 
     def start(self, stamp_ns: int) -> None:
         """Set the stamp of the tracked frame from which `predict` and `bridge` give the motion."""
@@ -97,17 +95,13 @@ class InertialMotion:
     def rate_radps(self, stamp_ns: int) -> FloatArray | None:
         """Return the rate (3,) at which the camera turns at an image, about its own axes.
 
-        None is returned if the gyro has no rotation around this time (`Imu.rotation`). The rate of
-        the latest image is kept.
+        None is returned if the gyro has no rotation around this time (`Imu.rotation`).
         """
-        if stamp_ns != self._rate_at_ns:
-            half_ns = _RATE_NS // 2
-            turn = self._imu.rotation(stamp_ns - half_ns, stamp_ns + half_ns)
-            self._rate_at_ns, self._rate_radps = stamp_ns, None
-            if turn is not None:
-                elapsed_s = S_PER_NS * 2 * half_ns
-                self._rate_radps = rotation_vector(turn.R_first_second) / elapsed_s
-        return self._rate_radps
+        half_ns = _RATE_NS // 2
+        turn = self._imu.rotation(stamp_ns - half_ns, stamp_ns + half_ns)
+        return (
+            None if turn is None else rotation_vector(turn.R_first_second) / (S_PER_NS * _RATE_NS)
+        )
 
     def rotation_prior(self) -> MeasuredRotation | None:
         """Return how the camera has turned since the last tracked image by a filtered attitude.

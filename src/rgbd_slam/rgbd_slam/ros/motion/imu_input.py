@@ -99,6 +99,7 @@ class ImuInput:
             return
         self._diagnostics.set_count('IMU samples', self._num_samples)
         self._diagnostics.set_count('IMU samples left out', imu.num_impossible)
+        self._diagnostics.set_value('IMU sensors in use', imu.trust.in_use)
         self._diagnostics.report_problem(_IMU, imu.trust.problem)
         if imu.fit is not None:
             self._diagnostics.set_value('IMU time offset', f'{1e3 * imu.fit.offset_s:.0f} ms')
