@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_common.errors import InputError
 from hoid_common.sync import constant_offset_text, offset_text
-from hoid_common.values import IntArray
+from hoid_common.values import NS_PER_S, IntArray
 
 _LOG = logging.getLogger(__name__)
 MAX_PAIR_GAP_NS = 20_000_000
@@ -18,6 +18,7 @@ MAX_PAIR_GAP_NS = 20_000_000
 # Largest mean number of images of the other stream with which an image could be paired; with more,
 # the stamps are refused. Chosen: a 60 Hz camera has two or three.
 _MAX_CANDIDATES = 20
+_USUAL_SHARE = 0.9  # chosen: share of color images with depth below which a warning is given
 
 
 def associate(
@@ -63,7 +64,8 @@ def pair_images(
 ) -> IntArray:
     """Return the pairs (N, 2) of indices of color and depth images, as `associate` does.
 
-    A constant offset that probably pairs the wrong images is logged as a warning.
+    A constant offset that probably pairs the wrong images is logged as a warning, and so are
+    color images without depth if they are more than a tenth.
 
     Args:
         color_ns: (A,) stamps in order of time.
@@ -73,31 +75,45 @@ def pair_images(
         source: Name of the recording, with which the error and the warning begin.
 
     Raises:
-        InputError: No images make a pair, or the stamps are much closer to each other than those
-            of any camera.
+        InputError: No images make a pair, all stamps of a stream are zero, or the stamps are much
+            closer to each other than those of any camera.
     """
+    for kind, stamps_ns in (('color', color_ns), ('depth', depth_ns)):
+        if len(stamps_ns) > 1 and not stamps_ns.any():
+            raise InputError(
+                f'{source}: the {kind} images have no stamps (zeros); set the stamp in the driver'
+            )
     shifted_ns = depth_ns - offset_ns
     pairs = associate(color_ns, shifted_ns, limit_ns, source=source)
     if not len(pairs):
         raise InputError(f'{source}: {_gap_text(color_ns, shifted_ns, limit_ns)}')
     if text := constant_offset_text(color_ns, shifted_ns):
         _LOG.warning('%s: %s', source, text)
+    if len(pairs) < _USUAL_SHARE * len(color_ns):
+        _LOG.warning(
+            '%s: %d of %d color images, at %.1f Hz, have no depth image within %.0f ms and are '
+            'left out; depth comes at %.1f Hz',
+            source, len(color_ns) - len(pairs), len(color_ns), _rate_hz(color_ns),
+            1e3 * limit_ns / NS_PER_S, _rate_hz(depth_ns),
+        )  # fmt: skip
     return pairs
+
+
+def _rate_hz(stamps_ns: IntArray) -> float:
+    periods_ns = np.diff(stamps_ns)
+    return float(NS_PER_S / np.median(periods_ns)) if len(periods_ns) else 0.0
 
 
 def _gap_text(first_ns: IntArray, second_ns: IntArray, limit_ns: int) -> str:
     """Return one line that explains why color and depth images make no pair.
 
     It states the gap between the streams, which is the median over all color images of the nearest
-    depth stamp minus the color stamp; or it states that all stamps of one stream are zero.
+    depth stamp minus the color stamp.
 
     Args:
         first_ns: (A,) stamps of color images in order of time.
         second_ns: (B,) stamps of depth images in order of time.
     """
-    for kind, stamps_ns in (('color', first_ns), ('depth', second_ns)):
-        if not stamps_ns.any():
-            return f'the {kind} images have no stamps (zeros); set the stamp in the driver'
     after = np.clip(np.searchsorted(second_ns, first_ns), 1, max(len(second_ns) - 1, 1))
     near = np.stack([second_ns[after - 1], second_ns[np.minimum(after, len(second_ns) - 1)]])
     gaps_ns = (near - first_ns)[np.abs(near - first_ns).argmin(axis=0), np.arange(len(first_ns))]
