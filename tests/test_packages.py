@@ -14,6 +14,7 @@ MANIFESTS = sorted([*ROOT.glob('src/*/package.xml'), *ROOT.glob('[bt]*s/package.
 SETUPS = [m.parent / 'setup.py' for m in MANIFESTS if (m.parent / 'setup.py').exists()]
 # rosdep keys of Python modules.
 KEYS = {
+    'argcomplete': 'python3-argcomplete',
     'cv2': 'python3-opencv',
     'gtsam': 'gtsam',
     'hypothesis': 'python3-hypothesis',

@@ -21,7 +21,14 @@ setup(
         (f'share/{NAME}/rviz', glob('rviz/*.rviz')),
         (f'share/{NAME}/foxglove', glob('foxglove/*.json')),
     ],
-    install_requires=['numpy', 'opencv-python-headless', 'psutil', 'pyyaml', 'rosbags'],
+    install_requires=[
+        'argcomplete',
+        'numpy',
+        'opencv-python-headless',
+        'psutil',
+        'pyyaml',
+        'rosbags',
+    ],
     # Without pytest here `colcon test` runs no test at all.
     extras_require={
         'test': ['hypothesis', 'pytest'],
