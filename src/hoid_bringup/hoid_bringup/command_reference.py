@@ -13,7 +13,8 @@ _HEAD = """# Commands
 
 Written by `make reference` from the commands themselves. Every error is one line that names the
 file, topic or parameter at fault, with exit status 1, or 2 for usage. `-v` says
-more, `-q` less; both stand before or after the command.
+more, `-q` less; both stand before or after the command. `eval "$(./hoid completion bash)"` (or
+`zsh`) completes commands and options.
 """
 
 
