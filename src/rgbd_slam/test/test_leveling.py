@@ -7,6 +7,7 @@ from hoid_common import se3
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.slam_status import SlamState
 from hoid_common.values import FloatArray
+from rgbd_slam.inertial.report import report_of
 from rgbd_slam.inertial.rotations import rotations
 from rgbd_slam.leveling import Leveling
 from rgbd_slam.robot_frames import RobotFrames, camera_mount
@@ -126,6 +127,7 @@ def test_an_imu_with_a_wrong_clock_levels_nothing(offset_s: float, gyro: bool) -
     at_start_deg = leveled(ShakenImu(gyro=False), 0.5)[1][0]
     assert max(tilts_deg) < at_start_deg + 1.0
     assert not frames.is_fixed
+    assert report_of(shaken.imu).in_use == 'none'
     problem = shaken.imu.trust.problem
     assert ('the accelerometer, because it has the same clock' in problem) == gyro
 

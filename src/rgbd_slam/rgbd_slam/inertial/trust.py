@@ -122,8 +122,8 @@ class Trust:
     def in_use(self) -> str:
         """Return the names of the sensors that are in use, or 'none'."""
         is_tried = self.has_accelerometer and self.uses_accelerometer and self.agrees
-        names = ['gyro'] * self.uses_gyro + ['accelerometer'] * bool(is_tried)
-        return ', '.join(names) or 'none'
+        used = {'gyro': self.uses_gyro, 'accelerometer': is_tried}
+        return ', '.join(name for name, is_used in used.items() if is_used) or 'none'
 
     @property
     def problem(self) -> str:
@@ -174,7 +174,7 @@ class Trust:
             is_certain: Whether that rotation is given or known well enough.
         """
         needed = _EXPECTED_CORRELATION if is_expected else _FOUND_CORRELATION
-        self._is_mounting_known |= is_certain and fit.correlation > needed
+        self._is_mounting_known |= bool(is_certain and fit.correlation > needed)
         is_turning = fit.signal_radps > _DOUBTED_SIGNAL_RADPS
         self._note('gyro', is_doubted=is_turning and not self._is_mounting_known)
         if self._lasts('gyro'):
