@@ -2,12 +2,14 @@
 
 Two drives in the same corridor are tiled to maps of thousands of keyframes of which only the first
 copies show the same place. Maps of rooms that look alike, on several floors and in several blocks,
-show no common place.
+show no common place, and neither do those of floors that look alike and of halves of a corridor
+with a pattern.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from itertools import combinations
 from typing import Any
 
@@ -17,6 +19,7 @@ from hoid_benchmarks.building.drive import Drive
 from hoid_benchmarks.building.growth import driven_map
 from hoid_benchmarks.building.report import Outcome
 from hoid_benchmarks.building.tiled_map import tiled_to
+from hoid_benchmarks.building.tours.alike import corridor_building, floors_building
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building, CellKey, CellKind
 from hoid_benchmarks.building.world.route import Route
@@ -28,12 +31,15 @@ from rgbd_slam.store.map_file import MapFile
 
 SIZE = 2000
 NUM_ROOMS = 7  # 21 pairs
+OWN_SHARES = (0.15, 0.5)
+"""Landmarks of its own that a floor has, per landmark that both have: 13 and 33 % of all."""
 _COLUMNS = {
     'maps': '',
     'keyframes': 'd',
     'pairs': 'd',
     'joined': 'd',
     'wrong': 'd',
+    'found %': '.0f',
     'longest s': '.1f',
     'error mm': '.1f',
     'disagreement mm': '.1f',
@@ -52,7 +58,7 @@ def merge(seed: int, size: int = SIZE, num_rooms: int = NUM_ROOMS) -> Outcome:
         'merge',
         'Joined maps (CPU time, one core)',
         _COLUMNS,
-        [_overlapping(seed, size), *_apart(seed, num_rooms)],
+        [_overlapping(seed, size), *_apart(seed, num_rooms), *_alike(seed)],
     )
 
 
@@ -71,6 +77,7 @@ def _overlapping(seed: int, size: int) -> dict[str, Any]:
         'pairs': 1,
         'joined': int(join.is_joined),
         'wrong': sum(error_m > 0.5 for error_m in errors_m),
+        'found %': 100 * max(fit.found_share for fit in join.fits) if join.fits else None,
         'longest s': elapsed_s,
         'error mm': 1e3 * errors_m[0] if errors_m else None,
         'disagreement mm': None if join.disagreement_m is None else 1e3 * join.disagreement_m,
@@ -110,25 +117,53 @@ def _apart(seed: int, num_rooms: int) -> list[dict[str, Any]]:
     keys = [key for key in building.cells if key.kind is CellKind.ROOM and not key.east]
     keys = keys[:num_rooms]
     maps = [_map_of(building, key, seed + n) for n, key in enumerate(keys)]
-    rows: list[dict[str, Any]] = []
-    num_joined, longest_s, pairs = 0, 0.0, list(combinations(maps, 2))
+    return [_compared('of look-alike rooms', list(combinations(maps, 2)))]
+
+
+def _alike(seed: int) -> list[dict[str, Any]]:
+    """Compare maps of floors that look alike, and of the two halves of a corridor."""
+    rows = []
+    for own in OWN_SHARES:
+        building = floors_building(seed, own)
+        maps = [_map_along(Route(building, floor=n, speed_mps=1.0), seed + n) for n in range(2)]
+        share = round(100 * own / (1 + own))
+        rows.append(_compared(f'of floors with {share} % of their own', [(maps[0], maps[1])]))
+    building = corridor_building(seed)
+    halves = [
+        _map_along(Route(building, speed_mps=1.0), seed + n, part)
+        for n, part in enumerate((slice(0, 280), slice(360, None)))
+    ]
+    return [*rows, _compared('of halves of a corridor', [(halves[0], halves[1])])]
+
+
+def _compared(maps: str, pairs: Sequence[tuple[MapFile, MapFile]]) -> dict[str, Any]:
+    """Join pairs of maps that show no common place, and return how many were joined."""
+    num_joined, longest_s, shares = 0, 0.0, list[float]()
     for pair in pairs:
         start_s = time.process_time()
-        num_joined += join_maps(pair, SlamConfig()).joins[0].is_joined
+        (join,) = join_maps(pair, SlamConfig()).joins
+        num_joined += join.is_joined
+        shares += [fit.found_share for fit in join.fits]
         longest_s = max(longest_s, time.process_time() - start_s)
-    rows.append(
-        {
-            'maps': 'of look-alike rooms',
-            'keyframes': round(float(np.mean([len(content.map) for content in maps]))),
-            'pairs': len(pairs),
-            'joined': num_joined,
-            'wrong': num_joined,
-            'longest s': longest_s,
-            'error mm': None,
-            'disagreement mm': None,
-        }
-    )
-    return rows
+    return {
+        'maps': maps,
+        'keyframes': round(float(np.mean([len(m.map) for pair in pairs for m in pair]))),
+        'pairs': len(pairs),
+        'joined': num_joined,
+        'wrong': num_joined,
+        'found %': 100 * max(shares) if shares else None,
+        'longest s': longest_s,
+        'error mm': None,
+        'disagreement mm': None,
+    }
+
+
+def _map_along(route: Route, seed: int, part: slice = slice(None)) -> MapFile:
+    """Drive along the first corridor, and return the map of a part of the images."""
+    route.to_junction(1, 0)
+    whole = route.trajectory(seed)
+    truth = Trajectory(whole.stamps_ns[part], whole.T_world_camera[part])
+    return _driven(FeatureCamera(route.building, seed), truth)
 
 
 def _map_of(building: Building, key: CellKey, seed: int) -> MapFile:
@@ -136,8 +171,11 @@ def _map_of(building: Building, key: CellKey, seed: int) -> MapFile:
     row = key.row + key.north
     route = Route(building, key.column, row, floor=key.floor)
     route.visit(key)
-    truth = route.trajectory(seed)
-    with Drive(FeatureCamera(building, seed), truth) as drive:
+    return _driven(FeatureCamera(building, seed), route.trajectory(seed))
+
+
+def _driven(camera: FeatureCamera, truth: Trajectory) -> MapFile:
+    with Drive(camera, truth) as drive:
         drive.run()
         drive.session.slam.map.finish()
         return drive.session.robot_map.export()

@@ -110,7 +110,7 @@ def test_of_three_maps_each_is_reported(first: MapFile) -> None:
 
 def test_maps_of_rooms_that_look_alike_stay_apart_unless_told(first: MapFile) -> None:
     world = World()
-    is_other = np.random.default_rng(5).random(len(world.descriptors)) < 0.2
+    is_other = np.random.default_rng(5).random(len(world.descriptors)) < 0.3
     world.descriptors[is_other] = np.random.default_rng(6).integers(0, 256, (is_other.sum(), 32))
     other = _session(world, START @ sway(60))
     apart, told = (
@@ -119,7 +119,7 @@ def test_maps_of_rooms_that_look_alike_stay_apart_unless_told(first: MapFile) ->
     )
     for join, is_joined in ((apart.joins[0], False), (told.joins[0], True)):
         assert join.is_joined is is_joined
-        assert join.fits[0].found_share == pytest.approx(0.8, abs=0.05)
+        assert join.fits[0].found_share == pytest.approx(0.7, abs=0.05)
         assert '% of the expected points' in join.fits[0].doubt
     np.testing.assert_array_equal(np.unique(apart.content.map.map_id), [0, 1])
 

@@ -51,7 +51,7 @@ class Route:
         floor: int = 0,
         speed_mps: float = SPEED_MPS,
     ) -> None:
-        self._building = building
+        self.building = building
         self._speed_mps = speed_mps
         self._floor = floor
         self._at_m = building.junction_m(floor, column, row)
@@ -65,7 +65,7 @@ class Route:
 
     def to_junction(self, column: int, row: int, rooms: int = 0) -> None:
         """Drive straight to a junction of this corridor, and visit rooms on the first block."""
-        target_m = self._building.junction_m(self._floor, column, row)
+        target_m = self.building.junction_m(self._floor, column, row)
         if rooms:
             for key in self._rooms_towards(target_m)[:rooms]:
                 self.visit(key)
@@ -73,7 +73,7 @@ class Route:
 
     def around(self, columns: int, rows: int, rooms: int = 0, every: int = 1) -> None:
         """Drive around a rectangle of blocks, and visit rooms on each `every`-th one."""
-        x, y = np.rint(self._at_m[:2] / self._building.block_m).astype(int).tolist()
+        x, y = np.rint(self._at_m[:2] / self.building.block_m).astype(int).tolist()
         legs = ((1, 0, columns), (0, 1, rows), (-1, 0, columns), (0, -1, rows))
         steps = [(dx, dy) for dx, dy, count in legs for _ in range(count)]
         for n, (dx, dy) in enumerate(steps):
@@ -82,7 +82,7 @@ class Route:
 
     def visit(self, key: CellKey) -> None:
         """Enter a room of this corridor, turn around once, and come out again."""
-        cell = self._building.cells[key]
+        cell = self.building.cells[key]
         outside_m = np.array([cell.center_m[0], self._at_m[1], self._at_m[2]])
         inside_m = outside_m.copy()
         inside_m[1] = _inside_y_m(cell)
@@ -130,7 +130,7 @@ class Route:
         sign = int(np.sign(target_m[0] - self._at_m[0]))
         if sign == 0:
             return []
-        column, row = np.rint(self._at_m[:2] / self._building.block_m).astype(int).tolist()
+        column, row = np.rint(self._at_m[:2] / self.building.block_m).astype(int).tolist()
         column -= sign < 0
         keys = [
             CellKey(CellKind.ROOM, self._floor, column, row - north, east, north)
@@ -138,8 +138,8 @@ class Route:
             for east in (0, 1)
         ]
         return sorted(
-            (key for key in keys if key in self._building.cells),
-            key=lambda key: sign * self._building.cells[key].low_m[0],
+            (key for key in keys if key in self.building.cells),
+            key=lambda key: sign * self.building.cells[key].low_m[0],
         )
 
     def _drive(self, target_m: FloatArray) -> None:
