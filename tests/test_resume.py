@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -243,6 +244,20 @@ def test_a_second_node_says_who_runs_and_takes_no_map(
     peer.await_ready()
     assert peer.send(10).keyframes == before
     assert kept_maps(folder) == []
+
+
+def test_a_map_that_is_not_kept_is_said(
+    start: Start, probe: Probe, folder: Path, tmp_path: Path
+) -> None:
+    params = {'map_directory': str(folder), 'checkpoint_period_s': 0.0} | NO_SCENE
+    node = start('rgbd_slam', 'rgbd_slam_node', params)
+    peer = RunningCamera(probe)
+    peer.await_ready()
+    for place in range(30):
+        peer.send(place)
+    node.stop()
+    assert re.search(r'map of [1-9]\d* keyframes is not kept, because', log_of(tmp_path))
+    assert list(folder.iterdir()) == []
 
 
 def test_two_nodes_of_one_name_say_so(

@@ -56,7 +56,7 @@ class Checkpoints:
         request_maps: RequestMaps,
     ) -> None:
         self._logger = node.get_logger()
-        self._running = running
+        self._running, self._find_session = running, session
         self._thread: CheckpointThread | None = None
         # Stamp at which a resumed session stops searching for the camera in the old map; None:
         # there is no such search, or it has ended.
@@ -155,6 +155,15 @@ class Checkpoints:
         self._search_end_ns = None
         if self._thread is not None:
             self._thread.keep()
+            return
+        session = self._find_session()
+        if session is None or session.mode is not SlamMode.MAPPING:
+            return
+        if number := len(session.slam.map.atlas.keyframes):
+            self._logger.warning(
+                f'map of {number} keyframes is not kept, because the node stores none '
+                '(checkpoint_period_s is 0, or it began in localization): call save_map before'
+            )
 
     def copy_to(self, path: Path) -> bool:
         """Write what has changed, then copy the stored map to a new file.
