@@ -3,7 +3,7 @@ WORKERS = --max-worker-restart=0
 
 .PHONY: reference demo test test-all lint check docs format stubs sanitize arm lock
 
-demo:  ## Render a scene, replay it live through the three nodes, print the result
+demo:  ## Render a scene, replay it live through the nodes, print the result
 	@./hoid demo
 
 test:  ## Unit tests, then each node, topic and replay once; five minutes

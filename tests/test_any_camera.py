@@ -23,7 +23,7 @@ from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.sample_bench import SampleBench
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.store import map_file
 
 pytestmark = pytest.mark.thorough
@@ -65,7 +65,7 @@ def with_frame(msg: Any, frame: str) -> Any:
 def test_rectified_images_have_the_scale_of_p(start: Start, probe: Probe, name: str) -> None:
     remap = f'{name}:=/camera/color/image_rect_color'
     compressed = {'input.compressed': True} if name.endswith('compressed') else {}
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE | compressed, ros_args=('-r', remap))
+    start('rgbd_slam', 'rgbd_slam_node', compressed, ros_args=('-r', remap))
     peer, world, last = SlamPeer(probe), PointWorld(), 20
     peer.begin(rectified_info())
     for i in range(last + 1):
@@ -78,7 +78,7 @@ def test_rectified_images_have_the_scale_of_p(start: Start, probe: Probe, name: 
 
 
 def test_images_that_may_be_rectified_are_doubted_once(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node')
     peer = SlamPeer(probe)
     peer.begin(rectified_info())
     assert '/rgb/image is taken as not rectified' in peer.diagnosis()[0]
@@ -283,7 +283,7 @@ def with_stray_depth(features: Features) -> Features:
 
 
 def test_a_map_with_stray_depth_is_saved(start: Start, probe: Probe, tmp_path: Any) -> None:
-    parameters = NO_SCENE | {'map_directory': str(tmp_path)}
+    parameters = {'map_directory': str(tmp_path)}
     start('rgbd_slam', 'rgbd_slam_node', parameters)
     peer, world = SlamPeer(probe), PointWorld()
     peer.begin()

@@ -22,7 +22,7 @@ FOLDERS = {path.parent.name: path.parent for path in INIT_FILES}
 # Layers from the lowest up; a member may import members of lower layers only. First the packages:
 # the last two layers are the laboratory, which no robot installs.
 PACKAGES = """
-    hoid_native < hoid_common < hoid_detector hoid_filter hoid_scene hoid_bags < rgbd_slam
+    hoid_native < hoid_common < hoid_detector hoid_filter hoid_scene rgbd_slam hoid_bags
     < hoid_bringup < hoid_synth < hoid_training hoid_benchmarks
 """
 # Then the folders of each package, with the modules at its root.
@@ -41,11 +41,11 @@ LAYERS = {
     """,
     'hoid_scene': """
         config scene_scheduler < dense level < grid < tracks < objects < export navigation_masks
-        scene_ledger < scene_mapper
+        < scene_mapper < store < scene_session < ros < node
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping
-        < loops < store < mapper map_joining saved_objects < processes
+        < loops < store < mapper map_joining < processes
         < slam_map statistics < robot_frames slam late_verdicts < leveling robot_map < session
         < ros < node
     """,
@@ -68,7 +68,8 @@ LAYERS = {
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')
 ROS_FOLDERS = re.compile(
-    r'(hoid_common|hoid_filter|rgbd_slam)\.ros\b|(hoid_detector|hoid_filter|rgbd_slam)\.node$|'
+    r'(hoid_common|hoid_filter|rgbd_slam|hoid_scene)\.ros\b|'
+    r'(hoid_detector|hoid_filter|rgbd_slam|hoid_scene)\.node$|'
     r'hoid_bags\.live\b|hoid_bringup\.live\b|hoid_benchmarks(\.faults)?\.live\b'
 )
 MOST_MODULES, MOST_LINES = 12, 400
@@ -204,7 +205,7 @@ def test_nodes_and_commands_import_no_package_of_the_experiments() -> None:
         'import sys\n'
         f'sys.modules.update(dict.fromkeys({EXPERIMENTS_ONLY!r}))\n'
         'import hoid_bags.commands, hoid_bringup.live.nodes, hoid_bringup.cli\n'
-        'import hoid_detector.node, hoid_filter.node, rgbd_slam.node\n'
+        'import hoid_detector.node, hoid_filter.node, rgbd_slam.node, hoid_scene.node\n'
     )
     done = subprocess.run(
         [sys.executable, '-c', code], capture_output=True, text=True, check=False, timeout=60

@@ -20,7 +20,7 @@ from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.sample_bench import SampleBench
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 
 COUNT = 90
 _PLAY_S = 40.0
@@ -122,7 +122,7 @@ def test_a_camera_info_of_any_qos_starts_tracking(
     info = conversions.camera_to_msg(CAMERA, conversions.header_to_msg(START_NS, OPTICAL))
     if is_latched:
         infos.publish(info)
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node')
     peer = SlamPeer(probe)
     if is_latched:
         probe.spin_until(lambda: bool(peer.status), 'the node does not start', 30)
@@ -143,7 +143,7 @@ def test_a_latched_camera_info_from_before_the_activation_is_used(
     infos = probe.publisher(CameraInfo, 'rgb/camera_info', qos.LATCHED, wait=False)
     header = conversions.header_to_msg(START_NS, OPTICAL)
     infos.publish(conversions.camera_to_msg(CAMERA, header))
-    start('rgbd_slam', 'rgbd_slam_node', {**NO_SCENE, 'autostart': False})
+    start('rgbd_slam', 'rgbd_slam_node', {'autostart': False})
     peer = SlamPeer(probe)
     probe.spin_for(1.5)
     assert peer.status == []

@@ -14,7 +14,7 @@ from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.point_world import CAMERA, PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 
 TWICE = CameraModel(1280, 960, 1050.0, 1050.0, 639.5, 479.5)
 
@@ -53,7 +53,7 @@ class Peer(SlamPeer):
 @pytest.fixture
 def peer(start: Start, probe: Probe) -> Peer:
     """Return a peer of a running node."""
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node')
     return Peer(probe)
 
 

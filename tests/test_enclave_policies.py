@@ -25,15 +25,16 @@ NODES: dict[
     'rgbd_slam': [
         {},
         {'frames.publish_odom_to_base': False},
+    ],
+    'hoid_scene': [
+        {},
         {
             'object_map.enabled': True,
             'object_map.label_cloud': True,
             'object_map.prior_score': 0.1,
             'navigation.enabled': True,
-            'frames.base': 'base_link',
         },
     ],
-    'rgbd_slam_scene': [{}],  # the process of the scene mapper
 }
 # Topics of bags, of no node; and inputs in place of others, which the policy's comment mentions.
 NOT_OF_NODES = {'CLOCK', 'GROUND_TRUTH', 'TRUE_DETECTIONS'}
@@ -88,10 +89,9 @@ def test_every_topic_and_service_is_in_the_policy() -> None:
 def test_a_node_uses_exactly_the_names_that_its_policy_allows(
     start: Start, probe: Probe, node: str
 ) -> None:
-    package = node.removesuffix('_scene')
     found: Uses = {}
     for parameters in NODES[node]:
-        running = start(package, f'{package}_node', parameters)
+        running = start(node, f'{node}_node', parameters)
         probe.spin_until(lambda: node in probe.node.get_node_names(), f'no {node}', _LIMIT_S)
         probe.spin_until(
             lambda: 'topics publish' in used(probe, node), f'{node} publishes nothing'

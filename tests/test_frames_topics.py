@@ -23,7 +23,6 @@ from hoid_system_tests.point_world import CAMERA, PointWorld
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import (
-    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -80,7 +79,7 @@ def poses(odom: list[Any]) -> FloatArray:
 
 def test_a_planar_robot_stays_on_the_floor_and_upright(start: Start, probe: Probe) -> None:
     parameters = {'frames.base': 'base_link', 'frames.planar': True}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     peer = Peer(probe)
     peer.publish_camera_mounting()
     peer.play()
@@ -100,7 +99,7 @@ def test_a_planar_robot_stays_on_the_floor_and_upright(start: Start, probe: Prob
 
 
 def test_map_to_odom_is_not_published_when_switched_off(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_map_to_odom': False} | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_map_to_odom': False})
     peer = Peer(probe)
     peer.play()
     assert peer.edges() == {('odom', OPTICAL)}
@@ -133,7 +132,7 @@ def test_slipping_wheels_do_not_move_the_pose_and_bridge_a_covered_lens(
     start: Start, probe: Probe
 ) -> None:
     parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     own = probe.collect(Odometry, 'visual_odom', wait=False)
     peer, wheels, world = Peer(probe), Wheels(probe), PointWorld()
     peer.publish_camera_mounting()
@@ -199,7 +198,7 @@ def test_an_instant_slip_shows_for_the_transform_tolerance_and_no_longer(
         'frames.publish_odom_to_base': False,
         'frames.transform_tolerance_s': 0.05,
     }
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     peer, wheels, world = Peer(probe), SlippingWheels(probe), PointWorld()
     peer.publish_camera_mounting()
     peer.begin()
@@ -230,7 +229,7 @@ def test_late_wheels_are_logged_ever_more_rarely(
     start: Start, probe: Probe, tmp_path: Path
 ) -> None:
     parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     peer, wheels, world = Peer(probe), Wheels(probe), PointWorld()
     peer.publish_camera_mounting()
     peer.begin()
@@ -262,7 +261,7 @@ def displaced_at(i: float) -> FloatArray:
 
 def test_wheel_odometry_predicts_a_large_motion(start: Start, probe: Probe) -> None:
     parameters = {'frames.base': 'base_link', 'frames.publish_odom_to_base': False}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     own = probe.collect(Odometry, 'visual_odom', wait=False)
     peer, wheels, world = Peer(probe), GoodWheels(probe), PointWorld()
     peer.publish_camera_mounting()
@@ -278,7 +277,7 @@ def test_wheel_odometry_predicts_a_large_motion(start: Start, probe: Probe) -> N
 
 
 def test_missing_wheel_odometry_is_reported(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_odom_to_base': False} | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.publish_odom_to_base': False})
     peer = Peer(probe)
     peer.begin()
     peer.answer_to(features_msg(PointWorld().features(camera_at(0), START_NS)))
@@ -287,7 +286,7 @@ def test_missing_wheel_odometry_is_reported(start: Start, probe: Probe) -> None:
 
 
 def test_planar_motion_without_a_base_frame_is_reported(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {'frames.planar': True} | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', {'frames.planar': True})
     peer = Peer(probe)
     peer.play()
     peer.probe.spin_until(
@@ -317,7 +316,7 @@ def camera_info(frame_id: str) -> CameraInfo:
 def test_a_slashed_or_missing_camera_frame_is_valid_in_tf(
     start: Start, probe: Probe, frame_id: str, parameters: dict[str, Any], child: str
 ) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     peer = Peer(probe)
     peer.begin(camera_info(frame_id))
     seen = PointWorld().features(camera_at(0), START_NS)
@@ -327,7 +326,7 @@ def test_a_slashed_or_missing_camera_frame_is_valid_in_tf(
 
 
 def test_an_empty_camera_frame_is_refused_with_what_to_do(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node')
     peer = Peer(probe)
     messages: list[str] = []
 

@@ -18,7 +18,7 @@ from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.point_world import PointWorld
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.robot_frames import camera_mount
 from rgbd_slam.ros.motion.imu_message import imu_from_msg
 
@@ -98,7 +98,7 @@ class Peer(SlamPeer):
 
 @pytest.mark.thorough
 def test_a_covered_lens_is_bridged_and_the_map_is_level(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node')
     peer = Peer(probe)
     peer.publish_mounting()
     peer.begin()
@@ -131,7 +131,7 @@ def test_a_covered_lens_is_bridged_and_the_map_is_level(start: Start, probe: Pro
 
 
 def test_a_gyro_in_degrees_is_reported_and_left_out(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE | {'imu.level': False})
+    start('rgbd_slam', 'rgbd_slam_node', {'imu.level': False})
     peer = Peer(probe, scale=float(np.rad2deg(1.0)))
     peer.begin()
     impossible = imu_msg(START_NS - 400_000_000)

@@ -16,7 +16,7 @@ from hoid_common.values import FloatArray
 from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 
 AWAY = se3.exp(np.array([0.0, 0.0, 0.1, 0.3, 0.0, 0.0]))  # along x, forward, turned left
 
@@ -68,7 +68,7 @@ def pose(place: int, frame: str = 'map', off: FloatArray = AWAY) -> PoseWithCova
 
 
 def test_the_camera_is_relocalized_near_the_initial_pose_first(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node')
     peer = Peer(probe)
     for frame in ('odom', 'map'):  # both frames are equal until the camera is relocalized
         peer.log.clear()
@@ -92,7 +92,7 @@ def test_the_camera_is_relocalized_near_the_initial_pose_first(start: Start, pro
 
 
 def test_an_invalid_initial_pose_is_refused_in_one_line(start: Start, probe: Probe) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node')
     peer = Peer(probe)
     assert peer.refused(pose(20, 'kitchen')) == (
         'no transform connects frame "kitchen" of initialpose with the map; give the pose in '

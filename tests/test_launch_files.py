@@ -48,9 +48,9 @@ def nodes_of(path: Path, *arguments: str) -> dict[str, Node]:
 
 
 @pytest.mark.usefixtures('_stand_in')
-def test_the_suite_has_three_nodes_and_rviz() -> None:
-    assert list(nodes_of(SUITE)) == ['hoid_detector', 'hoid_filter', 'rgbd_slam']
-    assert list(nodes_of(SUITE, 'detector:=false')) == ['hoid_filter', 'rgbd_slam']
+def test_the_suite_has_four_nodes_and_rviz() -> None:
+    assert list(nodes_of(SUITE)) == ['hoid_detector', 'hoid_filter', 'rgbd_slam', 'hoid_scene']
+    assert list(nodes_of(SUITE, 'detector:=false', 'scene:=false')) == ['hoid_filter', 'rgbd_slam']
 
 
 @pytest.mark.usefixtures('_stand_in')
@@ -64,7 +64,7 @@ def test_rviz_is_started_where_it_is_installed(
     (index / 'rviz2').touch()
     path = f'{os.environ["AMENT_PREFIX_PATH"]}{os.pathsep}{tmp_path}'
     monkeypatch.setenv('AMENT_PREFIX_PATH', path)
-    assert list(nodes_of(SUITE, 'rviz:=true'))[3:] == ['rviz2']
+    assert list(nodes_of(SUITE, 'rviz:=true'))[4:] == ['rviz2']
 
 
 @pytest.mark.usefixtures('_stand_in')

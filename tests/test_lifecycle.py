@@ -11,7 +11,7 @@ from hoid_system_tests.filter_peer import FilterRunner
 from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 
 _SILENCE_S = 0.7
 
@@ -69,7 +69,7 @@ def test_the_filter_processes_images_only_while_active(run_filter: FilterRunner)
 
 
 def test_cleanup_discards_the_map(probe: Probe, start: Start) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {**NO_SCENE, 'autostart': False})
+    start('rgbd_slam', 'rgbd_slam_node', {'autostart': False})
     peer, manager, world = SlamPeer(probe), Manager(probe, 'rgbd_slam'), PointWorld()
 
     def send(i: int) -> None:
@@ -99,7 +99,7 @@ def test_cleanup_discards_the_map(probe: Probe, start: Start) -> None:
 
 @pytest.mark.usefixtures('domain_id')
 def test_an_unreadable_map_fails_the_configure_transition(probe: Probe, start: Start) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', {**NO_SCENE, 'autostart': False, 'map_file': 'none'})
+    start('rgbd_slam', 'rgbd_slam_node', {'autostart': False, 'map_file': 'none'})
     manager, peer = Manager(probe, 'rgbd_slam'), SlamPeer(probe)
     assert manager.change(Transition.TRANSITION_CONFIGURE) == [False]
     assert manager.state == 'unconfigured'

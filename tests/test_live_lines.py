@@ -15,12 +15,6 @@ from hoid_system_tests.started_suite import HOID, LIMIT_S, StartedSuite, started
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
-NO_SCENE = tuple(
-    word
-    for part in ('dense', 'objects', 'object_map')
-    for word in ('--set', f'{part}.enabled=false')
-)
-
 
 def status(*options: str) -> subprocess.CompletedProcess[str]:
     argv = (*HOID, 'status', *options)
@@ -32,7 +26,7 @@ def test_nodes_say_what_they_wait_for_and_what_became_of_the_map(
     has_logs: bool, probe: Probe, folder: Path, tmp_path: Path
 ) -> None:
     options = ('--log-dir', str(tmp_path / 'logs')) if has_logs else ()
-    argv = (*HOID, 'nodes', '--no-detector', '--filter', 'none', *NO_SCENE, *options)
+    argv = (*HOID, 'nodes', '--no-detector', '--filter', 'none', '--no-scene', *options)
     with started_suite((*argv, '--set', f'map_directory={folder}'), tmp_path / 'out') as suite:
         suite.await_line(probe, 'hoid nodes: hoid_filter, rgbd_slam started; Ctrl-C ends them')
         for node, inputs in (
@@ -87,7 +81,7 @@ def test_status_without_nodes_says_what_to_start(domain_id: int) -> None:
 def test_status_names_the_namespace_of_running_nodes(
     probe: Probe, folder: Path, tmp_path: Path
 ) -> None:
-    argv = (*HOID, 'nodes', '--only', 'rgbd_slam', '--namespace', 'robot', *NO_SCENE)
+    argv = (*HOID, 'nodes', '--only', 'rgbd_slam', '--namespace', 'robot')
     with started_suite((*argv, '--set', f'map_directory={folder}'), tmp_path / 'out') as suite:
         suite.await_line(probe, 'active, waiting for')
         assert 'but there are some in /robot: give that as --namespace' in status().stderr

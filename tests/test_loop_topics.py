@@ -19,7 +19,6 @@ from hoid_system_tests.frame_tree import OPTICAL
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, mapper_of
 from hoid_system_tests.slam_peer import (
-    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -102,7 +101,7 @@ def distance_m(T_a: FloatArray, T_b: FloatArray) -> float:
 
 @pytest.fixture
 def node(start: Start) -> Supervisor:
-    return start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    return start('rgbd_slam', 'rgbd_slam_node')
 
 
 @pytest.mark.usefixtures('node')

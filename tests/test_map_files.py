@@ -30,7 +30,6 @@ from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, mapper_of
 from hoid_system_tests.repeated_map import repeated
 from hoid_system_tests.slam_peer import (
-    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -80,7 +79,7 @@ def begin(start: Start, probe: Probe, folder: Path) -> Callable[..., tuple[Peer,
             'the previous node does not leave the graph',
             30.0,
         )
-        given = {'map_directory': str(folder)} | NO_SCENE | params
+        given = {'map_directory': str(folder)} | params
         supervisor = start('rgbd_slam', 'rgbd_slam_node', given)
         return Peer(probe), supervisor
 

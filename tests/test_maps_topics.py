@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import select
-import signal
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import psutil
 import pytest
 import yaml
 from hoid_msgs.msg import (
@@ -34,22 +30,22 @@ from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_common.se3 import T_BODY_OPTICAL
+from hoid_scene.store import scene_file
+from hoid_scene.store.saved_objects import saved_objects
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import people_centers
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages, recording
-from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
-from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
-from rgbd_slam.saved_objects import saved_objects
+from hoid_system_tests.scene_peer import RELIABLE, ScenePeer, start_scene
+from hoid_system_tests.slam_peer import SlamPeer
 from rgbd_slam.store import map_file
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
 SCENE = SceneConfig(num_frames=150)
-SCENE_NODE = '/rgbd_slam_scene'
-FIND = 'rgbd_slam/find_objects'
+FIND = 'hoid_scene/find_objects'
 
 
 @pytest.fixture(scope='module')
@@ -93,13 +89,12 @@ def stamp_of(msg: Any) -> int:
 @pytest.fixture
 def peer(start: Start, probe: Probe, tmp_path: Path, messages: list[Messages]) -> Peer:
     parameters = {
-        'map_directory': str(tmp_path / 'maps'),
         'dense.publish_period_s': 0.3,
         'object_map.enabled': True,
         'object_map.label_cloud': True,
         'object_map.prior_score': 0.25,
     }
-    start('rgbd_slam', 'rgbd_slam_node', parameters | RELIABLE)
+    start_scene(start, parameters, map_directory=str(tmp_path / 'maps'))
     peer = Peer(probe)
     peer.begin(messages[0].camera)
     return peer
@@ -222,8 +217,10 @@ def check_object_services(peer: Peer, folder: Path) -> None:
     document = yaml.safe_load((folder / 'things.yaml').read_text())
     assert [entry['id'] for entry in document['objects']] == [item.id for item in everything]
     assert peer.save('room').message.endswith(' MB')
-    saved = map_file.load(folder / 'room.hoidmap')
-    assert {item.object_id for item in saved_objects(saved)} == {item.id for item in everything}
+    path = folder / 'room.hoidmap'
+    saved, scene = map_file.load(path), scene_file.read_file(path)
+    objects = saved_objects(scene, saved.keyframes(), saved.camera)
+    assert {item.object_id for item in objects} == {item.id for item in everything}
     assert peer.load('room').success
     loaded = find_objects(peer, state='any')
     assert [(o.id, o.class_name) for o in loaded] == [(o.id, o.class_name) for o in everything]
@@ -231,7 +228,7 @@ def check_object_services(peer: Peer, folder: Path) -> None:
 
     for is_known in (True, False):
         answer = peer.probe.call(
-            ForgetObject, 'rgbd_slam/forget_object', ForgetObject.Request(id=first.id)
+            ForgetObject, 'hoid_scene/forget_object', ForgetObject.Request(id=first.id)
         )
         assert answer.success is is_known
     assert first.id not in {item.id for item in find_objects(peer, state='any')}
@@ -329,9 +326,9 @@ def check_files(peer: Peer, folder: Path) -> None:
 def check_run_time(peer: Peer) -> None:
     """Changed parameters of the grid take effect at once, without a new image."""
     occupied = np.count_nonzero(np.array(peer.grids[-1].data) == 100)
-    peer.probe.set_parameters('rgbd_slam', {'dense.publish_period_s': 3600.0})
+    peer.probe.set_parameters('hoid_scene', {'dense.publish_period_s': 3600.0})
     peer.probe.set_parameters(
-        'rgbd_slam', {'dense.grid.max_height_m': 0.3, 'dense.publish_period_s': 0.1}
+        'hoid_scene', {'dense.grid.max_height_m': 0.3, 'dense.publish_period_s': 0.1}
     )
 
     def is_lower() -> bool:
@@ -339,7 +336,7 @@ def check_run_time(peer: Peer) -> None:
         return bool(np.count_nonzero(cells == 100) < 0.9 * occupied)
 
     peer.probe.spin_until(is_lower, 'the grid has not become lower')
-    peer.probe.set_parameters('rgbd_slam', {'dense.grid.resolution_m': 0.1})
+    peer.probe.set_parameters('hoid_scene', {'dense.grid.resolution_m': 0.1})
     peer.probe.spin_until(
         lambda: peer.grids[-1].info.resolution == pytest.approx(0.1),
         'the grid has not become coarser',
@@ -361,26 +358,11 @@ def test_reset_empties_the_maps_and_mapping_continues(
     assert len(peer.cloud_m()) > 0
 
 
-def test_no_process_outlives_a_killed_node(
+def test_three_nodes_without_the_scene_are_enough_for_poses(
     start: Start, probe: Probe, messages: list[Messages]
 ) -> None:
-    supervisor = start('rgbd_slam', 'rgbd_slam_node', RELIABLE)
-    peer = Peer(probe)
+    start('rgbd_slam', 'rgbd_slam_node', RELIABLE)
+    peer = SlamPeer(probe)
     peer.begin(messages[0].camera)
-    pid = int(peer.diagnosis(SCENE_NODE)[1]['process'])
-    (node,) = supervisor.pids.values()
-    assert node in {parent.pid for parent in psutil.Process(pid).parents()}
-    scene_process = os.pidfd_open(pid)
-    os.kill(node, signal.SIGKILL)
-    ended, _, _ = select.select([scene_process], [], [], 15)
-    os.close(scene_process)
-    assert ended, 'the scene process outlives its node'
-    supervisor.stop()
-
-
-def test_without_dense_map_and_objects_there_is_no_scene_process(
-    start: Start, probe: Probe, messages: list[Messages]
-) -> None:
-    start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
-    SlamPeer(probe).begin(messages[0].camera)
+    assert peer.answer_to(messages[0].features).state == SlamStatus.TRACKING
     assert probe.node.count_publishers('/cloud_map') == 0

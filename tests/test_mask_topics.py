@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from hoid_synth.config import SceneConfig
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import recording
-from hoid_system_tests.scene_peer import RELIABLE, ScenePeer
+from hoid_system_tests.scene_peer import ScenePeer, start_scene
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
 
@@ -33,10 +34,14 @@ def value_at(mask: Any, x_m: float, y_m: float) -> int:
 
 
 def test_masks_close_the_way_of_walking_people_and_slow_where_they_were(
-    start: Start, probe: Probe
+    start: Start, probe: Probe, tmp_path: Path
 ) -> None:
-    parameters = {'frames.base': 'base_link', 'navigation.enabled': True}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | RELIABLE)
+    start_scene(
+        start,
+        {'navigation.enabled': True},
+        {'frames.base': 'base_link'},
+        map_directory=str(tmp_path),
+    )
     people = probe.collect(People, 'people', wait=False)
     closed, slow = (
         probe.collect(OccupancyGrid, f'{name}_mask', qos.LATCHED, wait=False)

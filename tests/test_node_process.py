@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hoid_common.process.entry import EXIT_CONFIG, EXIT_INTERRUPTED
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, executable
-from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
+from hoid_system_tests.slam_peer import SlamPeer
 
 pytestmark = pytest.mark.thorough
 
@@ -189,7 +189,7 @@ def interrupted(process: subprocess.Popen[str], rng: np.random.Generator) -> tup
 
 
 def test_other_users_cannot_read_the_shared_memory_of_a_node(start: Start, probe: Probe) -> None:
-    node = start('rgbd_slam', 'rgbd_slam_node', NO_SCENE)
+    node = start('rgbd_slam', 'rgbd_slam_node')
     SlamPeer(probe).begin()
     (pid,) = node.pids.values()
     opened = {str(path.readlink()) for path in Path(f'/proc/{pid}/fd').iterdir()}

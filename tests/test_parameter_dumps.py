@@ -17,7 +17,6 @@ from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.parameter_client import ParameterClient
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE
 
 pytestmark = pytest.mark.thorough
 
@@ -26,12 +25,14 @@ OF_ROS = {'use_sim_time', 'start_type_description_service'}
 CHOSEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {'score_threshold': 1, 'threads': 2, 'classes': ['']},
     'hoid_filter': {'depth_limit_m': 1, 'dynamic_classes': [''], 'strategy': 'none'},
-    'rgbd_slam': {**NO_SCENE, 'dense.grid.max_height_m': 2, 'map_file': '', 'frames.base': ''},
+    'rgbd_slam': {'map_file': '', 'frames.base': ''},
+    'hoid_scene': {'dense.grid.max_height_m': 2, 'objects.enabled': False},
 }
 FOR_EXPERTS: dict[str, dict[str, Any]] = {
     'hoid_detector': {'nms_iou': 0.7, 'input_size_px': 320},
     'hoid_filter': {'detections.wait_s': 1, 'plus.remember': False},
     'rgbd_slam': {'camera.disparity_noise_px': 1, 'places.loops.enabled': False},
+    'hoid_scene': {'dense.rate_hz': 1, 'dense.voxel_m': 0.05},
 }
 Launch = Callable[..., ParameterClient]
 
@@ -127,9 +128,10 @@ def test_whole_numbers_and_empty_lists_are_accepted_at_run_time(node: str, launc
     name, value, kept = {
         'hoid_detector': ('score_threshold', 1, 1.0),
         'hoid_filter': ('depth_limit_m', 1, 1.0),
-        'rgbd_slam': ('dense.grid.max_height_m', 3, 3.0),
+        'rgbd_slam': ('map_period_s', 3, 3.0),
+        'hoid_scene': ('dense.grid.max_height_m', 3, 3.0),
     }[node]
-    client = launch(NO_SCENE if node == 'rgbd_slam' else {})
+    client = launch({})
     (result,) = client.set({name: value})
     assert result.successful, result.reason
     (found,) = client.get([name])

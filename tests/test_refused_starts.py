@@ -36,7 +36,7 @@ def params(tmp_path: Path, folder: Path) -> Path:
     path = tmp_path / 'params.yaml'
     path.write_text(
         'rgbd_slam:\n  ros__parameters:\n    expert: true\n    checkpoint_period_s: 1.0\n'
-        f'    map_directory: {folder}\n    dense.enabled: false\n    objects.enabled: false\n'
+        f'    map_directory: {folder}\n'
         '    object_map.enabled: false\n'
     )
     return path

@@ -24,7 +24,7 @@ from hoid_system_tests.point_world import CAMERA, PointWorld
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, executable
 from hoid_system_tests.running_camera import RunningCamera
-from hoid_system_tests.slam_peer import NO_SCENE, START_NS
+from hoid_system_tests.slam_peer import START_NS
 from rgbd_slam.store import map_file
 
 pytestmark = [pytest.mark.thorough, pytest.mark.alone]
@@ -34,7 +34,7 @@ _BACK_S = 5.0  # from the kill to odometry in the same map
 
 @pytest.fixture
 def run(start: Start, folder: Path) -> Callable[[], Supervisor]:
-    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_SCENE
+    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0}
     return lambda: start('rgbd_slam', 'rgbd_slam_node', params)
 
 
@@ -97,7 +97,7 @@ def test_a_killed_node_resumes_its_map(
 def test_a_damaged_map_file_does_not_keep_a_checkpoint_from_being_resumed(
     start: Start, probe: Probe, folder: Path
 ) -> None:
-    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0} | NO_SCENE
+    params = {'map_directory': str(folder), 'checkpoint_period_s': 1.0}
     node = start('rgbd_slam', 'rgbd_slam_node', params)
     peer = mapped(probe, folder)
     kill(node)
@@ -228,7 +228,7 @@ def test_a_second_node_says_who_runs_and_takes_no_map(
     peer = mapped(probe, folder)
     before = peer.status[-1].keyframes
     program = str(executable('rgbd_slam', 'rgbd_slam_node'))
-    options = ('-p', f'map_directory:={folder}', '-p', 'dense.enabled:=false')
+    options = ('-p', f'map_directory:={folder}')
     done = subprocess.run(
         [program, '--ros-args', *options], capture_output=True, text=True, timeout=60, check=False
     )
@@ -264,7 +264,7 @@ def test_two_nodes_of_one_name_say_so(
     start: Start, probe: Probe, folder: Path, tmp_path: Path
 ) -> None:
     for name in ('one', 'other'):
-        start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder / name)} | NO_SCENE)
+        start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder / name)})
     line = 'another node named /rgbd_slam runs in ROS domain '
     logs = [tmp_path / f'log_{n}' / 'rgbd_slam_node.log' for n in range(2)]
     probe.spin_until(

@@ -21,7 +21,7 @@ from hoid_common import se3
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame, Trajectory
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.objects.mapped_object import MapObject, PlaceState
 from hoid_scene.scene_scheduler import SceneRequest

@@ -13,14 +13,14 @@ from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.parameter_client import ParameterClient
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE
 
 pytestmark = pytest.mark.thorough
 
 GIVEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {},
     'hoid_filter': {},
-    'rgbd_slam': NO_SCENE,
+    'rgbd_slam': {},
+    'hoid_scene': {},
 }
 
 

@@ -14,7 +14,7 @@ from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE, PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.store import map_file
 
 pytestmark = pytest.mark.thorough
@@ -22,12 +22,12 @@ pytestmark = pytest.mark.thorough
 LONG = ('x' * 247, 'x' * 248, 'x' * 256, 'ä' * 130, 'x' * 100_000)
 NAMES = (*LONG, '\n', '.', '../x', 'a.exe', '%s')
 SERVICES: tuple[tuple[str, type[Any]], ...] = (
-    ('save_map', SaveMap),
-    ('save_cloud', SaveMap),
-    ('save_grid', SaveMap),
-    ('save_objects', SaveMap),
-    ('save_trajectory', SaveTrajectory),
-    ('load_map', LoadMap),
+    ('rgbd_slam/save_map', SaveMap),
+    ('hoid_scene/save_cloud', SaveMap),
+    ('hoid_scene/save_grid', SaveMap),
+    ('hoid_scene/save_objects', SaveMap),
+    ('rgbd_slam/save_trajectory', SaveTrajectory),
+    ('rgbd_slam/load_map', LoadMap),
 )
 CHANGES = (
     'DELETE FROM meta',
@@ -43,7 +43,8 @@ CHANGES = (
 
 @pytest.fixture
 def peer(start: Start, probe: Probe, folder: Path) -> SlamPeer:
-    start('rgbd_slam', 'rgbd_slam_node', {'map_directory': str(folder)} | NO_SCENE)
+    for package in ('rgbd_slam', 'hoid_scene'):
+        start(package, f'{package}_node', {'map_directory': str(folder)})
     peer = SlamPeer(probe)
     peer.begin()
     for i in range(10):
@@ -59,7 +60,7 @@ def track(peer: SlamPeer, i: int) -> SlamStatus:
 def test_every_request_is_answered_in_one_line(peer: SlamPeer) -> None:
     for name, type_ in SERVICES:
         for text in NAMES:
-            answer = peer.probe.call(type_, f'rgbd_slam/{name}', type_.Request(name=text))
+            answer = peer.probe.call(type_, name, type_.Request(name=text))
             assert '\n' not in answer.message
             assert len(answer.message) < 400
             assert not answer.success or text == '%s'
@@ -94,8 +95,11 @@ def test_damaged_maps_are_refused_and_a_valid_one_is_loaded(peer: SlamPeer, fold
 def test_a_file_of_one_kind_never_replaces_one_of_another(peer: SlamPeer, folder: Path) -> None:
     assert peer.save('good').success
     before = (folder / 'good.hoidmap').read_bytes()
-    for name, type_ in (('save_trajectory', SaveTrajectory), ('save_cloud', SaveMap)):
-        answer = peer.probe.call(type_, f'rgbd_slam/{name}', type_.Request(name='good.hoidmap'))
+    for name, type_ in (
+        ('rgbd_slam/save_trajectory', SaveTrajectory),
+        ('hoid_scene/save_cloud', SaveMap),
+    ):
+        answer = peer.probe.call(type_, name, type_.Request(name='good.hoidmap'))
         assert not answer.success
         assert 'ends in ' in answer.message or 'is off here' in answer.message
     request = SaveTrajectory.Request(name='good')

@@ -26,7 +26,6 @@ from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import (
-    NO_SCENE,
     PERIOD_NS,
     START_NS,
     SlamPeer,
@@ -73,7 +72,7 @@ class Peer(SlamPeer):
 def peer(start: Start, probe: Probe, tmp_path: Path) -> Peer:
     """Return a peer of a running node that knows its camera."""
     parameters = {'map_directory': str(tmp_path / 'my maps'), 'map_period_s': 0.2}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     peer = Peer(probe)
     peer.begin()
     assert peer.status[-1].state == SlamStatus.NOT_INITIALIZED
@@ -252,7 +251,7 @@ def test_a_base_frame_is_found_on_tf_static(start: Start, probe: Probe) -> None:
     start(
         'rgbd_slam',
         'rgbd_slam_node',
-        {'frames.base': 'base_link', 'frames.map': 'world'} | NO_SCENE,
+        {'frames.base': 'base_link', 'frames.map': 'world'},
     )
     peer = Peer(probe)
     peer.send_camera()
@@ -305,22 +304,3 @@ def test_the_log_tells_when_tracking_begins_is_lost_and_is_found_again(
         'tracking is lost',
         'tracking was found again after 3 images',
     ]
-
-
-def test_topics_remapped_for_the_node_alone_reach_its_scene_process(
-    start: Start, probe: Probe
-) -> None:
-    rules = ('rgb/image:=/front/color', 'depth/image:=/front/depth')
-    arguments = [word for rule in rules for word in ('-r', f'rgbd_slam:{rule}')]
-    start('rgbd_slam', 'rgbd_slam_node', ros_args=arguments)
-
-    def subscribers(topic: str) -> list[str]:
-        return [info.node_name for info in probe.node.get_subscriptions_info_by_topic(topic)]
-
-    for topic in ('/front/color', '/front/depth'):
-        probe.spin_until(
-            lambda topic=topic: subscribers(topic) == ['rgbd_slam_scene'],  # type: ignore[misc]
-            f'the scene process does not subscribe to {topic}',
-            60.0,
-        )
-    assert subscribers('/rgb/image') == subscribers('/depth/image') == []

@@ -13,7 +13,7 @@ from hoid_common.values import FloatArray
 from hoid_system_tests.filter_peer import CAMERA, DEPTH_M, PERSON, FilterRunner, num_inside
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import NO_SCENE, SlamPeer
+from hoid_system_tests.slam_peer import SlamPeer
 
 WALL_M, PERSON_M = 3.0, 1.5
 
@@ -22,7 +22,7 @@ def test_map_points_on_a_person_detected_late_are_retracted(
     run_filter: FilterRunner, start: Start, probe: Probe, tmp_path: Path
 ) -> None:
     parameters = {'map_directory': str(tmp_path), 'map_period_s': 0.2}
-    start('rgbd_slam', 'rgbd_slam_node', parameters | NO_SCENE)
+    start('rgbd_slam', 'rgbd_slam_node', parameters)
     odometry = probe.collect(Odometry, 'odom', wait=False)
     clouds = probe.collect(PointCloud2, 'map_points', qos.LATCHED, wait=False)
     slam = SlamPeer(probe)  # before the filter's peer, which publishes the camera to both nodes

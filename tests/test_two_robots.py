@@ -32,10 +32,6 @@ LIMIT_S = 120.0
 PARAMETERS = """/**:
   ros__parameters:
     input: {reliability: reliable, queue_length: 100}
-/**/rgbd_slam:
-  ros__parameters:
-    dense: {enabled: false}
-    objects: {enabled: false}
 """
 
 
@@ -83,7 +79,7 @@ def suites(domain_id: int, tmp_path: Path) -> Iterator[Supervisor]:
     """`hoid nodes` for both robots."""
     params = tmp_path / 'params.yaml'
     params.write_text(PARAMETERS)
-    argv = ('nodes', '--no-detector', '--filter', 'none', '--params', str(params))
+    argv = ('nodes', '--no-detector', '--filter', 'none', '--no-scene', '--params', str(params))
     specs = []
     for robot in ROBOTS:
         own = ('--namespace', robot.name, *(('--compressed',) if robot.compressed else ()))

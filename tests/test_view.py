@@ -19,7 +19,7 @@ from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult
 from hoid_bringup.view import view
 from hoid_common import se3
 from hoid_common.values import FloatArray, Trajectory
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 

@@ -12,7 +12,7 @@ from hoid_benchmarks.object_picture import draw_objects, object_rows, object_tab
 from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, FloatArray, RgbdFrame, Trajectory
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.objects.mapped_object import MapObject, PlaceState
 from rgbd_slam.statistics import SlamStats
 

@@ -19,7 +19,7 @@ from hoid_benchmarks.rooms.visits.number_table import NumberScores, score_number
 from hoid_benchmarks.rooms.visits.second_visit import first_name, first_scene, truth_of
 from hoid_benchmarks.rooms.visits.true_changes import ChangeKind, TrueChange, TrueVisits
 from hoid_common.values import Trajectory
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.objects.mapped_object import MapObject, PlaceState
 from hoid_synth.config import SceneConfig
 from rgbd_slam.statistics import SlamStats

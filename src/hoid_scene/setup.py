@@ -1,3 +1,5 @@
+from glob import glob
+
 from setuptools import find_packages, setup
 
 NAME = 'hoid_scene'
@@ -13,6 +15,9 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/launch', glob('launch/*.py')),
+        (f'lib/{NAME}', glob('scripts/*')),
     ],
     install_requires=['numpy', 'opencv-python-headless'],
     # Without pytest here `colcon test` runs no test at all.

@@ -21,6 +21,6 @@ setup(
     ],
     install_requires=['gtsam', 'numpy', 'opencv-python-headless'],
     # Without pytest here `colcon test` runs no test at all.
-    extras_require={'test': ['hypothesis', 'psutil', 'pytest', 'pyyaml']},
+    extras_require={'test': ['hypothesis', 'psutil', 'pytest']},
     zip_safe=True,
 )

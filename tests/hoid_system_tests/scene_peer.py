@@ -1,16 +1,20 @@
-"""A peer of rgbd_slam that also publishes the images, which the scene mapper needs."""
+"""A peer of rgbd_slam and hoid_scene, which also publishes the images that the scene needs."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from hoid_msgs.msg import DynamicObjectArray, SlamStatus
+from hoid_msgs.srv import SaveMap
 from sensor_msgs.msg import Image, PointCloud2
 
+from hoid_bringup.live.supervisor import Supervisor
 from hoid_common.ros import conversions, qos
 from hoid_common.values import FloatArray
 from hoid_system_tests.probe import Probe
+from hoid_system_tests.processes import Start
 from hoid_system_tests.rendered_room import Messages
 from hoid_system_tests.slam_peer import SlamPeer
 
@@ -18,6 +22,33 @@ RELIABLE = {'input.reliability': 'reliable', 'input.queue_length': 100}
 """Parameters with which no image is lost on a busy machine."""
 _MAP_S = 30.0  # limit for the first dense map
 _CAMERA_S, _MAPPER_S = 0.03, 0.5  # pauses: the period of a camera, and for a busy mapper
+
+
+class SceneNodes(NamedTuple):
+    """The two nodes that map a scene."""
+
+    slam: Supervisor
+    scene: Supervisor
+
+
+def start_scene(
+    start: Start,
+    scene: Mapping[str, Any] | None = None,
+    slam: Mapping[str, Any] | None = None,
+    **both: Any,
+) -> SceneNodes:
+    """Start rgbd_slam and hoid_scene with reliable inputs.
+
+    Args:
+        start: Starts a node.
+        scene: Parameters of hoid_scene.
+        slam: Parameters of rgbd_slam.
+        both: Parameters of both.
+    """
+    return SceneNodes(
+        start('rgbd_slam', 'rgbd_slam_node', RELIABLE | both | dict(slam or {})),
+        start('hoid_scene', 'hoid_scene_node', RELIABLE | both | dict(scene or {})),
+    )
 
 
 class ScenePeer(SlamPeer):
@@ -29,6 +60,11 @@ class ScenePeer(SlamPeer):
         self.depth = probe.publisher(Image, 'depth/image')
         self.color = probe.publisher(Image, 'rgb/image')
         self.objects = probe.publisher(DynamicObjectArray, 'dynamic_objects')
+
+    def save(self, name: str = '', what: str = 'map') -> Any:
+        """Call `~/save_map` of rgbd_slam, or `~/save_cloud` ... of hoid_scene."""
+        node = 'rgbd_slam' if what == 'map' else 'hoid_scene'
+        return self.probe.call(SaveMap, f'{node}/save_{what}', SaveMap.Request(name=name))
 
     def show(self, image: Messages) -> SlamStatus:
         """Publish all messages of an image and return its status."""

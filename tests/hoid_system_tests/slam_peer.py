@@ -19,8 +19,6 @@ from hoid_system_tests.frame_tree import OPTICAL, edges
 from hoid_system_tests.point_world import CAMERA
 from hoid_system_tests.probe import Probe
 
-NO_SCENE = {'dense.enabled': False, 'objects.enabled': False}
-"""Parameters that switch the scene mapper off, which needs images."""
 START_NS, PERIOD_NS = 1_305_031_102_175_304_123, 33_333_333
 _READY_S = 60.0  # the node starts processes
 _RESEND_S = 3.0
@@ -80,7 +78,7 @@ class SlamPeer:
         return np.asarray(tree['map', 'odom'] @ tree['odom', OPTICAL])
 
     def save(self, name: str = '', what: str = 'map') -> Any:
-        """Call `~/save_map`, `~/save_cloud` or `~/save_grid`."""
+        """Call `~/save_map` or `~/save_trajectory`."""
         return self.probe.call(SaveMap, f'rgbd_slam/save_{what}', SaveMap.Request(name=name))
 
     def load(self, name: str = '', *, merge: bool = False) -> Any:

@@ -25,7 +25,7 @@ def tiled(content: MapFile, count: int, seed: int = 0) -> MapFile:
     masks[0] = 0
     parts = [_copy(state, n, mask) for n, mask in enumerate(masks)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    return content._replace(map=MapState.of(columns), dense=None, uids=None, loops=())
+    return content._replace(map=MapState.of(columns), uids=None, loops=())
 
 
 def tiled_to(base: MapFile, num_keyframes: int, seed: int) -> MapFile:

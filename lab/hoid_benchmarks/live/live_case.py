@@ -14,11 +14,11 @@ import numpy as np
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.live.ros_session import ros_session
-from hoid_benchmarks.faults.live.node_harness import MAPPER, SCENE, member_pids
+from hoid_benchmarks.faults.live.node_harness import MAPPER, member_pids
 from hoid_benchmarks.live.cases import LiveCase
 from hoid_benchmarks.live.listener import Listener
 from hoid_benchmarks.live.usage import Usage, UsageMeter
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, node_specs
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, node_specs
 from hoid_bringup.live.replay_plan import BagNames, ReplayConfig, node_options, player_spec
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import Supervisor
@@ -87,7 +87,7 @@ def _await_nodes(listener: Listener, running: Supervisor, bag: BagSequence) -> N
     with BagReader(bag.path) as reader:
         camera_info = next(reader.messages([topic])).data
     end_s = time.monotonic() + _READY_S
-    while MAPPER not in member_pids(running.pids) or SCENE not in member_pids(running.pids):
+    while MAPPER not in member_pids(running.pids):
         listener.spin(_TICK_S)
         if listener.is_connected():
             listener.send_camera(camera_info)

@@ -37,7 +37,7 @@ class Ghost:
         self.num_standing = self.num_left = 0
         self._truth, scene = truth, truth.stage.config
         self._camera = scene.camera
-        self._room = SceneMapper(scene.camera, config.slam.dense, config.slam.objects)
+        self._room = SceneMapper(scene.camera, config.scene.dense, config.scene.objects)
         self._frame_of = {scene.stamp_ns(i): i for i in range(scene.frames)}
         u, v = np.meshgrid(np.arange(scene.width_px), np.arange(scene.height_px))
         x, y = (u - self._camera.cx_px), (v - self._camera.cy_px)

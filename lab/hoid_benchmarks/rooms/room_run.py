@@ -16,11 +16,12 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import DynamicObject, RgbdFrame, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
+from hoid_scene.store import scene_file
 from hoid_scene.tracks.object_tracker import TrackedObject
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
@@ -74,22 +75,23 @@ def map_room(
         sequence.camera,
         config.slam,
         RobotFrames(),
-        scene_scheduler=SceneScheduler(
-            config.slam.dense.rate_hz, config.slam.objects.rate_hz, config.slam.object_map.rate_hz
-        ),
+    )
+    scheduler = SceneScheduler(
+        config.scene.dense.rate_hz, config.scene.objects.rate_hz, config.scene.object_map.rate_hz
     )
     scene = SceneMapper(
-        sequence.camera, config.slam.dense, config.slam.objects, config.slam.object_map
+        sequence.camera, config.scene.dense, config.scene.objects, config.scene.object_map
     )
     detect = detection_source(sequence, config, scene.expected_objects)
     if files.load is not None:
         _load(files.load, session, scene, localize=files.localize)
-    publish = Rate(1 / config.slam.dense.publish_period_s)
+    publish = Rate(1 / config.scene.dense.publish_period_s)
     tracks: Tracks = {}
     history: ObjectHistory = {}
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
         filtered = feature_filter.process(frame, detect(frame))
-        request = session.process(filtered.features).scene_request
+        image = session.process(filtered.features).image
+        request = scheduler.pick(image, session.robot_map.keyframes)
         if request is None:
             continue
         if request.track_objects:
@@ -124,14 +126,13 @@ def map_room(
 def _load(path: Path, session: SlamSession, scene: SceneMapper, *, localize: bool) -> None:
     content = map_file.load(path)
     loaded = session.robot_map.load(content, extend=not localize)
-    if content.dense is not None:
-        scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
-    if content.objects is not None:
-        scene.load_objects(content.objects, loaded.keyframes, loaded.keyframe_uids)
+    scene.correct(loaded.keyframes)
+    saved = scene_file.read_file(path)
+    scene_file.load(scene, saved.renamed(content.keyframes().uids, loaded.keyframe_uids))
     session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
 
 def _save(path: Path, session: SlamSession, scene: SceneMapper) -> None:
-    objects = scene.export_objects(session.robot_map.keyframes().uids)
-    content = session.robot_map.export()
-    map_file.save(path, content._replace(dense=scene.export(), objects=objects))
+    map_file.save(path, session.robot_map.export())
+    uids = session.robot_map.keyframes().uids
+    scene_file.add_to_file(path, scene_file.exported(scene, uids))

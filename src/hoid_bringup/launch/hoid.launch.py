@@ -1,4 +1,4 @@
-"""Launches detector, filter and SLAM for a camera driver that is chosen by name.
+"""Launches detector, filter, SLAM and scene for a camera driver that is chosen by name.
 
 ./hoid env ros2 launch hoid_bringup hoid.launch.py camera:=realsense base_frame:=base_link
 
@@ -84,6 +84,7 @@ ARGUMENTS = (
         description='base frame of the robot; empty: the optical frame of the camera',
     ),
     switch('detector', 'whether to run the detector', default=True),
+    switch('scene', 'whether to map the scene: grid, people and objects', default=True),
     switch('rviz', 'whether to open RViz'),
 )
 
@@ -112,9 +113,11 @@ def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
         },
         'hoid_filter': {'strategy': value(context, 'strategy')},
         'rgbd_slam': {'frames.base': value(context, 'base_frame')},
+        'hoid_scene': {},
     }
-    if not is_on(context, 'detector'):
-        del parameters['hoid_detector']
+    for name in ('detector', 'scene'):
+        if not is_on(context, name):
+            del parameters[f'hoid_{name}']
     viewers = [rviz(context)] if is_on(context, 'rviz') else []
     nodes = [
         suite_node(context, package, values, [*camera, *grids])

@@ -59,7 +59,7 @@ class Passing:
 
 def run(strategy: str) -> tuple[OfflinePipeline, int]:
     """Return the pipeline after all images, and the number of cloud points not on the wall."""
-    config = RunConfig().updated({'filter.strategy': strategy, 'slam.dense.rate_hz': 30})
+    config = RunConfig().updated({'filter.strategy': strategy, 'scene.dense.rate_hz': 30})
     pipeline = OfflinePipeline(Passing(), config, lambda _: None, dense=True)
     for frame in Passing():
         pipeline.process(frame)

@@ -70,7 +70,7 @@ def plan(bag: FakeBag, **changes: object) -> NodeOptions:
 
 def test_the_suites_own_bag_needs_no_remaps() -> None:
     options = plan(FakeBag())
-    assert options.nodes == ('hoid_detector', 'hoid_filter', 'rgbd_slam')
+    assert options.nodes == ('hoid_detector', 'hoid_filter', 'rgbd_slam', 'hoid_scene')
     assert options.remappings == ()
     assert not options.use_sim_time  # no node needs /clock, which would wake each of them
     assert options.parameters['rgbd_slam']['map_directory'] == 'folder'
@@ -94,7 +94,7 @@ def test_one_compressed_topic_beside_a_raw_one_is_played() -> None:
 def test_offset_and_units_of_depth_reach_the_nodes() -> None:
     bag = FakeBag()
     bag.depth_offset_ns, bag.depth_units_per_m = 25_000_000, 10_000.0
-    for node in ('hoid_filter', 'rgbd_slam'):
+    for node in ('hoid_filter', 'hoid_scene'):
         parameters = plan(bag).parameters[node]
         assert parameters['input.depth_offset_s'] == 0.025
         assert parameters['input.depth_units_per_m'] == 10_000.0
@@ -102,15 +102,20 @@ def test_offset_and_units_of_depth_reach_the_nodes() -> None:
 
 def test_ground_truth_boxes_replace_the_detector() -> None:
     options = plan(FakeBag(truth='/detections_gt'), model=TRUTH)
-    assert options.nodes == ('hoid_filter', 'rgbd_slam')
+    assert options.nodes == ('hoid_filter', 'rgbd_slam', 'hoid_scene')
     assert options.remappings == (('detections', 'detections_gt'),)
     with pytest.raises(InputError, match='no ground-truth boxes'):
         plan(FakeBag(), model=TRUTH)
 
 
+def test_a_run_without_its_maps_needs_no_scene() -> None:
+    off = {'dense.enabled': False, 'objects.enabled': False, 'object_map.enabled': False}
+    assert plan(FakeBag(), **off).nodes == ('hoid_detector', 'hoid_filter', 'rgbd_slam')
+
+
 def test_no_filter_needs_no_detector() -> None:
     options = plan(FakeBag(), **{'filter.strategy': 'none', 'filter.depth_limit_m': 0.3})
-    assert options.nodes == ('hoid_filter', 'rgbd_slam')
+    assert options.nodes == ('hoid_filter', 'rgbd_slam', 'hoid_scene')
     assert options.parameters['hoid_filter']['strategy'] == 'none'
     assert options.parameters['hoid_filter']['depth_limit_m'] == 0.3
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM
 from hoid_bringup.live.nodes import add_nodes_arguments, node_options, without_detector
 from hoid_bringup.run import no_detector
 from hoid_bringup.run.no_detector import NO_DETECTOR, lacks_model
@@ -54,7 +54,7 @@ def test_without_a_model_no_detector_node_is_started(
 ) -> None:
     finds(monkeypatch, NoModelError('none'))
     options = without_detector(node_options(nodes()))
-    assert options.nodes == (FILTER, SLAM)
+    assert options.nodes == (FILTER, SLAM, SCENE)
     assert options.parameters[FILTER]['strategy'] == 'motion'
     assert capsys.readouterr().err == f'hoid nodes: {NO_DETECTOR}\n'
     for words in (
@@ -62,7 +62,12 @@ def test_without_a_model_no_detector_node_is_started(
         ('--detector', 'mine.onnx'),
         ('--set', 'filter.strategy=person'),
     ):
-        assert without_detector(node_options(nodes(*words))).nodes == (DETECTOR, FILTER, SLAM)
+        assert without_detector(node_options(nodes(*words))).nodes == (
+            DETECTOR,
+            FILTER,
+            SLAM,
+            SCENE,
+        )
     assert without_detector(node_options(nodes('--only', DETECTOR))).nodes == (DETECTOR,)
 
 
@@ -73,7 +78,7 @@ def test_a_strategy_in_the_parameter_file_is_kept(
     file = tmp_path / 'robot.yaml'
     file.write_text('/**/hoid_filter:\n  ros__parameters:\n    strategy: hoid3d\n')
     options = without_detector(node_options(nodes('--params', str(file))))
-    assert options.nodes == (DETECTOR, FILTER, SLAM)
+    assert options.nodes == (DETECTOR, FILTER, SLAM, SCENE)
     file.write_text('/**/hoid_filter:\n  ros__parameters:\n    min_interaction_area: 0.3\n')
     options = without_detector(node_options(nodes('--params', str(file))))
-    assert options.nodes == (FILTER, SLAM)
+    assert options.nodes == (FILTER, SLAM, SCENE)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions
 from hoid_bringup.live.nodes import add_nodes_arguments, node_options
 from hoid_common.errors import ConfigError
 
@@ -23,8 +23,9 @@ def options(*argv: str) -> NodeOptions:
 @pytest.mark.parametrize(
     ('argv', 'nodes'),
     [
-        ((), (DETECTOR, FILTER, SLAM)),
-        (('--no-detector',), (FILTER, SLAM)),
+        ((), (DETECTOR, FILTER, SLAM, SCENE)),
+        (('--no-detector',), (FILTER, SLAM, SCENE)),
+        (('--no-detector', '--no-scene'), (FILTER, SLAM)),
         (('--only', DETECTOR), (DETECTOR,)),
     ],
 )
@@ -51,7 +52,7 @@ def test_options_set_the_parameters_of_their_nodes() -> None:
     assert all(of_node['input.compressed'] is True for of_node in chosen.values())
     assert chosen[SLAM]['frames.base'] == 'base_link'
     assert chosen[FILTER]['strategy'] == 'person'
-    assert options().parameters == {DETECTOR: {}, FILTER: {}, SLAM: {}}
+    assert options().parameters == {DETECTOR: {}, FILTER: {}, SLAM: {}, SCENE: {}}
 
 
 @pytest.mark.parametrize('name', ['robot', '/robot/arm_2', 'a/b/'])

@@ -13,6 +13,7 @@ from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.values import Detections, RgbdFrame
+from hoid_scene.store import scene_file
 from rgbd_slam.store import map_file
 
 from .test_offline import PERIOD_NS, WALL_M, WallSequence
@@ -105,7 +106,7 @@ def test_a_run_with_a_saved_map_finds_the_same_objects(
         maps=MapFiles(load=maps[0], localize=True, save=again),
         show_progress=False,
     )
-    before, after = (map_file.load(path).objects for path in (maps[0], again))
+    before, after = (scene_file.read_file(path).objects for path in (maps[0], again))
     assert before is not None
     assert after is not None
     assert after.object_id.tolist() == before.object_id.tolist()

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from hoid_bringup import cli
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.nodes import add_nodes_arguments, node_options
 from hoid_bringup.run.options import add_method_arguments, run_config
 from hoid_bringup.run.run_config import RunConfig
@@ -18,8 +18,8 @@ from hoid_common.errors import ConfigError
 
 SAME = (
     ('filter.detections.on_loss', 'detections.on_loss', 'hoid_filter.detections.on_loss'),
-    ('slam.dense.voxel_m', 'dense.voxel_m', 'rgbd_slam.dense.voxel_m'),
-    ('slam.objects.rate_hz', 'objects.rate_hz', 'rgbd_slam.objects.rate_hz'),
+    ('scene.dense.voxel_m', 'dense.voxel_m', 'hoid_scene.dense.voxel_m'),
+    ('scene.objects.rate_hz', 'objects.rate_hz', 'hoid_scene.objects.rate_hz'),
     ('detector.model', 'model', 'hoid_detector.model'),
     (
         'filter.extraction.num_features',
@@ -31,8 +31,8 @@ SAME = (
 )
 GIVEN: dict[str, Any] = {
     'filter.detections.on_loss': 'stop',
-    'slam.dense.voxel_m': 0.1,
-    'slam.objects.rate_hz': 5.0,
+    'scene.dense.voxel_m': 0.1,
+    'scene.objects.rate_hz': 5.0,
     'detector.model': 'x.onnx',
     'filter.extraction.num_features': 500,
     'slam.seed': 3,
@@ -56,7 +56,7 @@ def of_nodes(*texts: str) -> NodeOptions:
 def test_a_parameter_has_the_same_names_everywhere(names: tuple[str, ...]) -> None:
     full = names[0]
     stage, _, own = full.partition('.')
-    node = {'detector': DETECTOR, 'filter': FILTER, 'slam': SLAM}[stage]
+    node = {'detector': DETECTOR, 'filter': FILTER, 'slam': SLAM, 'scene': SCENE}[stage]
     for name in names:
         assert of_run(f'{name}={GIVEN[full]}').changed() == {full: GIVEN[full]}
         assert of_nodes(f'{name}={GIVEN[full]}').parameters[node] == {own: GIVEN[full]}
@@ -68,10 +68,10 @@ def test_a_parameter_has_the_same_names_everywhere(names: tuple[str, ...]) -> No
     [
         ('autostart=false', r'write detector\.autostart or filter\.autostart or slam\.autostart'),
         ('input.compressed=true', 'several nodes have a parameter "input.compressed"'),
-        ('voxel_m=0.1', r'no parameter is called "voxel_m"; did you mean slam\.dense\.voxel_m\?'),
-        ('dense.voxel_n=0.1', r'did you mean slam\.dense\.voxel_m'),
+        ('voxel_m=0.1', r'no parameter is called "voxel_m"; did you mean scene\.dense\.voxel_m\?'),
+        ('dense.voxel_n=0.1', r'did you mean scene\.dense\.voxel_m'),
         ('seed=1.5', r'slam\.seed must be int, got 1\.5'),
-        ('dense.voxel_m=fine', r"slam\.dense\.voxel_m must be float, got 'fine'"),
+        ('dense.voxel_m=fine', r"scene\.dense\.voxel_m must be float, got 'fine'"),
         ('seed', 'expected NAME=VALUE'),
         ('seed=!!int x', '--set seed: is not YAML'),
     ],
@@ -84,7 +84,7 @@ def test_errors_are_the_same_in_run_and_nodes(text: str, message: str) -> None:
 
 def test_whole_numbers_and_lists_are_converted() -> None:
     config = of_run('dense.voxel_m=0.1', 'depth_limit_m=1', "classes=['']", 'providers=[]')
-    assert config.changed() == {'filter.depth_limit_m': 1.0, 'slam.dense.voxel_m': 0.1}
+    assert config.changed() == {'filter.depth_limit_m': 1.0, 'scene.dense.voxel_m': 0.1}
     assert type(config.filter.depth_limit_m) is float
     given = of_nodes('classes=[]', 'depth_limit_m=1').parameters
     assert given[DETECTOR] == {'classes': ()}
@@ -99,7 +99,8 @@ def test_an_expert_parameter_is_passed_with_the_switch_expert() -> None:
     always = 'use_sim_time:=false'
     assert given[FILTER] == {'strategy:="hoid+"', always}
     assert given[DETECTOR] == {'classes:=[""]', always}
-    assert given[SLAM] == {'dense.voxel_m:=0.025', 'expert:=true', always}
+    assert given[SLAM] == {always}
+    assert given[SCENE] == {'dense.voxel_m:=0.025', 'expert:=true', always}
 
 
 def test_offline_runs_refuse_parameters_of_live_nodes(

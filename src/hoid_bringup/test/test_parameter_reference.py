@@ -96,7 +96,7 @@ def test_every_parameter_is_described_once() -> None:
 
 def test_runs_have_the_parameters_of_the_nodes_by_the_same_names() -> None:
     names = {leaf.name for leaf in RunConfig().node_params()}
-    stages = ('detector', 'filter', 'slam')
+    stages = ('detector', 'filter', 'slam', 'scene')
     assert names == {
         f'{stage}.{leaf.name}'
         for stage, config in zip(stages, NODE_CONFIGS.values(), strict=True)

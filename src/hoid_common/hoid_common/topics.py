@@ -36,6 +36,9 @@ GRID_MAP = 'grid_map'
 GRID_MAP_UPDATES = 'grid_map_updates'  # map_msgs/OccupancyGridUpdate, changed parts of the grid
 KEYFRAMES = 'keyframes'
 SLAM_STATUS = 'slam_status'
+# For nodes whose maps move with the keyframes, such as hoid_scene.
+KEYFRAME_POSES = 'keyframe_poses'  # hoid_msgs/KeyframePoses
+TRACKED_IMAGES = 'tracked_images'  # hoid_msgs/TrackedImage
 TRACKED_OBJECTS = 'tracked_objects'  # hoid_msgs/TrackedObjectArray
 PEOPLE = 'people'  # people_msgs/People
 TRACKED_OBJECT_MARKERS = 'tracked_objects/markers'  # visualization_msgs/MarkerArray
@@ -71,6 +74,9 @@ SET_MODE = '~/set_mode'
 SAVE_MAP = '~/save_map'
 LOAD_MAP = '~/load_map'
 SAVE_TRAJECTORY = '~/save_trajectory'
+
+# Services of hoid_scene.
+ADD_TO_MAP = '~/add_to_map'  # for rgbd_slam, which saves the map
 SAVE_CLOUD = '~/save_cloud'
 SAVE_GRID = '~/save_grid'
 FIND_OBJECTS = '~/find_objects'

@@ -30,7 +30,7 @@ from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.outputs import FilterOutputs
 
 _POLL_S = 0.05  # chosen: a tenth of the default of `detections.wait_s`
-_UNIT_REMEDY = 'set input.depth_units_per_m of hoid_filter and rgbd_slam'
+_UNIT_REMEDY = 'set input.depth_units_per_m of hoid_filter and hoid_scene'
 
 
 class FilterNode(ManagedNode):

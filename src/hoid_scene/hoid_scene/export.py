@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common.errors import InputError
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 
 _PLY = np.dtype([('xyz', '<f4', 3), ('rgb', 'u1', 3)])
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from hoid_common.errors import MapFileError
@@ -20,11 +18,11 @@ from hoid_common.values import (
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.dense.dense_map import DenseMap
 from hoid_scene.dense.depth_view import in_boxes
-from hoid_scene.dense.submap import Submap, transform
-from hoid_scene.dense.submap_export import ExportMark, SubmapExport
-from hoid_scene.dense.submap_state import DenseMap, SubmapState, misfit
-from hoid_scene.dense.voxel_map import ColoredCloud, VoxelMap
+from hoid_scene.dense.submap import ColoredCloud, Submap, transform
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.dense.view_store import ViewStore
 from hoid_scene.grid.floor import Floor, find_floor
 from hoid_scene.grid.free_space import mark_free_space
 from hoid_scene.grid.grid import Grid, SubmapCells, cells_of, compose_grid
@@ -35,7 +33,6 @@ from hoid_scene.objects.cloud_labels import NO_CLASS, CloudLabels
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.objects.object_map_state import ObjectMapState
-from hoid_scene.scene_ledger import SceneLedger
 from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.tracks.object_sighting import DepthImage
 from hoid_scene.tracks.object_tracker import ObjectTracker, TrackedObject
@@ -57,10 +54,9 @@ class SceneMapper:
     """Maps the scene in the map frame, whose z axis points up.
 
     Each image comes with a `SceneRequest`, which gives its time, pose and keyframe for all maps.
-    The voxels of the static scene are made of the images in the `ledger`. The grid is composed of
-    the cells below the submaps whenever it is requested; only submaps that have changed are
-    projected again. Tracks of people and objects describe the present: images update them, and no
-    later correction of the map changes them.
+    The static scene is in `dense`. The grid is composed of the cells below the submaps whenever it
+    is requested; only submaps that have changed are projected again. Tracks of people and objects
+    describe the present: images update them, and no later correction of the map changes them.
 
     Args:
         camera: The camera of depth and color.
@@ -70,7 +66,7 @@ class SceneMapper:
         is_map_level: Whether the map frame is level to within a degree or two, which it is if the
             base frame is known. If so, the grid has the x and y of the map frame; otherwise it has
             a frame of its own, which is level with the floor.
-        folder: Folder for the files of the stored images; None: a temporary one.
+        views: Store of the images of the dense map, which is empty; None: a temporary one.
     """
 
     def __init__(
@@ -81,12 +77,11 @@ class SceneMapper:
         object_map: ObjectMapConfig | None = None,
         *,
         is_map_level: bool = False,
-        folder: Path | None = None,
+        views: ViewStore | None = None,
     ) -> None:
-        self._camera = camera
+        self.camera = camera
         self._config = dense
-        self._voxels = VoxelMap(camera, dense)
-        self.ledger = SceneLedger(self._voxels, dense, folder)
+        self.dense = DenseMap(camera, dense, views)
         self._tracker = ObjectTracker(objects)
         self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
         mapped = object_map or ObjectMapConfig()
@@ -111,12 +106,37 @@ class SceneMapper:
     @property
     def num_voxels(self) -> int:
         """Return the number of voxels of the dense map."""
-        return len(self._voxels)
+        return len(self.dense)
 
     @property
     def has_floor(self) -> bool:
         """Return whether `grid` or `label` has found a floor; without a floor there is no grid."""
         return self._floors is not None
+
+    def use(
+        self,
+        request: SceneRequest,
+        depth_m: Float32Array,
+        image_bgr: ByteArray,
+        objects: tuple[DynamicObject, ...],
+    ) -> None:
+        """Use an image (H, W) for the maps that it was requested for.
+
+        Args:
+            request: Time, pose and keyframe of the image, and the maps.
+            depth_m: (H, W) depth; 0: no reading.
+            image_bgr: (H, W, 3) color.
+            objects: The detections in the image, with the filter's verdicts.
+
+        Raises:
+            MapFileError: The image cannot be stored.
+        """
+        if request.track_objects:
+            self.track_objects(request, depth_m, objects)
+        if request.is_for_object_map:
+            self.map_objects(request, depth_m, objects)
+        if request.is_for_dense_map:
+            self.fuse(request, depth_m, image_bgr, objects)
 
     def fuse(
         self,
@@ -141,9 +161,9 @@ class SceneMapper:
             objects: The detections in the image, with the filter's verdicts.
 
         Raises:
-            OSError: The file of the image cannot be written.
+            MapFileError: The image cannot be stored.
         """
-        image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
+        image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
         boxes = [
             seen.box_xyxy_px
             for seen in objects
@@ -152,7 +172,7 @@ class SceneMapper:
         boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
         is_dynamic = in_boxes(depth_m.shape, boxes_xyxy_px, self._config.mask_margin_px)
         self._num_fused += 1
-        self.ledger.add(request, self._voxels.camera.view_of(depth_m, is_dynamic, image_bgr))
+        self.dense.add(request, self.dense.camera.view_of(depth_m, is_dynamic, image_bgr))
 
     def track_objects(
         self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
@@ -164,7 +184,7 @@ class SceneMapper:
             depth_m: (H, W) depth; 0: no reading.
             objects: The detections in the image, with the filter's verdicts.
         """
-        image = DepthImage.of(self._camera, depth_m, request.T_map_camera)
+        image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
         self._tracks = self._tracker.update(objects, image, request.stamp_ns, self._floor)
         return self._tracks
 
@@ -240,12 +260,9 @@ class SceneMapper:
 
         Args:
             keyframes: The poses of all keyframes.
-            force: Whether to fuse bent submaps again now (see `SceneLedger.correct`).
-
-        Raises:
-            OSError: With `force`, the file of an image cannot be read.
+            force: Whether to fuse bent submaps again now (see `DenseMap.correct`).
         """
-        self.ledger.correct(keyframes, force=force)
+        self.dense.correct(keyframes, force=force)
         if self._object_map is not None:
             self._object_map.correct(keyframes)
 
@@ -255,19 +272,10 @@ class SceneMapper:
 
     def export(self) -> SubmapState | None:
         """Return the dense map for a file with the present keyframes; None if it has no voxels."""
-        uids = self.ledger.keyframes.uids
-        return self._voxels.export(uids) if len(self._voxels) else None
+        uids = self.dense.keyframes.uids
+        return self.dense.export(uids) if len(self.dense) else None
 
-    def export_since(self, mark: ExportMark | None) -> SubmapExport | None:
-        """Return the changes of the dense map since an export; None if it has no voxels.
-
-        Args:
-            mark: Mark of that export; None: return the whole dense map.
-        """
-        uids = self.ledger.keyframes.uids
-        return self._voxels.export_since(mark, uids) if len(self._voxels) else None
-
-    def load(self, dense: DenseMap, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
+    def load(self, dense: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
         """Add a saved dense map to the dense map.
 
         The keyframe poses are applied to dense map and object map first (`correct`).
@@ -278,20 +286,16 @@ class SceneMapper:
             keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
 
         Raises:
-            MapFileError: It was made with another `voxel_m` or `pixel_stride`.
+            MapFileError: It was made with another `voxel_m`.
         """
-        if parameter := misfit(dense, self._camera, self._config):
-            raise MapFileError(f'the dense map was made with another dense.{parameter}')
+        if dense.voxel_m[0] != self._config.voxel_m:
+            raise MapFileError('the dense map was made with another dense.voxel_m')
         self.correct(keyframes)
-        if isinstance(dense, SubmapState):
-            self._voxels.load(dense, keyframes, keyframe_uids)
-        else:
-            for view in dense.views(keyframe_uids):
-                self.ledger.restore(view)
+        self.dense.load(dense, keyframe_uids)
 
     def cloud(self) -> ColoredCloud:
         """Return the confirmed points of the dense map (main map only), in the map frame."""
-        return self._voxels.cloud()
+        return self.dense.cloud()
 
     def label(self, cloud: ColoredCloud) -> CloudLabels | None:
         """Return the classes of the points of a cloud of the dense map; the floor has none.
@@ -317,18 +321,15 @@ class SceneMapper:
 
         Args:
             cloud: The present result of `cloud`, in which the floor is searched for.
-
-        Raises:
-            OSError: The file of a stored image cannot be read.
         """
         self._update_floor(cloud)
         if self._floors is None:
             return None
         floor, config = self._floors.floor, self._config.grid
         T_map_level = floor.T_map_ground if self._is_map_level else floor.T_map_floor
-        submaps = self._voxels.shown()
+        submaps = self.dense.shown()
         floor_m = self._floors.heights_m(submaps)
-        mark_free_space(submaps, floor, floor_m, self._voxels.camera, self.ledger.read)
+        mark_free_space(submaps, floor, floor_m, self.dense.camera, self.dense.read)
         before, self._cells = self._cells, {}
         for submap in submaps:
             key = submap.revision, floor_m[submap], config
@@ -370,12 +371,12 @@ class SceneMapper:
                 return
         self._floors = LocalFloors(floor)
         self._cells.clear()
-        for submap in self._voxels.submaps:
+        for submap in self.dense.submaps:
             submap.marked.clear()
 
     def _cameras(self) -> FloatArray:
         """Return the poses T_map_camera (K, 4, 4) of keyframes of the main map, at most 256."""
-        keyframes = self.ledger.keyframes
+        keyframes = self.dense.keyframes
         poses = keyframes.T_map_camera[keyframes.is_main]
         return poses[:: -(-len(poses) // _MAX_CAMERAS)]
 

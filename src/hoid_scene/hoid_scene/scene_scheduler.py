@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.poses.keyframe_poses import KeyframePoses, TrackedImage
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import NS_PER_S, FloatArray
 
@@ -69,6 +69,13 @@ class Rate:
 class SceneScheduler:
     """Selects the images for the dense map, the object tracks and the object map.
 
+    While the map grows, images are fused in every map, not only in the main one: the dense map
+    stores the images of other maps until a recognized place merges the maps. Objects are tracked
+    in the main map only, because tracks are published at once. They are tracked in localization as
+    well, because the present positions of people and objects are not part of the map. The object
+    map is updated in localization too, but only in the main map: it shows what has been moved
+    since the map was made.
+
     Args:
         dense_rate_hz: Rate [Hz] of images for the dense map; None: the dense map is off.
         tracks_rate_hz: Rate of images for the object tracks; None: they are off.
@@ -85,26 +92,28 @@ class SceneScheduler:
         self._rates = tuple(None if rate_hz is None else Rate(rate_hz) for rate_hz in rates)
 
     def pick(
-        self,
-        stamp_ns: int,
-        T_map_camera: FloatArray,
-        reference_uid: int,
-        keyframes: Callable[[], KeyframePoses],
+        self, image: TrackedImage | None, keyframes: Callable[[], KeyframePoses]
     ) -> SceneRequest | None:
         """Return the request for an image, or None if no map needs it.
 
         Args:
-            stamp_ns: Time of the image.
-            T_map_camera: (4, 4) pose of the image in the map frame, after tracking and mapping.
-            reference_uid: Uid of the keyframe relative to which the pose is stored.
+            image: The image; None: its pose is not known.
             keyframes: Returns the present poses of all keyframes; called only if they are needed.
         """
-        fuse, track_objects, map_objects = (
-            rate is not None and rate.take_due(stamp_ns) for rate in self._rates
-        )
+        if image is None:
+            return None
+        is_due = [rate is not None and rate.take_due(image.stamp_ns) for rate in self._rates]
+        fuse = is_due[0] and image.is_growing
+        track_objects = is_due[1] and image.is_in_main_map
+        map_objects = is_due[2] and (image.is_growing or image.is_in_main_map)
         if not (fuse or track_objects or map_objects):
             return None
-        known = keyframes() if fuse or map_objects else None
         return SceneRequest(
-            stamp_ns, T_map_camera, reference_uid, known, track_objects, map_objects, fuse
+            image.stamp_ns,
+            image.T_map_camera,
+            image.keyframe_uid,
+            keyframes() if fuse or map_objects else None,
+            track_objects,
+            map_objects,
+            fuse,
         )

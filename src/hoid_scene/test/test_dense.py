@@ -8,8 +8,10 @@ import pytest
 from hoid_common.errors import ConfigError
 from hoid_common.values import CameraModel, Float32Array
 from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.dense_map import DenseMap
 from hoid_scene.dense.depth_view import DepthCamera, DepthView, in_boxes
-from hoid_scene.dense.voxel_map import ColoredCloud, PosedView, VoxelMap
+from hoid_scene.dense.fusion import PosedView
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.export import write_ply
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
@@ -28,13 +30,13 @@ def posed(view: DepthView, x_m: float = 0.0) -> PosedView:
     return PosedView(view, 0, T_map_camera, 0, 0, np.eye(4))
 
 
-def fuse(voxels: VoxelMap, depth_m: Float32Array, times: int) -> None:
+def fuse(voxels: DenseMap, depth_m: Float32Array, times: int) -> None:
     for _ in range(times):
         voxels.integrate(posed(voxels.camera.view_of(depth_m, NO_PIXELS, BGR)))
 
 
 def test_a_wall_is_mapped_where_it_stands_with_its_color() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
+    voxels = DenseMap(CAMERA, CONFIG)
     fuse(voxels, wall(2.0), 3)
     cloud = voxels.cloud()
     assert len(cloud.points_m) > 1000
@@ -44,13 +46,13 @@ def test_a_wall_is_mapped_where_it_stands_with_its_color() -> None:
 
 
 def test_a_surface_that_too_few_images_measured_is_not_in_the_cloud() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
+    voxels = DenseMap(CAMERA, CONFIG)
     fuse(voxels, wall(2.0), CONFIG.min_views - 1)
     assert len(voxels.cloud().points_m) == 0
 
 
 def test_a_person_who_stood_still_and_left_leaves_no_points() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
+    voxels = DenseMap(CAMERA, CONFIG)
     occupied = wall(3.0)
     occupied[30:100, 60:100] = 1.5
     fuse(voxels, occupied, 9)  # 3 s at 3 Hz
@@ -60,7 +62,7 @@ def test_a_person_who_stood_still_and_left_leaves_no_points() -> None:
 
 
 def test_readings_beyond_the_range_of_the_map_carve() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
+    voxels = DenseMap(CAMERA, CONFIG)
     occupied = wall(9.0)
     occupied[30:100, 60:100] = 1.5
     fuse(voxels, occupied, 9)
@@ -71,7 +73,7 @@ def test_readings_beyond_the_range_of_the_map_carve() -> None:
 
 
 def test_nothing_behind_a_surface_is_carved() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
+    voxels = DenseMap(CAMERA, CONFIG)
     fuse(voxels, wall(3.0), 4)
     before = len(voxels.cloud().points_m)
     fuse(voxels, wall(1.0), 10)
@@ -90,14 +92,14 @@ def test_depth_edges_and_holes_are_left_out() -> None:
 
 def test_far_voxels_are_kept_in_a_file_and_come_back() -> None:
     voxels, whole = (
-        VoxelMap(CAMERA, DenseConfig(pixel_stride=1, max_voxels=n)) for n in (12_000, 10**6)
+        DenseMap(CAMERA, DenseConfig(pixel_stride=1, max_voxels=n)) for n in (12_000, 10**6)
     )
     view = voxels.camera.view_of(wall(2.0), NO_PIXELS, BGR)
     for x_m in (0.0, 4.0, 8.0, 12.0, 0.0):
         for _ in range(3):
             for each in (voxels, whole):
                 each.integrate(posed(view, x_m))
-                each.limit_memory(posed(view, x_m).T_map_camera)
+                each._limit_memory(posed(view, x_m).T_map_camera[:3, 3])
         assert voxels.num_in_memory <= 12_000
     assert whole.num_in_memory == len(whole) == len(voxels) > 24_000
     np.testing.assert_array_equal(voxels.cloud().points_m, whole.cloud().points_m)
@@ -105,7 +107,7 @@ def test_far_voxels_are_kept_in_a_file_and_come_back() -> None:
 
 def test_lens_distortion_is_removed() -> None:
     camera = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5, (0.2, -0.3, 0.001, -0.002, 0.1))
-    voxels = VoxelMap(camera, CONFIG)
+    voxels = DenseMap(camera, CONFIG)
     fuse(voxels, wall(2.0), 1)
     assert voxels.camera.view_of(wall(2.0), NO_PIXELS, BGR).flagged_mm.shape == (120, 160)
     fuse(voxels, wall(2.0), 5)
@@ -122,7 +124,7 @@ def test_boxes_are_enlarged_by_the_margin() -> None:
 
 
 def test_dynamic_pixels_add_no_surface_but_carve_in_front_of_them() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
+    voxels = DenseMap(CAMERA, CONFIG)
     fuse(voxels, wall(1.0), 3)
     before = len(voxels.cloud().points_m)
     is_dynamic = ~NO_PIXELS
@@ -136,7 +138,7 @@ def test_dynamic_pixels_add_no_surface_but_carve_in_front_of_them() -> None:
 
 
 def test_a_surface_on_the_border_of_two_voxels_is_confirmed() -> None:
-    voxels = VoxelMap(CAMERA, CONFIG)
+    voxels = DenseMap(CAMERA, CONFIG)
     for depth_m in (1.996, 2.004) * 3:  # 2.0 m is a multiple of the voxel's side
         fuse(voxels, wall(depth_m), 1)
     assert len(voxels.cloud().points_m) > 0.95 * len(voxels)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import InputError
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.export import read_ply, write_ply
 
 HEADER = b'ply\nformat binary_little_endian 1.0\nelement vertex 2\n'

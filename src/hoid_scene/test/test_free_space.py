@@ -91,7 +91,7 @@ def test_the_grid_moves_with_the_map(turn_rad: float) -> None:
     fuse(scene, depth_of_floor(), [camera_pose(0.0)])
     T = se3.exp(np.array([0, 0, turn_rad, 1.0, 2.0, 0.0]))
     one = np.zeros(1, np.int64)
-    scene.ledger.correct(KeyframePoses(2, one, one, 0, (T @ camera_pose(0.0))[None]))
+    scene.dense.correct(KeyframePoses(2, one, one, 0, (T @ camera_pose(0.0))[None]))
     grid = scene.grid(scene.cloud())
     assert grid is not None
     x_m, y_m, _ = (T @ np.array([2.0, 0.02, 0.0, 1.0]))[:3]

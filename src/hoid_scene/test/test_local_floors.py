@@ -10,8 +10,9 @@ import pytest
 
 from hoid_common.values import CameraModel
 from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.dense.dense_map import DenseMap
 from hoid_scene.dense.depth_view import DepthView
-from hoid_scene.dense.voxel_map import PosedView, VoxelMap
+from hoid_scene.dense.fusion import PosedView
 from hoid_scene.grid.floor import Floor
 from hoid_scene.grid.local_floors import LocalFloors
 
@@ -20,8 +21,8 @@ FLOOR_M = 2.01
 VIEW = DepthView(np.full((60, 80), 1000 * FLOOR_M, np.uint16), np.zeros((30, 40, 3), np.uint8))
 
 
-def voxels_of_floor() -> VoxelMap:
-    voxels = VoxelMap(CAMERA, DenseConfig())
+def voxels_of_floor() -> DenseMap:
+    voxels = DenseMap(CAMERA, DenseConfig())
     for slot in range(5):
         voxels.integrate(PosedView(VIEW, slot, np.eye(4), 0, 0, np.eye(4)))
     return voxels
@@ -49,7 +50,7 @@ def test_removed_submaps_are_forgotten() -> None:
     voxels, floors = voxels_of_floor(), LocalFloors(plane_below(FLOOR_M))
     floors.heights_m(voxels.shown())
     removed = weakref.ref(voxels.submaps[0])
-    voxels.remove([voxels.submaps[0]])
+    voxels._remove([voxels.submaps[0]])
     floors.heights_m(voxels.shown())
     gc.collect()
     assert removed() is None

@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from hoid_common.poses.keyframe_poses import NO_KEYFRAMES
+from hoid_common.poses.keyframe_poses import NO_KEYFRAMES, TrackedImage
 from hoid_scene.scene_scheduler import Rate, SceneScheduler
 
-POSE = np.eye(4)
 PERIOD_NS = 33_333_333
+
+
+def image(number: int = 0, **changes: bool) -> TrackedImage:
+    flags = {'is_in_main_map': True, 'is_growing': True} | changes
+    return TrackedImage(number * PERIOD_NS, np.eye(4), 5, **flags)
 
 
 def taken(rate: Rate, stamps_ns: list[int]) -> list[int]:
@@ -28,7 +32,7 @@ def test_a_rate_continues_after_a_gap_and_after_time_has_started_anew() -> None:
 
 def test_the_dense_map_and_the_object_tracks_have_their_own_rates() -> None:
     scheduler = SceneScheduler(3.0, 10.0)
-    offered = [scheduler.pick(i * PERIOD_NS, POSE, 5, lambda: NO_KEYFRAMES) for i in range(90)]
+    offered = [scheduler.pick(image(i), lambda: NO_KEYFRAMES) for i in range(90)]
     requests = [request for request in offered if request is not None]
     assert {request.reference_uid for request in requests} == {5}
     assert sum(request.keyframes is not None for request in requests) == 9
@@ -37,7 +41,7 @@ def test_the_dense_map_and_the_object_tracks_have_their_own_rates() -> None:
 
 def test_the_object_map_has_a_rate_of_its_own_and_needs_keyframes() -> None:
     scheduler = SceneScheduler(None, None, 2.0)
-    offered = [scheduler.pick(i * PERIOD_NS, POSE, 5, lambda: NO_KEYFRAMES) for i in range(90)]
+    offered = [scheduler.pick(image(i), lambda: NO_KEYFRAMES) for i in range(90)]
     requests = [request for request in offered if request is not None]
     assert len(requests) == 6
     assert all(request.is_for_object_map for request in requests)
@@ -45,4 +49,29 @@ def test_the_object_map_has_a_rate_of_its_own_and_needs_keyframes() -> None:
 
 
 def test_nothing_is_selected_while_all_maps_are_off() -> None:
-    assert SceneScheduler(None, None).pick(0, POSE, 5, lambda: NO_KEYFRAMES) is None
+    assert SceneScheduler(None, None).pick(image(), lambda: NO_KEYFRAMES) is None
+
+
+def test_an_image_without_a_pose_is_for_no_map_and_takes_no_turn() -> None:
+    scheduler = SceneScheduler(3.0, 10.0)
+    assert scheduler.pick(None, lambda: NO_KEYFRAMES) is None
+    assert scheduler.pick(image(), lambda: NO_KEYFRAMES) is not None
+
+
+def test_in_localization_objects_are_tracked_and_nothing_is_fused() -> None:
+    request = SceneScheduler(30.0, 30.0, 30.0).pick(image(is_growing=False), lambda: NO_KEYFRAMES)
+    assert request is not None
+    assert not request.is_for_dense_map
+    assert request.track_objects
+    assert request.is_for_object_map
+
+
+def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() -> None:
+    request = SceneScheduler(30.0, 30.0, 30.0).pick(
+        image(is_in_main_map=False), lambda: NO_KEYFRAMES
+    )
+    assert request is not None
+    assert request.is_for_dense_map
+    assert not request.track_objects
+    aside = image(is_in_main_map=False, is_growing=False)
+    assert SceneScheduler(30.0, 30.0, 30.0).pick(aside, lambda: NO_KEYFRAMES) is None

@@ -9,9 +9,6 @@ import numpy as np
 
 from hoid_common.errors import ConfigError
 from hoid_common.values import IntArray
-from hoid_scene.dense.submap_state import SubmapState
-from hoid_scene.objects.object_map import ObjectMap
-from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closer import Join, LoopCloser
 from rgbd_slam.loops.map_fit import MapFit, map_fits
@@ -19,7 +16,6 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.loop_edge import renumbered
 from rgbd_slam.model.map_state import restore, snapshot
-from rgbd_slam.model.trajectory import keyframe_poses
 from rgbd_slam.store.map_file import MapFile
 
 # Chosen: after a map was joined with others, every tenth of its keyframes is compared with their
@@ -56,10 +52,8 @@ class JoinedMaps(NamedTuple):
 
     content: MapFile  # maps that were not joined are separate maps in it
     joins: tuple[MapJoin, ...]  # one for each map except the first
-    # For each map: True if its dense map is in the result, or if it has no dense map. Dense maps
-    # in the format of earlier versions, and those with voxels of another size than the first dense
-    # map, are left out.
-    keeps_dense: tuple[bool, ...]
+    # For each map, the uids (K,) that its keyframes have in the result, in its order.
+    uids: tuple[IntArray, ...]
 
 
 def join_maps(
@@ -92,10 +86,8 @@ def join_maps(
     found = [joiner.join(n) for n in range(1, len(rows))]
     joins = [join._replace(joined_with=joiner.group(n)) for n, join in enumerate(found, 1)]
     uids = [atlas.keyframes.uid[own] for own in rows]
-    dense, keeps_dense = _joined_dense(contents, uids)
-    objects = _joined_objects(contents, uids, atlas)
-    content = MapFile(first.camera, *octaves, snapshot(atlas), dense, objects)
-    return JoinedMaps(content, tuple(joins), keeps_dense)
+    content = MapFile(first.camera, *octaves, snapshot(atlas), np.sort(np.concatenate(uids)))
+    return JoinedMaps(content, tuple(joins), tuple(uids))
 
 
 def without_loop(content: MapFile, number: int, config: SlamConfig) -> MapFile:
@@ -200,45 +192,3 @@ class _Joiner:
             join = self._closer.last_join
             if join is not None and join.place_uid not in uids:
                 yield join
-
-
-def _joined_dense(
-    contents: Sequence[MapFile], uids: Sequence[IntArray]
-) -> tuple[SubmapState | None, tuple[bool, ...]]:
-    """Return the joined submaps of all maps (None: no map has any), and `JoinedMaps.keeps_dense`.
-
-    Args:
-        contents: The maps.
-        uids: The (K,) uids that the keyframes of each map have now; none has been removed.
-    """
-    saved_uids = np.sort(np.concatenate(uids))  # the order of the keyframes in a saved map
-    parts: list[tuple[SubmapState, IntArray]] = []
-    keeps = []
-    for content, own in zip(contents, uids, strict=True):
-        dense = content.dense
-        fits = isinstance(dense, SubmapState) and (
-            not parts or dense.voxel_m[0] == parts[0][0].voxel_m[0]
-        )
-        if isinstance(dense, SubmapState) and fits:
-            parts.append((dense, np.searchsorted(saved_uids, own)))
-        keeps.append(dense is None or fits)
-    return SubmapState.joined(parts) if parts else None, tuple(keeps)
-
-
-def _joined_objects(
-    contents: Sequence[MapFile], uids: Sequence[IntArray], atlas: Atlas
-) -> ObjectMapState | None:
-    """Return the object map of all maps, in which duplicates are joined; None: no map has objects.
-
-    Args:
-        contents: The maps.
-        uids: The (K,) uids that the keyframes of each map have now.
-        atlas: The joined map.
-    """
-    keyframes, objects = keyframe_poses(atlas), ObjectMap(contents[0].camera)
-    objects.correct(keyframes)
-    for content, own in zip(contents, uids, strict=True):
-        if content.objects is not None:
-            objects.load(content.objects, own)
-    objects.join()
-    return objects.export(keyframes.uids) if len(objects) else None

@@ -8,6 +8,7 @@ from std_srvs.srv import Trigger
 from hoid_common import topics
 from hoid_common.inputs.input_config import RELIABLE
 from hoid_common.ros import conversions
+from hoid_common.ros.execution.service_handlers import ServiceHandlers
 from hoid_common.ros.frame_tree import StaticFrameListener
 from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
@@ -16,15 +17,17 @@ from hoid_common.ros.run import is_end_asked_for, run_node
 from hoid_common.slam_status import SlamStatus
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros.initial_pose import InitialPose
+from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.map_outputs import MapOutputs
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.motion.imu_input import ImuInput
 from rgbd_slam.ros.outputs import SlamOutputs
-from rgbd_slam.ros.scene.client import SceneClient
-from rgbd_slam.ros.service_handlers import ServiceHandlers
 from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper, owned_map
 from rgbd_slam.ros.tracking_log import TrackingLog
 from rgbd_slam.session import SlamSession
+
+# Sections of parameters that this node had until version 0.3, and their node.
+_MOVED = dict.fromkeys(('dense', 'objects', 'object_map', 'navigation'), 'hoid_scene')
 
 
 class RgbdSlamNode(ManagedNode):
@@ -35,20 +38,20 @@ class RgbdSlamNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__('rgbd_slam')
-        self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure)
+        self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure, moved=_MOVED)
         config = self._settings.config
         running = owned_map(self, config)  # raises before anything is started
         static = StaticFrameListener(self, self.diagnostics)
         self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
         self._tracking_log = TrackingLog(self)
-        self._scene = SceneClient(self, config, self.diagnostics)
+        self._keyframes = KeyframeOutputs(self, config.frames, lambda: self._lifecycle.session)
         self._imu = ImuInput(self, config.imu, static.frames, self.diagnostics)
         self._lifecycle = SessionLifecycle(
             self,
             config,
             running,
             static.frames,
-            self._scene,
+            self._keyframes,
             self.diagnostics,
             self._outputs.publish_status,
             self._outputs.wheel_motion,
@@ -63,7 +66,7 @@ class RgbdSlamNode(ManagedNode):
             self,
             config,
             require_session,
-            self._scene,
+            self._keyframes,
             self._lifecycle.loader,
             self.diagnostics,
             self._lifecycle.checkpoints.copy_to,
@@ -106,7 +109,6 @@ class RgbdSlamNode(ManagedNode):
         self._map_outputs.close()
         self._map_services.close()
         self._lifecycle.close(is_asked_for=is_end_asked_for())
-        self._scene.close()
         super().destroy_node()
 
     def _on_features(self, msg: Features) -> None:
@@ -122,7 +124,7 @@ class RgbdSlamNode(ManagedNode):
             self._outputs.publish_pose(tracked.pose, header)
             done = session.learn(tracked)
         done = self._lifecycle.checkpoints.finish_resume(session, done)
-        self._scene.enqueue(done.scene_request)
+        self._keyframes.publish_image(done.image, header)
         self._outputs.publish_status(done.status, header)
         self._diagnose(session, done.status)
         self._imu.report()
@@ -156,7 +158,6 @@ class RgbdSlamNode(ManagedNode):
     def _reconfigure(self, config: SlamNodeConfig) -> None:
         self._outputs.reconfigure(config.frames)
         self._map_outputs.reconfigure(config)
-        self._scene.reconfigure(config)
         self._lifecycle.reconfigure(config)
 
 

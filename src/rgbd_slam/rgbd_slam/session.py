@@ -1,7 +1,6 @@
 """The core for nodes, offline runs and experiments: one image in, its pose and a status out.
 
-Only this module combines tracking, mapping and the selection of images for the scene mapper.
-Callers differ in the source of the images and in where their scene mapper runs.
+Only this module combines tracking and mapping. Callers differ in the source of the images.
 """
 
 from __future__ import annotations
@@ -12,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.errors import ConfigError
+from hoid_common.poses.keyframe_poses import TrackedImage
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import CameraModel, Features, FeatureVerdicts, FloatArray
-from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.late_verdicts import LateVerdicts
@@ -47,11 +46,11 @@ class Processed(NamedTuple):
 
     status: SlamStatus
     pose: RobotPose | None  # None while the pose is unknown
-    scene_request: SceneRequest | None = None  # None: the scene mapper does not need this image
+    image: TrackedImage | None = None  # None: no pose in the map was measured
 
 
 class SlamSession:
-    """Runs SLAM on a stream of features and selects the images for the scene mapper.
+    """Runs SLAM on a stream of features.
 
     `slam` is the core with its map, odometry and trajectory; `robot_map` is the same map in the
     robot's map frame, for publishing, saving and loading.
@@ -61,7 +60,6 @@ class SlamSession:
         config: Parameters of the core.
         frames: The frames of the robot, which contain the mounting of the camera.
         background: Whether the mapper runs in a separate process, which `close` ends.
-        scene_scheduler: Selects the images for the scene mapper; None: no image is selected.
         imu: An IMU, to which the caller adds samples as they arrive; None if there is none.
         motion_sources: Sensors that predict the camera's motion and bridge images that cannot be
             tracked, such as `ExternalOdometry` of the wheels.
@@ -78,7 +76,6 @@ class SlamSession:
         frames: RobotFrames,
         *,
         background: bool = False,
-        scene_scheduler: SceneScheduler | None = None,
         imu: Imu | None = None,
         motion_sources: Sequence[MotionSource] = (),
     ) -> None:
@@ -94,14 +91,12 @@ class SlamSession:
         self.is_paused = False  # True: images are ignored
         self.stamp_ns = 0  # of the latest image that was tracked
         self._frames, self._leveling = frames, Leveling(frames, imu)
-        self._scene_scheduler = scene_scheduler or SceneScheduler(None, None)
         self._dropped = DroppedFrameCounter()
         self._late = LateVerdicts()
         self._num_processed = 0
 
-    def reconfigure(self, config: SlamConfig, scene_scheduler: SceneScheduler) -> None:
+    def reconfigure(self, config: SlamConfig) -> None:
         """Apply the parameters that may change at run time."""
-        self._scene_scheduler = scene_scheduler
         self.slam.reconfigure(config)
 
     def close(self) -> None:
@@ -134,8 +129,6 @@ class SlamSession:
     def learn(self, tracked: Tracked) -> Processed:
         """Learn from a tracked image, which may become a keyframe; return all its results.
 
-        They include the request to the scene mapper, if the scene mapper needs the image.
-
         Raises:
             MapperStoppedError: The mapping process has ended for good or does not respond.
         """
@@ -149,7 +142,7 @@ class SlamSession:
         if result.is_keyframe:
             self._late.note_keyframe()
         status = self._status(result.state, result)
-        return Processed(status, tracked.pose, self._scene_request(result))
+        return Processed(status, tracked.pose, self._image(result, is_in_main_map=is_in_main_map))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
         """Remove the observations of a keyframe's features that turned out to be dynamic.
@@ -216,36 +209,19 @@ class SlamSession:
         poses = np.stack([pose.T_map_odom, pose.T_odom_base])
         return pose if self.slam.map.atlas.guard.are_valid(poses, 'the robot').all() else None
 
-    def _scene_request(self, result: TrackingResult) -> SceneRequest | None:
-        """Return the request to the scene mapper for this image, or None if it is not needed.
-
-        While the map grows, images are fused in every map, not only in the main one: the dense
-        map stores the images of other maps until a recognized place merges the maps. Objects are
-        tracked in the main map only, because tracks are published at once. They are tracked in
-        localization as well, because the present positions of people and objects are not part of
-        the map. The object map is updated in localization too, but only in the main map: it shows
-        what has been moved since the map was made.
-        """
-        slam, reference_uid = self.slam, self.slam.odometry.anchor_uid
+    def _image(self, result: TrackingResult, *, is_in_main_map: bool) -> TrackedImage | None:
+        """Return the pose of this image in the map; None if it was not measured."""
+        slam, keyframe_uid = self.slam, self.slam.odometry.anchor_uid
         is_measured = result.state is SlamState.TRACKING and not result.is_predicted
-        if not is_measured or reference_uid is None:
+        if not is_measured or keyframe_uid is None:
             return None
-        request = self._scene_scheduler.pick(
+        return TrackedImage(
             result.stamp_ns,
             self._frames.T_map_core @ slam.odometry.pose(),
-            reference_uid,
-            self.robot_map.keyframes,
+            keyframe_uid,
+            is_in_main_map,
+            slam.map.is_growing,
         )
-        if request is None:
-            return None
-        is_growing, is_in_main_map = slam.map.is_growing, slam.odometry.is_in_main_map
-        fuse = request.is_for_dense_map and is_growing
-        map_objects = request.is_for_object_map and (is_growing or is_in_main_map)
-        track_objects = request.track_objects and is_in_main_map
-        if not (fuse or map_objects or track_objects):
-            return None
-        keyframes = request.keyframes if fuse or map_objects else None
-        return SceneRequest(*request[:3], keyframes, track_objects, map_objects, fuse)
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
         stats = self.slam.stats

@@ -8,13 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.store.database import Database
-from hoid_scene.dense.submap import Submap
 from rgbd_slam.model.map_state import restore, snapshot
 from rgbd_slam.store.running_map import RunningMap
 from rgbd_slam.store.tables import MapHeader
 
-from .map_content import CONFIG, OCTAVES, SCALE, new_map, no_evidence, ring, surface
+from .map_content import OCTAVES, SCALE, new_map, ring
 from .ring_world import CAMERA, MODEL, RingWorld, mapped, ring_poses
 
 T_MAP_CORE = se3.exp(np.array([0.1, -0.2, 0.3, 1.0, 2.0, 3.0]))
@@ -35,14 +33,12 @@ class Robot:
         version = self.copy.version if len(self.copy.keyframes) else 0
         self.copy.apply(self.mapper.changes_since(version))
 
-    def write(
-        self, stamp_ns: int = 7, put_more: Callable[[Database], None] = lambda _: None
-    ) -> int:
+    def write(self, stamp_ns: int = 7) -> int:
         """Write a checkpoint; return the number of its parts."""
         self.writer.begin()
         for count in range(1, 1000):
             header = HEADER._replace(stamp_ns=stamp_ns)
-            if self.writer.append(self.writer.copy(), header, put_more):
+            if self.writer.append(self.writer.copy(), header):
                 return count
         raise AssertionError('it never ends')
 
@@ -106,9 +102,3 @@ CHANGES: dict[str, Callable[[Robot], None]] = {
     'a reused row': cull_and_extend,
     'a loaded map': load,
 }
-
-
-def submap(anchor_uid: int, seed: int) -> Submap:
-    made = Submap(np.eye(4), anchor_uid, 0, se3.exp(np.full(6, 0.1 * seed)), CONFIG)
-    made.update(no_evidence(0), surface(seed))
-    return made

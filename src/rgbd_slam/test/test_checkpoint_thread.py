@@ -56,7 +56,7 @@ def new_checkpoints(
     monkeypatch.setattr(checkpoint_thread, 'NodeThread', DirectCalls)
     config = SlamNodeConfig(map_directory=str(folder), checkpoint_period_s=0.05)
     fake: Any = Fake()
-    return Checkpoints(fake, config, owned_map(fake, config), fake, session, lambda *_: None)
+    return Checkpoints(fake, config, owned_map(fake, config), fake, session)
 
 
 def session_of(num_images: int) -> SlamSession:

@@ -14,9 +14,9 @@ import pytest
 from hoid_common import se3
 from hoid_common.errors import InputError, MapFileError
 from hoid_common.store.database import replaced
+from hoid_common.store.map_directory import remove_abandoned
 from rgbd_slam.model.map_state import restore, snapshot
 from rgbd_slam.store import map_file
-from rgbd_slam.store.map_directory import remove_abandoned
 
 from .map_content import OCTAVES, SCALE, content, new_map, ring, saved
 from .ring_world import CAMERA
@@ -37,12 +37,6 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
     assert after.camera == before.camera
     assert (after.scale_factor, after.num_octaves) == (SCALE, OCTAVES)
     assert after.map.digest() == before.map.digest()
-    assert before.dense is not None
-    assert after.dense is not None
-    assert after.dense.digest() == before.dense.digest()
-    assert before.objects is not None
-    assert after.objects is not None
-    assert after.objects.digest() == before.objects.digest()
     np.testing.assert_array_equal(after.uids, before.uids)
     assert (after.session, after.stamp_ns) == ('today', 123)
     for edge, stored in zip(before.loops, after.loops, strict=True):
@@ -51,13 +45,6 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
         np.testing.assert_array_equal(edge.covariance, stored.covariance)
         np.testing.assert_array_equal(edge.T_first_second, stored.T_first_second)
     assert [p.name for p in tmp_path.iterdir()] == ['a']
-
-
-def test_a_map_without_a_dense_one_and_objects_comes_back(tmp_path: Path) -> None:
-    map_file.save(tmp_path / 'a', content()._replace(dense=None, objects=None))
-    after = map_file.load(tmp_path / 'a')
-    assert after.dense is None
-    assert after.objects is None
 
 
 def test_users_can_look_into_a_map_file_with_sqlite(path: Path) -> None:
@@ -172,7 +159,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
 
     monkeypatch.setattr(os, 'fsync', full)
     with pytest.raises(MapFileError, match='cannot be written: No space left'):
-        map_file.save(path, content()._replace(dense=None))
+        map_file.save(path, content())
     assert path.read_bytes() == saved()
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 

@@ -125,7 +125,7 @@ def changed(name: str, row: Any, value: Any) -> MapState:
 
 def only(state: MapState) -> map_file.MapFile:
     """Return the content of a file with this map alone."""
-    return content()._replace(map=state, dense=None, objects=None, uids=None)
+    return content()._replace(map=state, uids=None)
 
 
 def blind() -> MapState:
@@ -222,44 +222,3 @@ def test_an_empty_map_is_refused(path: Path) -> None:
     assert path.read_bytes() == saved()
     write(path, empty)
     refused(path, 'no keyframes')
-
-
-OBJECT_FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
-    'number': ("object's number is invalid", {'object_id': np.array([1, 99])}),
-    'numbers': ('same number', {'object_id': np.array([1, 1])}),
-    'pose': ('pose is invalid', {'T_anchor_object': np.full((2, 4, 4), np.nan)}),
-    'state': ('state is unknown', {'state': np.array([0, 4], np.uint8)}),
-    'sightings': ('num_sightings', {'num_sightings': np.array([4, 0])}),
-    'stamp': ('stamp is out of range', {'last_ns': np.array([-1, 0])}),
-    'probability': ('probability', {'probability': np.array([0.5, np.nan])}),
-    'direction': ('invalid vector', {'direction_m': np.full((2, 3), np.inf)}),
-    'classes': ('do not add up', {'num_classes': np.array([1, 2], np.int32)}),
-    'no class': ('no class', {'num_classes': np.array([0, 2], np.int32)}),
-    'name': ('name of a class', {'class_name': np.full((2, 64), 255, np.uint8)}),
-    'empty name': ('name of a class', {'class_name': np.zeros((2, 64), np.uint8)}),
-    'line break': ('name of a class', {'class_name': np.full((2, 64), 10, np.uint8)}),
-    'score': ('score is invalid', {'class_score': np.array([0.0, 1.0])}),
-    'voxels': ('numbers of voxels', {'num_voxels': np.array([1, 1], np.int32)}),
-}
-
-
-@pytest.mark.parametrize('name', OBJECT_FAULTS)
-def test_objects_that_break_a_rule_are_refused(path: Path, name: str) -> None:
-    said, columns = OBJECT_FAULTS[name]
-    objects = content().objects
-    assert objects is not None
-    with pytest.raises(MapFileError, match=said):
-        map_file.save(path, content()._replace(objects=replace(objects, **columns)))
-    assert path.read_bytes() == saved()
-
-
-def test_unsorted_or_far_voxels_of_objects_are_refused(path: Path) -> None:
-    objects = content().objects
-    assert objects is not None
-    for key, said in ((objects.key[::-1].copy(), 'not sorted'), (objects.key - 2**30, 'too far')):
-        write(path, content()._replace(objects=replace(objects, key=key)))
-        refused(path, said)
-    for name, said in (('readings', 'readings'), ('hits', 'evidence'), ('means_m', 'point of')):
-        broken = np.full_like(getattr(objects, name), np.nan)
-        write(path, content()._replace(objects=replace(objects, **{name: broken})))
-        refused(path, said)

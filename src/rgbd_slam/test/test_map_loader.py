@@ -1,4 +1,4 @@
-"""A map that cannot be loaded completely gives one line in the log, and the session goes on."""
+"""A map is loaded into a new session, and its keyframes are published with their origin."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from hoid_common.slam_status import SlamState
+from hoid_common.values import IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.ros import map_loader
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.session import SlamSession
@@ -44,17 +44,21 @@ class DirectCalls:
         return function()
 
 
-class FullDisk:
-    """Stands for the scene client on a full disk: the dense map cannot be written."""
+class Keyframes:
+    """Stands for the publisher of keyframes; keeps what it is told."""
 
-    def use_keyframes(self, loaded: LoadedMap, *, keep: bool) -> None:
-        pass
+    def __init__(self) -> None:
+        self.loaded: list[tuple[str, list[int], list[int], bool]] = []
 
-    def prepare(self, *_: object) -> tuple[str, Callable[[], None]]:
-        raise OSError(28, 'No space left on device', 'loaded-0.npz')
+    def note_loaded(
+        self, source: str, saved_uids: IntArray, loaded_uids: IntArray, *, keep: bool
+    ) -> None:
+        self.loaded.append((source, saved_uids.tolist(), loaded_uids.tolist(), keep))
 
 
-def test_a_full_disk_costs_the_dense_map_and_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_loaded_map_is_used_and_its_keyframes_are_published(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(map_loader, 'NodeThread', DirectCalls)
     world = World()
     before, session = (SlamSession(CAMERA, SlamConfig(), RobotFrames()) for _ in range(2))
@@ -62,15 +66,16 @@ def test_a_full_disk_costs_the_dense_map_and_is_one_line(monkeypatch: pytest.Mon
     for n in range(5):
         before.process(world.features(n * PERIOD_NS, poses[n]))
     node: Any = FakeNode()
-    scene: Any = FullDisk()
+    keyframes: Any = Keyframes()
     done = Event()
-    loader = MapLoader(node, lambda: session, scene, lambda: None)
-    loader.load_first(session, before.robot_map.export(), done.set, extend=True)
+    loader = MapLoader(node, lambda: session, keyframes, lambda: None)
+    content = before.robot_map.export()
+    loader.load_first(session, content, '/maps/a.hoidmap', done.set, extend=True)
     assert done.is_set()
-    assert node.has_warned.wait(10.0)
-    assert len(node.warnings) == 1
-    assert node.warnings[0].startswith('the map is not loaded completely: ')
-    assert 'No space left on device' in node.warnings[0]
+    assert not node.warnings
+    uids = session.robot_map.keyframes().uids.tolist()
+    saved = before.robot_map.keyframes().uids.tolist()
+    assert keyframes.loaded == [('/maps/a.hoidmap', saved, uids, False)]
     found = session.process(world.features(5 * PERIOD_NS, poses[5]))
     assert found.status.state is SlamState.TRACKING
     assert found.status.keyframes == before.slam.stats.num_keyframes

@@ -30,6 +30,9 @@ class FakeNode:
     ) -> None:
         self.services[name], self.groups[name] = respond, callback_group
 
+    def create_client(self, *_: object) -> None:
+        pass
+
     def get_logger(self) -> FakeNode:
         return self
 
@@ -64,7 +67,7 @@ def test_a_mode_that_was_switched_is_a_success(
     fake: Any = node
     unused: Any = other
     config = SlamNodeConfig(map_directory=str(tmp_path))
-    MapServices(fake, config, lambda: session, unused, unused, fake)
+    MapServices(fake, config, lambda: session, unused, unused, fake, unused)
     request = SetMode.Request(mode='localization')
     response = node.services[topics.SET_MODE](request, SetMode.Response())
     assert modes == [SlamMode.LOCALIZATION]

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hoid_common.errors import InputError
-from rgbd_slam.store.map_directory import (
+from hoid_common.store.map_directory import (
     CLOUD,
     GRID,
     MAP,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from hoid_common.slam_status import SlamState
-from hoid_scene.scene_scheduler import SceneScheduler
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
@@ -19,7 +18,7 @@ def _keyframes(config: SlamConfig, later: SlamConfig) -> list[int]:
     for n, pose in enumerate(POSES):
         counts.append(session.process(world.features(n * PERIOD_NS, pose)).status.keyframes)
         if n == len(POSES) // 2:
-            session.reconfigure(later, SceneScheduler(None, None))
+            session.reconfigure(later)
     return [counts[len(POSES) // 2], counts[-1]]
 
 
@@ -37,7 +36,7 @@ def test_a_new_map_is_started_as_soon_as_asked_now() -> None:
     for n, pose in enumerate(POSES[:10]):
         session.process(world.features(n * PERIOD_NS, pose))
     config = SlamConfig().updated({'places.new_map_after_s': 0.2})
-    session.reconfigure(config, SceneScheduler(None, None))
+    session.reconfigure(config)
     elsewhere = World(seed=1)  # nothing of it is known
     states = [
         session.process(elsewhere.features(n * PERIOD_NS, POSES[0])).status for n in range(10, 20)
@@ -45,15 +44,3 @@ def test_a_new_map_is_started_as_soon_as_asked_now() -> None:
     assert states[0].state is SlamState.LOST
     assert states[-1].state is SlamState.TRACKING
     assert states[-1].maps == 2
-
-
-def test_images_are_picked_at_the_rate_of_now() -> None:
-    session, world = SlamSession(CAMERA, SlamConfig(), RobotFrames()), World()
-    looks = []
-    for n, pose in enumerate(POSES):
-        done = session.process(world.features(n * PERIOD_NS, pose))
-        looks.append(done.scene_request is not None)
-        if n == 29:
-            session.reconfigure(SlamConfig(), SceneScheduler(10.0, None))
-    assert sum(looks[:30]) == 0
-    assert sum(looks[30:]) == 10

@@ -1,4 +1,4 @@
-"""A session tracks images, selects those for the scene mapper, and applies late verdicts."""
+"""A session tracks images, gives their poses to others, and applies late verdicts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import BoolArray, FeatureVerdicts
-from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import snapshot
@@ -19,12 +18,11 @@ from rgbd_slam.session import Processed, SlamSession
 from .world import CAMERA, PERIOD_NS, World, sway
 
 POSES = sway(90)
-EVERY = 1e9 / PERIOD_NS  # Hz
 
 
 def new_session(**changes: object) -> SlamSession:
     config = SlamConfig().updated(dict(changes))
-    return SlamSession(CAMERA, config, RobotFrames(), scene_scheduler=SceneScheduler(EVERY, EVERY))
+    return SlamSession(CAMERA, config, RobotFrames())
 
 
 def see(session: SlamSession, world: World, n: int, covered: bool = False) -> Processed:
@@ -32,20 +30,16 @@ def see(session: SlamSession, world: World, n: int, covered: bool = False) -> Pr
     return session.process(features)
 
 
-def is_fused(request: SceneRequest | None) -> bool:
-    return request is not None and request.keyframes is not None
-
-
-def test_a_tracked_image_is_fused_and_its_objects_are_tracked() -> None:
+def test_a_tracked_image_has_a_pose_relative_to_a_keyframe() -> None:
     session, world = new_session(), World()
     done = [see(session, world, n) for n in range(5)]
     for n, each in enumerate(done):
-        request = each.scene_request
-        assert request is not None
-        assert is_fused(request)
-        assert request.track_objects
-        assert request.stamp_ns == n * PERIOD_NS
-        assert request.reference_uid in session.robot_map.keyframes().uids
+        image = each.image
+        assert image is not None
+        assert image.stamp_ns == n * PERIOD_NS
+        assert image.keyframe_uid in session.robot_map.keyframes().uids
+        assert image.is_in_main_map
+        assert image.is_growing
     assert session.slam.stats.num_keyframes == len(session.robot_map.copy_poses().stamps_ns)
 
 
@@ -62,31 +56,32 @@ def test_the_pose_is_known_before_the_image_changes_the_map() -> None:
     assert session.slam.stats.num_keyframes > 1
 
 
-def test_in_localization_objects_are_tracked_and_nothing_is_fused() -> None:
+def test_in_localization_the_map_does_not_grow() -> None:
     session, world = new_session(), World()
     see(session, world, 0)
     session.set_mode(SlamMode.LOCALIZATION)
-    request = see(session, world, 1).scene_request
-    assert request is not None
-    assert not is_fused(request)
-    assert request.track_objects
+    image = see(session, world, 1).image
+    assert image is not None
+    assert not image.is_growing
     session.set_mode(SlamMode.MAPPING)
-    assert is_fused(see(session, world, 2).scene_request)
+    image = see(session, world, 2).image
+    assert image is not None
+    assert image.is_growing
 
 
-def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() -> None:
+def test_a_lost_image_has_no_pose_and_one_beside_the_main_map_is_marked() -> None:
     session, here, there = new_session(**{'places.new_map_after_s': 0.2}), World(), World(seed=7)
     for n in range(20):
         see(session, here, n)
     lost = [see(session, there, n, covered=True) for n in range(20, 24)]
-    assert [each.scene_request for each in lost] == [None] * 4
+    assert [each.image for each in lost] == [None] * 4
     done = [see(session, there, n) for n in range(24, 40)]
     assert session.slam.stats.num_maps == 2
     assert 'merged' in done[-1].status.message
-    request = done[-1].scene_request
-    assert request is not None
-    assert is_fused(request)
-    assert not request.track_objects
+    image = done[-1].image
+    assert image is not None
+    assert image.is_growing
+    assert not image.is_in_main_map
 
 
 def test_a_paused_session_ignores_images_and_resumes_where_it_was() -> None:
@@ -95,7 +90,7 @@ def test_a_paused_session_ignores_images_and_resumes_where_it_was() -> None:
     session.is_paused = True
     paused = see(session, world, 1)
     assert paused.status.state is SlamState.PAUSED
-    assert (paused.pose, paused.scene_request) == (None, None)
+    assert (paused.pose, paused.image) == (None, None)
     session.is_paused = False
     assert see(session, world, 2).status.state is SlamState.TRACKING
     assert session.robot_map.trajectory('online').stamps_ns.tolist() == [0, 2 * PERIOD_NS]

@@ -45,7 +45,7 @@ def camera_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
     for seed in seeds:
         for i, camera in enumerate(_CAMERAS):
             scene = _wall_scene(camera)
-            setup = Setup((FILTER, SLAM), has_scene=False, scene=scene, rate_hz=camera.rate_hz)
+            setup = Setup((FILTER, SLAM), scene=scene, rate_hz=camera.rate_hz)
             kind = f'camera {camera.width_px} px wide, {camera.rate_hz:g} Hz'
             with running_nodes(folder / f'{seed} {i}', setup) as harness:
                 yield harness.outcome(kind, seed, _slide(harness.sender, camera))

@@ -51,7 +51,7 @@ def command_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
     folder.mkdir(parents=True)
     good = find_model(SYNTHETIC).read_bytes()
     model.write_bytes(good)
-    setup = Setup(has_scene=False, restart=True, model=str(model))
+    setup = Setup((DETECTOR, FILTER, SLAM), restart=True, model=str(model))
     with running_nodes(folder / 'nodes', setup) as harness:
         for seed in seeds:
             start_s = time.monotonic()
@@ -88,7 +88,7 @@ def _detector_back(harness: NodeHarness) -> str:
 
 def _unread_output(folder: Path) -> str:
     """Run the nodes with a full pipe for their output: images and services must not wait."""
-    setup = Setup((FILTER, SLAM), has_scene=False)
+    setup = Setup((FILTER, SLAM))
     argv = ['nodes', '--no-detector', '--filter', 'none', '--set', f'map_directory={folder}']
     for part in ('dense', 'objects', 'object_map'):
         argv += ['--set', f'{part}.enabled=false']

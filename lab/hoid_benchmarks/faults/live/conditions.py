@@ -58,7 +58,7 @@ def _recalibrate(sender: Sender) -> CaseResult:
 
 def sim_time_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
     """Yield the outcomes of image stamps and a /clock that jump together."""
-    with running_nodes(folder, Setup((FILTER, SLAM), has_scene=False, sim_time=True)) as harness:
+    with running_nodes(folder, Setup((FILTER, SLAM), sim_time=True)) as harness:
         for seed in seeds:
             jump_s = _JUMPS_S[seed % len(_JUMPS_S)]
 

@@ -16,14 +16,13 @@ from sensor_msgs.msg import PointCloud2
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.node_harness import (
     MAPPER,
-    SCENE,
     NodeHarness,
     Setup,
     member_pids,
     running_nodes,
 )
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM
 from hoid_common import topics
 from hoid_common.errors import MapFileError
 from hoid_common.ros import conversions, qos
@@ -35,7 +34,6 @@ _SAME_MAP_S, _SCENE_S, _LIMIT_S = 5.0, 10.0, 30.0
 _QUIET_S = 2.0
 _LATER_S, _POLL_S = 0.01, 0.0005  # chosen: the map of this camera is written in some 10 ms
 _SAVED, _PARTS = 'saved', '.*partial-*'
-_LIVED_S = 21.0  # a scene process that ends sooner is considered unable to run
 
 
 def death_cases(folder: Path, seeds: range) -> Iterator[Outcome]:
@@ -58,7 +56,6 @@ class _Deaths:
             PointCloud2, topics.CLOUD_MAP, self._on_cloud, qos.LATCHED
         )
         self._cloud_s = 0.0
-        self._scene_since_s = time.monotonic()
 
     def send_for(self, duration_s: float) -> None:
         """Send images for some time without a fault."""
@@ -66,12 +63,8 @@ class _Deaths:
 
     def outcome(self, victim: str, seed: int) -> Outcome:
         """Kill one process, and wait until its outputs are complete again."""
-        if victim == SCENE:
-            self.send_for(self._scene_since_s + _LIVED_S - time.monotonic())
         sending_before_s = self._sender.sending_s
         killed_s = self._kill(victim)
-        if victim in (SCENE, SLAM):
-            self._scene_since_s = killed_s
         is_back, limit_s = self._recovery_check(victim, killed_s)
         self._until(is_back, _LIMIT_S)
         back_s = time.monotonic() - killed_s

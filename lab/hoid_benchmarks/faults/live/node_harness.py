@@ -17,7 +17,14 @@ from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.sender import OWN_DETECTIONS, RATE_HZ, Scene, Sender
 from hoid_benchmarks.faults.live.services import Services
 from hoid_benchmarks.faults.live.watched_nodes import WatchedNodes, watched
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
+from hoid_bringup.live.node_specs import (
+    DETECTOR,
+    FILTER,
+    SCENE,
+    SLAM,
+    NodeOptions,
+    node_specs,
+)
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import family_mb
 from hoid_common import topics
@@ -30,7 +37,7 @@ _MEMORY_FACTOR = 1.3
 _YOUNG_MB = 60.0  # additional growth allowed before the nodes have settled
 _SETTLE_S, _SETTLED_MB = 15.0, 1.0
 MAPS = 'maps'
-MAPPER, SCENE = 'mapper', 'scene'
+MAPPER = 'mapper'
 _NAMES = {
     DETECTOR: ((topics.DETECTIONS, OWN_DETECTIONS),),
     SLAM: ((topics.VISUAL_ODOM, topics.ODOM),),
@@ -42,8 +49,7 @@ ALL_OUTPUTS = (topics.ODOM, OWN_DETECTIONS, topics.TRACKED_OBJECTS)
 class Setup:
     """Which nodes run, how they are configured, and what the sender publishes."""
 
-    nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
-    has_scene: bool = True  # dense map and object tracks
+    nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM, SCENE)
     scene: Scene | None = None  # None: a still camera
     rate_hz: float = RATE_HZ
     is_compressed: bool = False
@@ -57,7 +63,7 @@ class Setup:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Return the topics that are published for every image or every few images."""
-        is_made = (True, DETECTOR in self.nodes, self.has_scene)
+        is_made = (True, DETECTOR in self.nodes, SCENE in self.nodes)
         return tuple(o for o, made in zip(ALL_OUTPUTS, is_made, strict=True) if made)
 
     def options(self, maps: Path) -> Iterator[NodeOptions]:
@@ -71,10 +77,9 @@ class Setup:
             },
             SLAM: {
                 'map_directory': str(maps), 'checkpoint_period_s': 1.0,
-                'dense.enabled': self.has_scene, 'objects.enabled': self.has_scene,
-                'object_map.enabled': self.has_scene,
                 'frames.publish_odom_to_base': not self.is_foreign, **image,
             },
+            SCENE: {'map_directory': str(maps), 'object_map.enabled': True, **image},
         }  # fmt: skip
         for node in self.nodes:
             yield NodeOptions(
@@ -184,15 +189,11 @@ def odometry_result(share: float, least: float) -> CaseResult:
 
 
 def member_pids(pids: Mapping[str, int]) -> dict[str, int]:
-    """Return the process ids of the nodes and of the mapper and scene processes, by name."""
-    pairs = [
-        (server, worker)
-        for server in psutil.Process(pids[SLAM]).children()
-        for worker in server.children()
+    """Return the process ids of the nodes, and of the mapper once it has started, by name."""
+    workers = [
+        worker for server in psutil.Process(pids[SLAM]).children() for worker in server.children()
     ]
-    # Only the mapper has a higher niceness than the process that started it.
-    names = {SCENE if w.nice() == server.nice() else MAPPER: w.pid for server, w in pairs}
-    return {**pids, **names}
+    return {**pids, MAPPER: workers[0].pid} if workers else dict(pids)
 
 
 @contextmanager

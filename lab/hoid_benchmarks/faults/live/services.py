@@ -9,7 +9,7 @@ from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 from std_srvs.srv import SetBool, Trigger
 
 from hoid_benchmarks.faults.live.sender import Sender
-from hoid_bringup.live.node_specs import DETECTOR, SLAM
+from hoid_bringup.live.node_specs import DETECTOR, SCENE, SLAM
 from hoid_common import topics
 
 ANSWER_S = 20.0
@@ -18,8 +18,8 @@ _NAME = 'requested'
 _REQUESTS: tuple[tuple[str, str, type[Any], dict[str, Any]], ...] = (
     (SLAM, topics.SAVE_MAP, SaveMap, {'name': _NAME}),
     (SLAM, topics.SAVE_TRAJECTORY, SaveTrajectory, {'name': _NAME}),
-    (SLAM, topics.SAVE_CLOUD, SaveMap, {'name': _NAME}),
-    (SLAM, topics.SAVE_GRID, SaveMap, {'name': _NAME}),
+    (SCENE, topics.SAVE_CLOUD, SaveMap, {'name': _NAME}),
+    (SCENE, topics.SAVE_GRID, SaveMap, {'name': _NAME}),
     (SLAM, topics.LOAD_MAP, LoadMap, {'name': 'not there'}),
     (SLAM, topics.SET_MODE, SetMode, {'mode': SetMode.Request.MAPPING}),
     (SLAM, topics.RESUME, Trigger, {}),

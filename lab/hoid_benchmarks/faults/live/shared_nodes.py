@@ -36,7 +36,7 @@ def shared_node_cases(
     if conditions:
         yield from slow_disk_cases(folder / 'slow disk', conditions)
     if messages:
-        foreign = Setup((FILTER, SLAM), has_scene=False, sim_time=True, is_foreign=True)
+        foreign = Setup((FILTER, SLAM), sim_time=True, is_foreign=True)
         for name, setup in (('packed', Setup(is_compressed=True)), ('foreign', foreign)):
             with running_nodes(folder / name, setup) as harness:
                 yield from message_cases(harness, messages)

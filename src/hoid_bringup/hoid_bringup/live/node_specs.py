@@ -1,4 +1,4 @@
-"""Command lines of the three nodes, with their parameters."""
+"""Command lines of the four nodes, with their parameters."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from hoid_common.errors import ConfigError
 from hoid_common.process.signals import FAILURE_SIGNAL
 from hoid_detector.config import DetectorNodeConfig
 from hoid_filter.node_config import FilterNodeConfig
+from hoid_scene.config.scene_config import SceneNodeConfig
 from rgbd_slam.config.node_config import SlamNodeConfig
 
-DETECTOR, FILTER, SLAM = 'hoid_detector', 'hoid_filter', 'rgbd_slam'
+DETECTOR, FILTER, SLAM, SCENE = 'hoid_detector', 'hoid_filter', 'rgbd_slam', 'hoid_scene'
 NODE_CONFIGS: Mapping[str, Config] = {
     DETECTOR: DetectorNodeConfig(),
     FILTER: FilterNodeConfig(),
     SLAM: SlamNodeConfig(),
+    SCENE: SceneNodeConfig(),
 }
 """Default configuration of each node."""
 # The nodes run in the interpreter of this process. The installed executables would use the first
@@ -34,7 +36,7 @@ _CODE = "from hoid_common.process.entry import start; start('{package}.node')"
 class NodeOptions:
     """Options with which the nodes are started."""
 
-    nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM)
+    nodes: tuple[str, ...] = (DETECTOR, FILTER, SLAM, SCENE)
     namespace: str = ''
     use_sim_time: bool = False
     params_file: Path | None = None  # ROS parameter file for all nodes

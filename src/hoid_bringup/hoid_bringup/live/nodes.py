@@ -1,4 +1,4 @@
-"""The command `nodes`: detector, filter and SLAM nodes as supervised processes on a robot."""
+"""The command `nodes`: all nodes of the suite as supervised processes on a robot."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions, node_specs
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, has_model
 from hoid_bringup.run.options import add_set_argument, assignments
@@ -22,16 +22,16 @@ from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.param_file import load_params
 from hoid_common.process.limits import require_node_limits
 from hoid_common.process.shared_memory import clean_shared_memory
+from hoid_common.store.map_directory import existing_map
 from hoid_common.topics import IMU, NAMESPACED_TF
 from hoid_detector.model.model_path import find_model
 from hoid_filter.strategy_registry import STRATEGIES
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.store.map_directory import existing_map
 
 _TICK_S = 0.05  # chosen: longest delay until the end of a node is noticed
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
 _PROGRESS = re.compile(r'\]: tracking, |\[DEBUG\]')
-_ALL = (DETECTOR, FILTER, SLAM)
+_ALL = (DETECTOR, FILTER, SLAM, SCENE)
 
 
 def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,6 +89,11 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         '--only',
         choices=_ALL,
         help='start this node only, for example the detector on another computer',
+    )
+    parser.add_argument(
+        '--no-scene',
+        action='store_true',
+        help='do not start the scene node: no dense map, grid, people and objects',
     )
     parser.add_argument(
         '--compressed',
@@ -278,4 +283,5 @@ def without_detector(options: NodeOptions) -> NodeOptions:
 def _chosen(args: argparse.Namespace) -> tuple[str, ...]:
     if args.only is not None:
         return (args.only,)
-    return (FILTER, SLAM) if args.no_detector else _ALL
+    left_out = {DETECTOR: args.no_detector, SCENE: args.no_scene}
+    return tuple(node for node in _ALL if not left_out.get(node, False))

@@ -24,7 +24,7 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder
 from hoid_common.process.shared_memory import check_shared_memory, clean_shared_memory
 
-_NUM_OTHER_PROCESSES = 3  # besides the nodes: the scene mapper, the player and this process
+_NUM_OTHER_PROCESSES = 2  # besides the nodes: the player and this process
 _READY_TIMEOUT_S = 90.0  # not tuned: nodes start in seconds, on a busy computer in tens of seconds
 _TICK_S = 0.25  # chosen: period of checks and of the progress bar
 _CPU_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine

@@ -12,7 +12,7 @@ from rosbags.interfaces import QosReliability
 from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.storage.bag_types import COMPRESSED_IMAGE
-from hoid_bringup.live.node_specs import DETECTOR, FILTER, SLAM, NodeOptions
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_bringup.run.parameter_names import by_node
 from hoid_bringup.run.run_config import TRUTH, RunConfig
@@ -54,9 +54,13 @@ class ReplayConfig(Config):
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Return the names of the nodes to run: the detector only where it is needed."""
-        needed = self.run.needs_detections and not self.uses_truth
-        return (DETECTOR, FILTER, SLAM) if needed else (FILTER, SLAM)
+        """Return the names of the nodes to run: the detector and the scene only where needed."""
+        scene = self.run.scene
+        is_needed = {
+            DETECTOR: self.run.needs_detections and not self.uses_truth,
+            SCENE: any(p.enabled for p in (scene.dense, scene.objects, scene.object_map)),
+        }
+        return tuple(n for n in (DETECTOR, FILTER, SLAM, SCENE) if is_needed.get(n, True))
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
     """Return the options with which the nodes are started for a bag.
 
     Args:
-        folder: Map directory of the SLAM node, in which it saves files.
+        folder: Map directory of the nodes, in which they save files.
 
     Raises:
         InputError: The bag lacks ground-truth boxes that are to be used, or its topics cannot be
@@ -144,6 +148,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
             DETECTOR: {**changed[DETECTOR], **inputs},
             FILTER: {**changed[FILTER], **inputs},
             SLAM: {**changed[SLAM], **inputs, 'map_directory': str(folder)},
+            SCENE: {**changed[SCENE], **inputs, 'map_directory': str(folder)},
         },
     )
 
@@ -157,16 +162,13 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     018).
     """
     color = bag.topics.color.name.lstrip('/')
-    run, found = config.run, bag.topics
+    found = bag.topics
     played = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
         played.append(found.true_detections)
     if found.depth_info is not None:  # with it, the nodes can map depth to color
         played += [found.depth_info, found.static_frames]
-    # SLAM subscribes to images only for the dense map and the objects.
-    parts = (run.slam.dense, run.slam.objects, run.slam.object_map)
-    slam_needs_images = any(part.enabled for part in parts)
-    num_subscribers = len(config.nodes) - (not slam_needs_images)
+    num_subscribers = len(config.nodes) - 1  # SLAM needs no images
     offset = ('--depth-offset', str(bag.depth_offset_ns / NS_PER_S)) if bag.depth_offset_ns else ()
     images = ('--rgb', found.color.name, '--depth', found.depth.name, *offset)
     lockstep = ('--lockstep', *images) if config.lockstep else ()

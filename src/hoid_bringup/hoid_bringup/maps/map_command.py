@@ -12,18 +12,20 @@ import numpy as np
 from hoid_common.errors import ConfigError, MapFileError
 from hoid_common.io.files import check_writable
 from hoid_common.store.database import SUFFIX
-from hoid_scene.dense.submap_state import SubmapState
+from hoid_common.store.map_directory import named_map
 from hoid_scene.objects.object_query import ObjectQuery, find
+from hoid_scene.store import scene_file
+from hoid_scene.store.saved_objects import saved_objects
+from hoid_scene.store.scene_file import SavedScene
+from hoid_scene.store.scene_joining import join_scenes
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.map_joining import MapJoin, join_maps, without_loop
-from rgbd_slam.saved_objects import saved_objects
 from rgbd_slam.store import map_file
-from rgbd_slam.store.map_directory import named_map
 from rgbd_slam.store.map_file import MapFile
 
 _MB = 1e6
 _INFO, _MERGE, _LOOPS, _REMOVE = 'info', 'merge', 'loops', 'remove-loop'
-_OTHER_VOXELS = 'its voxels have another size than those of the first map, or it is of old images'
+_OTHER_VOXELS = 'its voxels have another size than those of the first map'
 
 
 def add_map_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,13 +86,20 @@ def _merge(args: argparse.Namespace) -> None:
     joined = join_maps(contents, SlamConfig(), same=same, apart=apart)
     for path, join in zip(args.maps[1:], joined.joins, strict=True):
         _print(*_joined(path, join, args.maps))
-    for path, keeps_dense in zip(args.maps, joined.keeps_dense, strict=True):
+    scenes = [
+        scene_of(path).renamed(content.keyframes().uids, uids)
+        for path, content, uids in zip(args.maps, contents, joined.uids, strict=True)
+    ]
+    scene = join_scenes(scenes, joined.content.keyframes(), joined.content.camera)
+    for path, keeps_dense in zip(args.maps, scene.keeps_dense, strict=True):
         if not keeps_dense:
             _print(f'{path}: its dense map is left out: {_OTHER_VOXELS}')
     if not any(join.is_joined for join in joined.joins):
         raise MapFileError('no map shows a place of another one; nothing is written')
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    size = map_file.save(args.out, joined.content)
+    map_file.save(args.out, joined.content)
+    scene_file.add_to_file(args.out, scene.scene)
+    size = args.out.stat().st_size
     _print(f'{args.out}: {len(joined.content.map)} keyframes, {size / _MB:.1f} MB')
 
 
@@ -100,9 +109,20 @@ def _remove_loop(args: argparse.Namespace) -> None:
     path, number = named_map(args.maps[0]), int(str(args.maps[1]))
     out = args.out or path
     check_writable(out.parent)
+    scene = scene_of(path)
     opened = without_loop(map_file.load(path), number, SlamConfig())
     map_file.save(out, opened)
+    scene_file.add_to_file(out, scene)
     _print(f'{out}: without loop {number}, {len(opened.loops)} loops and joins are left')
+
+
+def scene_of(path: Path) -> SavedScene:
+    """Return the scene of a saved map; that of a map which a killed node has left is empty.
+
+    Raises:
+        MapFileError: The file is no valid map.
+    """
+    return scene_file.read_file(path) if path.is_file() else SavedScene()
 
 
 def _print(*lines: str) -> None:
@@ -110,21 +130,21 @@ def _print(*lines: str) -> None:
 
 
 def _described(path: Path, content: MapFile) -> Iterable[str]:
+    scene = scene_of(path)
     state, camera = content.map, content.camera
     sizes = np.sort(np.bincount(state.map_id))[::-1]
     extent_m = np.ptp(state.T_map_camera[:, :3, 3], axis=0)
     lens = f'fx={camera.fx_px:g} fy={camera.fy_px:g}'
-    unit = 'voxels' if isinstance(content.dense, SubmapState) else 'images'
     lines = [
         f'{path}: {path.stat().st_size / _MB:.1f} MB',
         f'keyframes  {len(state)}, over {" x ".join(f"{side:.1f}" for side in extent_m)} m',
         f'points     {len(state.position_m)}',
         f'camera     {camera.width_px}x{camera.height_px}, {lens}',
-        f'dense map  {len(content.dense)} {unit}' if content.dense else 'dense map  none',
+        f'dense map  {len(scene.dense)} voxels' if scene.dense else 'dense map  none',
     ]
-    if content.objects is not None:
-        number = len(find(saved_objects(content), ObjectQuery()))
-        lines.append(f'objects    {number}, listed by "hoid objects"')
+    if scene.objects is not None:
+        found = find(saved_objects(scene, content.keyframes(), content.camera), ObjectQuery())
+        lines.append(f'objects    {len(found)}, listed by "hoid objects"')
     if len(sizes) > 1:
         lines.append(
             f'apart      {len(sizes)} maps that no recognized place joins, of '

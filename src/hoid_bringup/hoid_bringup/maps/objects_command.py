@@ -8,15 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from hoid_bringup.maps.map_command import scene_of
 from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
 from hoid_common.store.database import SUFFIX
+from hoid_common.store.map_directory import named_map
 from hoid_scene.objects.object_query import STATES, ObjectQuery, find
 from hoid_scene.objects.object_text import object_table, objects_yaml
+from hoid_scene.store.saved_objects import saved_objects
 from rgbd_slam.config.node_config import FrameConfig
-from rgbd_slam.saved_objects import saved_objects
 from rgbd_slam.store import map_file
-from rgbd_slam.store.map_directory import named_map
 
 
 def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,14 +65,15 @@ def objects_command(args: argparse.Namespace) -> None:
             cannot be written.
         MapFileError: The file is no valid map.
     """
-    content = map_file.load(named_map(args.map))
-    if content.objects is None:
+    path = named_map(args.map)
+    content, scene = map_file.load(path), scene_of(path)
+    if scene.objects is None:
         raise InputError(
             f'{args.map}: has no object map: set object_map.enabled to true where it is made'
         )
     near = None if args.near is None else np.array(args.near)
     query = ObjectQuery(args.class_name, near, args.radius, args.state)
-    objects = find(saved_objects(content), query)
+    objects = find(saved_objects(scene, content.keyframes(), content.camera), query)
     sys.stdout.writelines(f'{line}\n' for line in object_table(objects))
     if args.yaml is not None:
         try:

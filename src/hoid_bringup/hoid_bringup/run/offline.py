@@ -25,7 +25,8 @@ from hoid_common.values import Detections, DynamicObject, FilterResult, FloatArr
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_scene.grid.floor import NO_FLOOR
 from hoid_scene.scene_mapper import SceneMapper
-from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
+from hoid_scene.scene_scheduler import SceneScheduler
+from hoid_scene.store import scene_file
 from rgbd_slam.inertial.report import ImuReport, report_of
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import Processed, SlamSession
@@ -72,16 +73,16 @@ class OfflinePipeline:
             sequence.camera,
             config.slam,
             RobotFrames(T_base_camera),
-            scene_scheduler=_scheduler(config, dense=dense),
             imu=None if self._imu is None else self._imu.imu,
         )
         self._scene = SceneMapper(
             sequence.camera,
-            config.slam.dense,
-            config.slam.objects,
-            config.slam.object_map,
+            config.scene.dense,
+            config.scene.objects,
+            config.scene.object_map,
             is_map_level=T_base_camera is not None,
         )
+        self._scheduler = _scheduler(config, dense=dense)
         self._detect = detect or detection_source(sequence, config, self._scene.expected_objects)
         self._features_in = self._features_removed = self._objects_dynamic = 0
         # By stage: processor time of the thread in ms for each frame; wall time for `detect`.
@@ -103,10 +104,9 @@ class OfflinePipeline:
         """
         content = map_file.load(path)
         loaded = self._session.robot_map.load(content, extend=not localize)
-        if content.dense is not None:
-            self._scene.load(content.dense, loaded.keyframes, loaded.keyframe_uids)
-        if content.objects is not None:
-            self._scene.load_objects(content.objects, loaded.keyframes, loaded.keyframe_uids)
+        self._scene.correct(loaded.keyframes)
+        scene = scene_file.read_file(path).renamed(content.keyframes().uids, loaded.keyframe_uids)
+        scene_file.load(self._scene, scene)
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
     def save_map(self, path: Path) -> None:
@@ -121,10 +121,9 @@ class OfflinePipeline:
         content = self._session.robot_map.export()
         keyframes = self._session.robot_map.keyframes()
         self._scene.correct(keyframes)
-        objects = self._scene.export_objects(keyframes.uids)
-        content = content._replace(dense=self._scene.export(), objects=objects)
         path.parent.mkdir(parents=True, exist_ok=True)
         map_file.save(path, content)
+        scene_file.add_to_file(path, scene_file.exported(self._scene, keyframes.uids))
 
     def process(self, frame: RgbdFrame) -> Processed:
         """Process the next frame by all stages, and return the result of SLAM.
@@ -140,8 +139,9 @@ class OfflinePipeline:
             self._imu.advance(frame.stamp_ns)
         done = self._session.process(filtered.features)
         track_ms = _MS_PER_S * (time.thread_time() - start_s)
-        if done.scene_request is not None:
-            self._map_scene(done.scene_request, frame, filtered.objects)
+        request = self._scheduler.pick(done.image, self._session.robot_map.keyframes)
+        if request is not None:
+            self._scene.use(request, frame.depth_m, frame.image_bgr, filtered.objects)
         if self._imu is not None:
             for news in self._imu.imu.trust.take_news():
                 _LOG.log(logging.WARNING if news.is_problem else logging.INFO, '%s', news.text)
@@ -154,16 +154,6 @@ class OfflinePipeline:
     def imu_report(self) -> ImuReport | None:
         """Return the calibration of the IMU as known so far; None without an IMU."""
         return None if self._imu is None else report_of(self._imu.imu)
-
-    def _map_scene(
-        self, request: SceneRequest, frame: RgbdFrame, objects: tuple[DynamicObject, ...]
-    ) -> None:
-        if request.track_objects:
-            self._scene.track_objects(request, frame.depth_m, objects)
-        if request.is_for_object_map:
-            self._scene.map_objects(request, frame.depth_m, objects)
-        if request.is_for_dense_map:
-            self._scene.fuse(request, frame.depth_m, frame.image_bgr, objects)
 
     def _count(self, filtered: FilterResult) -> None:
         """Add the features and objects of a frame to the counts of the run."""
@@ -226,10 +216,10 @@ class OfflinePipeline:
 
 def _scheduler(config: RunConfig, *, dense: bool) -> SceneScheduler:
     """Return the scheduler for the maps of a run; objects are tracked only for the object map."""
-    slam = config.slam
-    rates = (slam.objects.rate_hz, slam.object_map.rate_hz)
-    of_objects = rates if slam.object_map.enabled else (None, None)
-    return SceneScheduler(slam.dense.rate_hz if dense else None, *of_objects)
+    scene = config.scene
+    rates = (scene.objects.rate_hz, scene.object_map.rate_hz)
+    of_objects = rates if scene.object_map.enabled else (None, None)
+    return SceneScheduler(scene.dense.rate_hz if dense else None, *of_objects)
 
 
 def _map_counts(stats: SlamStats) -> MapCounts:

@@ -11,7 +11,12 @@ from typing import Any
 from hoid_common.config import did_you_mean
 from hoid_common.errors import ConfigError
 
-STAGES = {'detector': 'hoid_detector', 'filter': 'hoid_filter', 'slam': 'rgbd_slam'}
+STAGES = {
+    'detector': 'hoid_detector',
+    'filter': 'hoid_filter',
+    'slam': 'rgbd_slam',
+    'scene': 'hoid_scene',
+}
 """Node of each stage, by the stage's short name."""
 _SHORT = {node: stage for stage, node in STAGES.items()}
 

@@ -1,4 +1,4 @@
-"""Configuration of a whole run, with the configurations of the three nodes as sections."""
+"""Configuration of a whole run, with the configurations of the four nodes as sections."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from hoid_detector.config import DetectorNodeConfig
 from hoid_filter.config import ExtractionConfig
 from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.strategy import needs_detections
+from hoid_scene.config.scene_config import SceneNodeConfig
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.config.slam_config import CameraConfig
 
@@ -37,12 +38,13 @@ class RunConfig(Config):
     detector: DetectorNodeConfig = section(DetectorNodeConfig)  # its `model` may be TRUTH
     filter: FilterNodeConfig = section(FilterNodeConfig)
     slam: SlamNodeConfig = section(SlamNodeConfig)
+    scene: SceneNodeConfig = section(SceneNodeConfig)
 
     LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # prefixes of parameters that have no effect offline
         'detector.input.', 'detector.base_frame', 'detector.autostart',
         'filter.input.',
         'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
-        'slam.mode',
+        'slam.mode', 'scene.input.', 'scene.map_', 'scene.navigation.',
     )  # fmt: skip
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_bringup.run.provenance import Provenance
 from hoid_common.errors import InputError
 from hoid_common.values import FloatArray, Trajectory
-from hoid_scene.dense.voxel_map import ColoredCloud
+from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from rgbd_slam.inertial.report import ImuReport
 

@@ -52,7 +52,7 @@ class InputConfig(Config):
     depth_offset_s: float = param(
         0.0,
         'Time by which the stamps of depth images are later than those of the color images that '
-        'were taken at the same instant (s). Set it, for hoid_filter and rgbd_slam alike, to the '
+        'were taken at the same instant (s). Set it, for hoid_filter and hoid_scene alike, to the '
         'value that hoid_filter suggests when it reports a constant offset between the stamps. '
         'The node hoid_detector does not use it.',
         minimum=-1.0,
@@ -62,7 +62,7 @@ class InputConfig(Config):
     depth_units_per_m: float = param(
         0.0,
         'Number of units of depth images per meter (1/m); 0 means 1000 for whole numbers and 1 '
-        'for floats (REP 118). Set it, for hoid_filter and rgbd_slam alike, for a driver with '
+        'for floats (REP 118). Set it, for hoid_filter and hoid_scene alike, for a driver with '
         'other units, such as 10000 for 0.1 mm. The node hoid_detector ignores it.',
         minimum=0.0,
         maximum=1e6,

@@ -1,4 +1,4 @@
-"""The poses of all keyframes at one version of the map."""
+"""The poses of all keyframes at one version of the map, and of images relative to them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import BoolArray, FloatArray, IntArray
+from hoid_common.values import BoolArray, CameraModel, FloatArray, IntArray
 
 
 class KeyframePoses(NamedTuple):
@@ -57,6 +57,39 @@ class KeyframePoses(NamedTuple):
         return int(self.uids[near]), T_near_old
 
 
+class TrackedImage(NamedTuple):
+    """The pose of an image, from measurements and not from a prediction, in a version of the map.
+
+    With the pose of the keyframe in this version, the pose of the image can be stored relative to
+    the keyframe, so that it is corrected with the map later.
+    """
+
+    stamp_ns: int
+    T_map_camera: FloatArray  # (4, 4); in the map frame if the image is in the main map
+    keyframe_uid: int  # of the reference keyframe, which is in the map
+    is_in_main_map: bool
+    is_growing: bool  # whether the map is extended; False in localization
+
+
 NO_KEYFRAMES = KeyframePoses(
     0, np.empty(0, np.int64), np.empty(0, np.int64), 0, np.empty((0, 4, 4))
 )
+
+
+class LoadedKeyframes(NamedTuple):
+    """The keyframes of the map that a session has loaded last."""
+
+    number: int = 0  # of maps that the session has loaded so far; 0: none
+    source: str = ''  # path of the map file, or the session of a node that has crashed
+    saved_uids: IntArray = np.empty(0, np.int64)  # (K,) of the keyframes there, ascending
+    loaded_uids: IntArray = np.empty(0, np.int64)  # (K,) in this session
+
+
+class SessionKeyframes(NamedTuple):
+    """The keyframes of a session of the SLAM node."""
+
+    session: str  # its name; a session ends when the map is discarded
+    camera: CameraModel | None  # whose images are tracked; None: it is not known yet
+    is_level: bool  # whether the z axis of the map frame points up
+    keyframes: KeyframePoses
+    loaded: LoadedKeyframes = LoadedKeyframes()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from hoid_msgs.msg import KeyframePoses
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -29,13 +30,13 @@ __all__ = ['InputConfig', 'Inputs', 'checked_callback']
 
 Callback = Callable[[Any], None]
 
-_IMAGES = (Image, CompressedImage)
+_LARGE = (Image, CompressedImage, KeyframePoses)  # types that are read in no time at any size
 # Chosen: time for which a new node waits for publishers that run already, for all its inputs
 # together. With the suite's transport profile they are known within 0.2 s.
 _DISCOVERY_S = 0.3
 _POLL_S = 0.02  # chosen: period of the search for these publishers
 _LOOK_S = 0.5  # chosen: period of the search for a publisher that keeps its last message
-# A larger message is refused unless it is an image. Deserializing a message of this size takes a
+# A larger message of another type is refused. Deserializing a message of this size takes a
 # second.
 _MAX_BYTES = 2_000_000
 
@@ -315,7 +316,7 @@ def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
     Raises:
         MessageError: The bytes are no such message, or more than 2 MB and no image.
     """
-    if len(data) > _MAX_BYTES and type_ not in _IMAGES:
+    if len(data) > _MAX_BYTES and type_ not in _LARGE:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')
     try:
         if type_ is Image:

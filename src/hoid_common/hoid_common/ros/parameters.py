@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import (
@@ -62,10 +63,11 @@ class Parameters(Generic[C]):
             run time have changed it.
         approve: Function that is called with the new config before parameters are set at run time.
             It raises ConfigError to reject them. Types and ranges have been checked before.
+        moved: Names of the nodes that have sections of parameters now, by the name of the section.
 
     Raises:
         ConfigError: A parameter has a value of the wrong type, out of range, or that is none of
-            its choices.
+            its choices; or it is given to this node, but has moved to another one.
     """
 
     def __init__(
@@ -74,10 +76,12 @@ class Parameters(Generic[C]):
         defaults: C,
         on_change: Callable[[C], None] | None = None,
         approve: Callable[[C], None] | None = None,
+        moved: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._on_change = on_change
         self._approve = approve
         given = _take_overrides(node)
+        _check_places(node, given, moved)
         leaves = {leaf.name: leaf for leaf in defaults.node_params()}
         is_expert = EXPERT not in leaves or given.get(EXPERT, leaves[EXPERT].value) is True
         self._leaves = {n: leaf for n, leaf in leaves.items() if is_expert or not leaf.spec.expert}
@@ -141,6 +145,17 @@ def _take_overrides(node: Node) -> dict[str, Any]:
     for name in names:
         node.undeclare_parameter(name)
     return {name: _from_ros(given[name].value) for name in names}
+
+
+def _check_places(node: Node, names: Iterable[str], moved: Mapping[str, str]) -> None:
+    """Raise ConfigError if a given parameter is one of another node."""
+    for name in names:
+        owner = moved.get(name.partition('.')[0])
+        if owner is not None:
+            raise ConfigError(
+                f'{name} is a parameter of {owner}, not of {node.get_name()}: move it to the '
+                f'section /**/{owner} of the parameter file'
+            )
 
 
 def _warn(node: Node, names: Iterable[str], leaves: Mapping[str, Param]) -> None:

@@ -66,8 +66,8 @@ class DenseConfig(Config):
 
     enabled: bool = param(
         default=True,
-        description='Whether to fuse depth images into cloud_map and grid_map, in a separate '
-        'process. Set it to false to save time and memory if only poses are needed; the services '
+        description='Whether to fuse depth images into cloud_map and grid_map. Set it to false to '
+        'save time and memory if only poses, people and objects are needed; the services '
         'save_cloud and save_grid then fail.',
     )
     rate_hz: float = param(

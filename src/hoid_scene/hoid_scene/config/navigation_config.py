@@ -20,8 +20,8 @@ class NavigationConfig(Config):
         default=False,
         description='Whether to publish masks for the costmap filters of Nav2: keep_out_mask and '
         'speed_mask, with keep_out_mask/info and speed_mask/info. Set it to true if Nav2 has the '
-        'filters. It needs frames.base, since the masks are in the map frame, which must be '
-        'level, and objects.enabled.',
+        'filters. It needs frames.base of rgbd_slam, since the masks are in the map frame, which '
+        'must be level, and objects.enabled.',
         expert=True,
     )
     horizon_s: float = param(

@@ -39,8 +39,8 @@ class Evidence(NamedTuple):
     is_confirmed: BoolArray
 
 
-class Cloud(NamedTuple):
-    """The confirmed voxels of a submap."""
+class ColoredCloud(NamedTuple):
+    """Points with color."""
 
     points_m: Float32Array  # (N, 3), map frame
     colors_bgr: ByteArray  # (N, 3)
@@ -87,7 +87,7 @@ class Submap:
         self.marked: set[int] = set()  # slots of those that `free_space.py` has considered
         self.num_fused = 0  # all images that changed voxels, also those no longer stored
         # Whether the submap must be rebuilt: its images have moved relative to it by more than a
-        # limit, and enough of them are still stored (`scene_ledger.py`).
+        # limit, and enough of them are still stored (`dense_map.py`).
         self.is_bent = False
         self.revision = 0  # increases with each change of voxels, free space or pose
         self._num_moves = 0
@@ -145,12 +145,12 @@ class Submap:
         agreed = hits >= self._config.min_hit_share * self.values[:, _VIEWS]
         return np.asarray(agreed & (hits >= self._config.min_views))
 
-    def cloud(self) -> Cloud:
+    def cloud(self) -> ColoredCloud:
         """Return the mean point and color of each shown voxel."""
         sums = self.values[self.is_shown()]
         mean = sums[:, :6] / sums[:, _W : _W + 1]
         points = transform(self.T_map_submap, mean[:, :3])
-        return Cloud(points, mean[:, 3:].round().astype(np.uint8))
+        return ColoredCloud(points, mean[:, 3:].round().astype(np.uint8))
 
     def contains(self, points_m: FloatArray) -> BoolArray:
         """Return the (N,) mask of points (N, 3) inside the cube and its overlap with others.

@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 
 from hoid_common.io.records import Record, column
 from hoid_common.poses.keyframe_poses import KeyframePoses
-from hoid_common.values import ByteArray, CameraModel, Float32Array, FloatArray, IntArray
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+)
 from hoid_scene.config.dense_config import DenseConfig
-from hoid_scene.dense.dense_state import DenseState
 from hoid_scene.dense.submap import SPAN, Submap, cells_of_keys
 
 _STEPS = 256  # of an offset within a voxel
+_OF_VOXELS = ('key', 'offset', 'color_bgr', 'weight', 'counts')
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +82,33 @@ class SubmapState(Record):
         )
 
     @classmethod
-    def joined(cls, parts: Sequence[tuple[SubmapState, IntArray]]) -> SubmapState:
-        """Return one record of the submaps of several maps, which may overlap.
+    def joined(cls, parts: Sequence[SubmapState]) -> SubmapState:
+        """Return one record of the submaps of at least one record, with the same size of voxels.
 
-        Args:
-            parts: At least one record, each with the (K,) rows that the keyframes of its map have
-                in the map of all. Their voxels are of the same size.
+        The submaps may overlap. See `reanchored` for records of several maps.
         """
-        columns = [{**state.arrays(), 'anchor': rows[state.anchor]} for state, rows in parts]
+        columns = [state.arrays() for state in parts]
         together = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
-        return cls.of({**together, 'voxel_m': parts[0][0].voxel_m})
+        return cls.of({**together, 'voxel_m': parts[0].voxel_m})
+
+    def with_anchors(self, anchor: IntArray) -> SubmapState:
+        """Return the submaps with other anchors (S,); those with the anchor -1 are left out."""
+        return self.of({**self._rows(anchor >= 0).arrays(), 'anchor': anchor[anchor >= 0]})
+
+    def split(self) -> list[SubmapState]:
+        """Return one record for each submap."""
+        return [self._rows(np.arange(len(self.anchor)) == s) for s in range(len(self.anchor))]
+
+    def _rows(self, kept: BoolArray) -> SubmapState:
+        of_voxel = np.repeat(kept, self.num_voxels)
+        return self.of(
+            {
+                name: array[of_voxel] if name in _OF_VOXELS else array[kept]
+                for name, array in self.arrays().items()
+                if name != 'voxel_m'
+            }
+            | {'voxel_m': self.voxel_m}
+        )
 
     def submaps(
         self, keyframes: KeyframePoses, keyframe_uids: IntArray, config: DenseConfig
@@ -123,20 +146,6 @@ class SubmapState(Record):
             submap.T_anchor_submap = self.T_anchor_submap[row]  # without rounding errors
             out.append(submap)
         return out
-
-
-DenseMap = SubmapState | DenseState
-"""The dense map in a map file. Files of earlier versions have images, from which it is made."""
-
-
-def misfit(dense: DenseMap, camera: CameraModel, config: DenseConfig) -> str | None:
-    """Return the name of the parameter because of which a saved dense map cannot be loaded.
-
-    None is returned if it can be loaded.
-    """
-    if isinstance(dense, SubmapState):
-        return None if dense.voxel_m[0] == config.voxel_m else 'voxel_m'
-    return None if dense.fits(camera, config.pixel_stride) else 'pixel_stride'
 
 
 def _stacked(arrays: Sequence[NDArray[np.generic]], shape: tuple[int, ...]) -> NDArray[np.generic]:

@@ -119,19 +119,13 @@ class ObjectMapState(Record):
         }
         return cls.of({name: np.array(columns[name]).reshape(shapes[name]) for name in shapes})
 
-    def reanchored(self, rows: IntArray) -> ObjectMapState:
-        """Return the objects with new rows of their anchor keyframes.
-
-        Args:
-            rows: (K,) new row of each keyframe, by its old row; -1: it is not saved any more, and
-                its objects are left out.
-        """
-        new = rows[self.anchor]
-        kept = new >= 0
+    def with_anchors(self, anchor: IntArray) -> ObjectMapState:
+        """Return the objects with other anchors (O,); those with the anchor -1 are left out."""
+        kept = anchor >= 0
         of_class, of_voxel = (
             np.repeat(kept, count) for count in (self.num_classes, self.num_voxels)
         )
-        out: dict[str, Array] = {'anchor': new[kept], 'next_id': self.next_id}
+        out: dict[str, Array] = {'anchor': anchor[kept], 'next_id': self.next_id}
         for name, array in self.arrays().items():
             if name in _CLASSES:
                 out[name] = array[of_class]

@@ -1,17 +1,12 @@
-"""Parameters of the SLAM node: the core, the frames, and the scene mapper."""
+"""Parameters of the SLAM node: the core and the frames."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from hoid_common.config import Config, param, section
-from hoid_common.errors import ConfigError
 from hoid_common.inputs.input_config import NodeConfig
 from hoid_common.slam_status import SlamMode
-from hoid_scene.config.dense_config import DenseConfig
-from hoid_scene.config.navigation_config import NavigationConfig
-from hoid_scene.config.object_config import ObjectTrackerConfig
-from hoid_scene.config.object_map_config import ObjectMapConfig
 from rgbd_slam.config.slam_config import SlamConfig
 
 
@@ -124,18 +119,3 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         expert=True,
     )
     frames: FrameConfig = section(FrameConfig)
-    dense: DenseConfig = section(DenseConfig)
-    objects: ObjectTrackerConfig = section(ObjectTrackerConfig)
-    object_map: ObjectMapConfig = section(ObjectMapConfig)
-    navigation: NavigationConfig = section(NavigationConfig)
-
-    def __post_init__(self) -> None:
-        """Raise ConfigError if a value is invalid, or masks are on without base frame or tracks.
-
-        The masks are those of `navigation`, and the tracks those of `objects`.
-        """
-        super().__post_init__()
-        if self.navigation.enabled and not self.frames.base:
-            raise ConfigError('navigation.enabled needs frames.base, which makes the map level')
-        if self.navigation.enabled and not self.objects.enabled:
-            raise ConfigError('navigation.enabled needs objects.enabled')

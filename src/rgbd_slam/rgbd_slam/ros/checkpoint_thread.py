@@ -13,18 +13,13 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
-from hoid_common.errors import HoidError, InputError
-from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.errors import HoidError
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.store.database import Database
-from hoid_scene.dense.submap_export import ExportMark
 from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.ros.scene.messages import SceneExport
 from rgbd_slam.session import SlamSession
 from rgbd_slam.store.map_parts import MapPart
 from rgbd_slam.store.map_writer import MapWriter
 from rgbd_slam.store.running_map import RunningMap
-from rgbd_slam.store.scene_tables import put_export, put_objects
 from rgbd_slam.store.tables import MapHeader
 
 # Chosen: the first checkpoint is written after this time, the others at doubling intervals up to
@@ -36,9 +31,6 @@ _MAX_COPY_SHARE = 0.2
 _NICE = 10  # lower priority than tracking and mapping (decision 016)
 _MS = 1e3
 _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
-
-ReceiveMaps = Callable[[], SceneExport]
-RequestMaps = Callable[[KeyframePoses, ExportMark | None], ReceiveMaps | None]
 
 
 class _Task(NamedTuple):
@@ -55,8 +47,6 @@ class _Copied(NamedTuple):
     part: MapPart
     header: MapHeader
     copy_s: float  # time for which the tracker waited for the copy
-    # Waits for dense map and object map; None: this is not the last part, or both maps are off.
-    receive_maps: ReceiveMaps | None = None
 
 
 class CheckpointThread:
@@ -68,8 +58,6 @@ class CheckpointThread:
         running: The database of its map, which this process owns.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
-        request_maps: Requests the object map, and the changes of the dense map since an export;
-            returns a function that waits for them, or None if both maps are off.
     """
 
     def __init__(
@@ -79,11 +67,10 @@ class CheckpointThread:
         running: RunningMap,
         diagnostics: Diagnostics,
         session: Callable[[], SlamSession | None],
-        request_maps: RequestMaps,
     ) -> None:
         self._logger = node.get_logger()
         self._diagnostics = diagnostics
-        self._find_session, self._request_maps = session, request_maps
+        self._find_session = session
         self._node_thread = NodeThread(node)
         self._period_s, self._running = period_s, running
         # While True, nothing is written: the camera is searched for in the map that is stored.
@@ -91,13 +78,8 @@ class CheckpointThread:
         # Whether the session continues the map that is stored; otherwise, that one is kept.
         self.continues_stored = False
         self._writer: MapWriter | None = None
-        # The export of the dense map that is stored; None: none is.
-        self._mark: ExportMark | None = None
         # Version of the map of which a checkpoint was written or is being written; None: none.
         self._written: int | None = None
-        # Whether the checkpoint was written once more after the map had stopped changing. The
-        # dense map is some images behind the map, so that the first checkpoint may lack some.
-        self._is_dense_written = False
         self._lock = RLock()  # guards the database and its writer
         self._is_writing = Lock()  # held by the only thread besides the node's that may write
         self._is_ended = Event()
@@ -137,7 +119,6 @@ class CheckpointThread:
             HoidError: The map cannot be written.
         """
         with self._is_writing:
-            self._written = None  # so that the dense map is written even if the map is the same
             self._write()
             with self._lock:
                 if self._written is None:
@@ -162,7 +143,7 @@ class CheckpointThread:
     def _use_writer(self, writer: MapWriter | None) -> None:
         if self._writer is not None:
             self._writer.abort()
-        self._writer, self._written, self._mark = writer, None, None
+        self._writer, self._written = writer, None
 
     def _run(self) -> None:
         os.setpriority(os.PRIO_PROCESS, get_native_id(), _NICE)  # of this thread alone
@@ -190,9 +171,8 @@ class CheckpointThread:
         try:
             while (copied := call(partial(self._copy, task.writer))) is not None:
                 longest_s = max(longest_s, copied.copy_s)
-                maps = self._received(copied, is_first=task.writer.is_first)
                 part_s = time.monotonic()
-                if not self._append(task.writer, copied, maps):
+                if not self._append(task.writer, copied):
                     break
                 wrote_s += time.monotonic() - part_s
                 if (keyframes := copied.part.keyframes) is not None:
@@ -209,8 +189,8 @@ class CheckpointThread:
         """Return what to write; None if there is nothing. Runs between images.
 
         While the camera is being relocalized in the old map, the database of that map stays as it
-        is. If the map has not changed since the last checkpoint, it is written once more for the
-        dense map; afterwards only the stamp in its header is updated.
+        is. If the map has not changed since the last checkpoint, only the stamp in its header is
+        updated.
         """
         session = self._find_session()
         if session is None or self.is_paused:
@@ -221,9 +201,7 @@ class CheckpointThread:
         if self._writer is None or self._writer.atlas is not atlas:
             return _Task(self._running.writer(atlas), None, keeps_stored=not self.continues_stored)
         is_same = atlas.version == self._written
-        header = _header(session) if is_same and self._is_dense_written else None
-        self._is_dense_written = is_same
-        return _Task(self._writer, header, keeps_stored=False)
+        return _Task(self._writer, _header(session) if is_same else None, keeps_stored=False)
 
     def _open(self, task: _Task) -> bool:
         """Begin the transaction of a task; return False if there is none."""
@@ -237,8 +215,6 @@ class CheckpointThread:
                 task.writer.touch(task.header)
                 return False
             task.writer.begin()
-            if task.writer.is_first:
-                self._mark = None
             return True
 
     def _copy(self, writer: MapWriter) -> _Copied | None:
@@ -252,36 +228,17 @@ class CheckpointThread:
         if session.slam.map.atlas is not writer.atlas:
             return None
         start_s = time.perf_counter()
-        part, receive_maps = writer.copy(), None
+        part = writer.copy()
         if part.keyframes is not None:
             self._written = session.slam.map.atlas.version
-            receive_maps = self._request_maps(session.robot_map.keyframes(), self._mark)
-        return _Copied(part, _header(session), time.perf_counter() - start_s, receive_maps)
+        return _Copied(part, _header(session), time.perf_counter() - start_s)
 
-    @staticmethod
-    def _received(copied: _Copied, *, is_first: bool) -> SceneExport | None:
-        """Return dense map and object map for the last part; None: those stored are kept.
-
-        Raises:
-            InputError: They are late, and none are stored.
-        """
-        if copied.receive_maps is None:
-            return SceneExport(None, None)
-        try:
-            return copied.receive_maps()
-        except InputError:  # the scene process has just ended, or is late
-            if is_first:
-                raise
-            return None
-
-    def _append(self, writer: MapWriter, copied: _Copied, maps: SceneExport | None) -> bool:
+    def _append(self, writer: MapWriter, copied: _Copied) -> bool:
         """Write a part of the map; return False without writing if the map was discarded."""
         with self._lock:
             if writer is not self._writer or not writer.is_open:
                 return False
-            put = partial(put_maps, copied.part, maps)
-            if writer.append(copied.part, copied.header, put) and maps is not None:
-                self._mark = None if maps.submaps is None else maps.submaps.mark
+            writer.append(copied.part, copied.header)
             return True
 
     def _report(self, num_keyframes: int, took_s: float, longest_s: float) -> None:
@@ -299,13 +256,6 @@ class CheckpointThread:
             f'the map cannot be stored to resume it after a crash: {" ".join(str(error).split())}'
         )
         self._diagnostics.set_problem(_FAILED, text)
-
-
-def put_maps(part: MapPart, maps: SceneExport | None, database: Database) -> None:
-    """Write dense map and object map with the last part of a map; None: keep those stored."""
-    if maps is not None and part.keyframes is not None:
-        put_export(database, maps.submaps)
-        put_objects(database, maps.objects, part.keyframes.uid)
 
 
 def _header(session: SlamSession) -> MapHeader:

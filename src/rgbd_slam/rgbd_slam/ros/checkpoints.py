@@ -16,7 +16,7 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import NS_PER_S
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.ros.checkpoint_thread import CheckpointThread, RequestMaps
+from rgbd_slam.ros.checkpoint_thread import CheckpointThread
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.store.map_file import MapFile
@@ -42,8 +42,6 @@ class Checkpoints:
         running: The database of its map.
         diagnostics: Diagnostics of the node.
         session: Returns the session, or None while there is no session.
-        request_maps: Requests the object map, and the changes of the dense map since an export;
-            returns a function that waits for them, or None if both maps are off.
     """
 
     def __init__(
@@ -53,7 +51,6 @@ class Checkpoints:
         running: RunningMap,
         diagnostics: Diagnostics,
         session: Callable[[], SlamSession | None],
-        request_maps: RequestMaps,
     ) -> None:
         self._logger = node.get_logger()
         self._running, self._find_session = running, session
@@ -68,7 +65,7 @@ class Checkpoints:
         read = partial(self._read, self._stored)
         Thread(target=read, name='read checkpoint', daemon=True).start()
         self._thread = CheckpointThread(
-            node, config.checkpoint_period_s, running, diagnostics, session, request_maps
+            node, config.checkpoint_period_s, running, diagnostics, session
         )
 
     @property
@@ -104,7 +101,7 @@ class Checkpoints:
             self.discard()
             return False
         try:
-            loader.load_first(session, stored, lambda: None, extend=True)
+            loader.load_first(session, stored, stored.session, lambda: None, extend=True)
         except MapFileError as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
             return False  # it is kept, because a corrected camera info that fits it may follow

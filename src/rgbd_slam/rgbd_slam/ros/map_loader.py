@@ -15,9 +15,10 @@ from typing import TypeVar
 from rclpy.node import Node
 
 from hoid_common.errors import HoidError, InputError
+from hoid_common.values import IntArray
 from rgbd_slam.robot_map import LoadedMap, PreparedMap
+from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import SlamSession
 from rgbd_slam.store.map_file import MapFile
 
@@ -41,7 +42,7 @@ class MapLoader:
     Args:
         node: The SLAM node.
         session: Returns the session, or None while there is no session.
-        scene: The scene mapper's process, which gets dense map and object map.
+        keyframes: Publishes the keyframes of a loaded map.
         keep_running: Called in the node's thread before a loaded map replaces the running one.
     """
 
@@ -49,22 +50,24 @@ class MapLoader:
         self,
         node: Node,
         session: Callable[[], SlamSession | None],
-        scene: SceneClient,
+        keyframes: KeyframeOutputs,
         keep_running: Callable[[], None],
     ) -> None:
         self._logger = node.get_logger()
         self._node_thread = NodeThread(node)
-        self._session, self._scene, self._keep_running = session, scene, keep_running
+        self._session, self._keyframes, self._keep_running = session, keyframes, keep_running
 
-    def load(self, session: SlamSession, content: MapFile, *, keep: bool, extend: bool) -> str:
-        """Load a map; return a note for the response on parts that are left out, or ''.
+    def load(
+        self, session: SlamSession, content: MapFile, source: str, *, keep: bool, extend: bool
+    ) -> None:
+        """Load a map.
 
-        It must be called in another thread than the node's, and waits until the map is in use. The
-        dense map and the object map are then still on their way to the scene process.
+        It must be called in another thread than the node's, and waits until the map is in use.
 
         Args:
             session: The session.
             content: The map.
+            source: Path of its file, or the session of the crashed node that it is from.
             keep: True: keep the running map beside it. False: discard the running map.
             extend: Whether the map will be extended, and not only localized in.
 
@@ -73,23 +76,24 @@ class MapLoader:
             InputError: The mapper or the node is too busy, another map is being loaded, or the
                 session has ended.
             MapperStoppedError: The mapping process takes too long, or cannot be kept running.
-            OSError: The dense map cannot be written to a file for the scene process.
         """
         prepared = session.robot_map.prepare_load(content, keep=keep, extend=extend)
         results: list[LoadedMap] = []
         first_uid = self._poll(
             session,
-            lambda: self._begin(session, prepared, results.append),
+            lambda: self._begin(
+                session, prepared, source, content.keyframes().uids, results.append
+            ),
             _QUEUE_S,
             'keyframes or an adjustment of the map still occupy the mapper; try again',
         )
-        loaded = self._complete(session, prepared, first_uid, results)
-        return self._load_scene(session, content, loaded)
+        self._complete(session, prepared, first_uid, results)
 
     def load_first(
         self,
         session: SlamSession,
         content: MapFile,
+        source: str,
         on_loaded: Callable[[], None],
         *,
         extend: bool,
@@ -97,12 +101,13 @@ class MapLoader:
         """Load a map into a new session, from the node's thread.
 
         Prepares the map, then waits for it for at most 2 s. A larger map is then loaded in the
-        background; no image is tracked until it is loaded. A HoidError or OSError in the
-        background is logged.
+        background; no image is tracked until it is loaded. A HoidError in the background
+        is logged.
 
         Args:
             session: The session.
             content: The map.
+            source: Path of its file, or the session of the crashed node that it is from.
             on_loaded: Called in the node's thread when the map is loaded: during this call, or
                 later between two images.
             extend: Whether the map will be extended, and not only localized in.
@@ -118,14 +123,13 @@ class MapLoader:
             results.append(result)
             on_loaded()
 
-        first_uid = self._begin(session, prepared, loaded)
+        first_uid = self._begin(session, prepared, source, content.keyframes().uids, loaded)
         assert first_uid is not None  # nothing was requested from the new mapper before
 
         def complete() -> None:
             try:
-                found = self._complete(session, prepared, first_uid, results)
-                self._load_scene(session, content, found)
-            except (HoidError, OSError) as error:
+                self._complete(session, prepared, first_uid, results)
+            except HoidError as error:
                 self._logger.warning(f'the map is not loaded completely: {error}')
 
         Thread(target=complete, name='first map', daemon=True).start()
@@ -138,6 +142,8 @@ class MapLoader:
         self,
         session: SlamSession,
         prepared: PreparedMap,
+        source: str,
+        saved_uids: IntArray,
         on_loaded: Callable[[LoadedMap], None],
     ) -> int | None:
         """Begin to load a map, and return the uid of its first keyframe.
@@ -158,7 +164,7 @@ class MapLoader:
             self._keep_running()
 
         def loaded(result: LoadedMap) -> None:
-            self._scene.use_keyframes(result, keep=keep)
+            self._keyframes.note_loaded(source, saved_uids, result.keyframe_uids, keep=keep)
             on_loaded(result)
 
         return session.robot_map.begin_load(prepared, loaded)
@@ -189,16 +195,6 @@ class MapLoader:
 
         late = 'the mapper has not loaded the map in ten minutes; free the computer'
         return self._poll(session, loaded, _LOAD_S, late)
-
-    def _load_scene(self, session: SlamSession, content: MapFile, loaded: LoadedMap) -> str:
-        note, send = self._scene.prepare(content, loaded.keyframe_uids)
-
-        def send_if_running() -> None:
-            if self._session() is session:
-                send()
-
-        self._node_thread.call(send_if_running)
-        return note
 
     def _poll(
         self, session: SlamSession, function: Callable[[], T | None], limit_s: float, late: str

@@ -22,6 +22,7 @@ from visualization_msgs.msg import MarkerArray
 from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.ros import conversions, qos
+from hoid_common.ros.execution.timers import set_period
 from hoid_common.ros.large_messages.publisher import OnDemandPublisher
 from hoid_common.ros.large_messages.serialized import (
     cloud_to_cdr,
@@ -32,7 +33,6 @@ from hoid_common.values import ByteArray, Float32Array
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.robot_map import MapPoses, RobotMap
 from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.ros.timers import set_period
 from rgbd_slam.session import SlamSession
 
 # Chosen: largest share of one core for making and publishing map_points, path and keyframes, so

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,22 +19,11 @@ from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import write_tum_parts
 from hoid_common.ros.diagnostics import Diagnostics
+from hoid_common.ros.execution.service_handlers import ServiceHandlers
 from hoid_common.ros.execution.service_thread import ServiceThread
 from hoid_common.slam_status import SlamMode
 from hoid_common.store.database import Database, replaced
-from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.ros.checkpoint_thread import put_maps
-from rgbd_slam.ros.map_loader import MapLoader
-from rgbd_slam.ros.node_thread import NodeThread
-from rgbd_slam.ros.scene.client import SceneClient
-from rgbd_slam.ros.scene.messages import SceneExport
-from rgbd_slam.ros.scene.object_services import ObjectServices
-from rgbd_slam.ros.service_handlers import ServiceHandlers
-from rgbd_slam.session import SlamSession
-from rgbd_slam.store import map_file
-from rgbd_slam.store.map_directory import (
-    CLOUD,
-    GRID,
+from hoid_common.store.map_directory import (
     MAP,
     TRAJECTORY,
     FileKind,
@@ -45,10 +33,17 @@ from rgbd_slam.store.map_directory import (
     remove_abandoned,
     write_whole,
 )
+from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
+from rgbd_slam.ros.map_loader import MapLoader
+from rgbd_slam.ros.node_thread import NodeThread
+from rgbd_slam.ros.scene_client import SceneMapClient
+from rgbd_slam.session import SlamSession
+from rgbd_slam.store import map_file
 from rgbd_slam.store.map_file import MapFile
 from rgbd_slam.store.map_parts import MapPart
-from rgbd_slam.store.map_writer import ALL_TABLES, MapWriter
-from rgbd_slam.store.tables import MapHeader
+from rgbd_slam.store.map_writer import MapWriter
+from rgbd_slam.store.tables import TABLES, MapHeader
 
 T = TypeVar('T')
 
@@ -66,14 +61,13 @@ class MapServices:
 
     The service that sets the mode has a thread of its own, so that a disk that does not respond
     delays no change of the mode.
-    It offers the services of the object map (`ObjectServices`) as well, and removes unfinished
-    files that killed processes have left in `map_directory`.
+    It also removes unfinished files that killed processes have left in `map_directory`.
 
     Args:
         node: The SLAM node.
         config: Its parameters.
         session: Returns the session, or raises InputError while there is no session.
-        scene: Client of the scene process, which has the dense map and the object map.
+        keyframes: Knows the session and the keyframes for the scene node.
         loader: Loads saved maps.
         diagnostics: Diagnostics of the node.
         copy_stored: Copies the map on the disk to a new file (`Checkpoints.copy_to`).
@@ -84,7 +78,7 @@ class MapServices:
         node: Node,
         config: SlamNodeConfig,
         session: Callable[[], SlamSession],
-        scene: SceneClient,
+        keyframes: KeyframeOutputs,
         loader: MapLoader,
         diagnostics: Diagnostics,
         copy_stored: Callable[[Path], bool],
@@ -92,21 +86,19 @@ class MapServices:
         self._config, self._copy_stored = config, copy_stored
         self._logger = node.get_logger()
         self._session = session
-        self._scene, self._loader = scene, loader
+        self._keyframes, self._loader = keyframes, loader
+        self._scene = SceneMapClient(node)
         self._node_thread = NodeThread(node)
         self._thread, self._mode_thread = ServiceThread(node), ServiceThread(node)
         handlers = ServiceHandlers(node, diagnostics, self._thread.group)
         for type_, topic, handle in (
             (SaveMap, topics.SAVE_MAP, self._save),
             (SaveTrajectory, topics.SAVE_TRAJECTORY, self._save_trajectory),
-            (SaveMap, topics.SAVE_CLOUD, self._save_cloud),
-            (SaveMap, topics.SAVE_GRID, self._save_grid),
             (LoadMap, topics.LOAD_MAP, self._load),
         ):
             handlers.add(type_, topic, handle)
         mode = ServiceHandlers(node, diagnostics, self._mode_thread.group)
         mode.add(SetMode, topics.SET_MODE, self._set_mode)
-        ObjectServices(handlers, scene, config.frames.map, self._new_path)
         self._remove_abandoned()
         for thread in (self._thread, self._mode_thread):
             thread.start(handlers.report_fault)
@@ -131,12 +123,6 @@ class MapServices:
                 f'{directory}: unfinished files of killed processes removed: {", ".join(removed)}'
             )
 
-    def _save_cloud(self, request: SaveMap.Request) -> str:
-        return self._scene.save(cloud_path=self._new_path(request.name, CLOUD))
-
-    def _save_grid(self, request: SaveMap.Request) -> str:
-        return self._scene.save(grid_path=self._new_path(request.name, GRID))
-
     def _save(self, request: SaveMap.Request) -> str:
         path = self._new_path(request.name, MAP)
         session = self._node_thread.call(self._session)
@@ -146,34 +132,34 @@ class MapServices:
             if not self._copy_stored(aside):
                 self._write(aside, session)
             content = map_file.load(aside)  # a map that could not be loaded again is not saved
+            keyframes = self._node_thread.call(self._keyframes.message)
+            if keyframes.session != content.session:
+                raise InputError('the map was discarded meanwhile: there is nothing to save')
+            scene = self._scene.add_to(aside, keyframes)
             size = aside.stat().st_size
-        return f'{_summary(content)} written to {path}, {size / _MB:.1f} MB'
+        return f'{_summary(content)}, {scene} written to {path}, {size / _MB:.1f} MB'
 
     def _write(self, path: Path, session: SlamSession) -> None:
-        """Write the session's map to a new file, with dense map and object map.
+        """Write the session's map to a new file.
 
         Raises:
-            InputError: The map was discarded meanwhile, or the scene process is late.
+            InputError: The map was discarded meanwhile.
             MapFileError: It cannot be written.
         """
-        writer = MapWriter(session.slam.map.atlas, lambda: Database.create(path, ALL_TABLES))
+        writer = MapWriter(session.slam.map.atlas, lambda: Database.create(path, TABLES))
 
-        def copy() -> tuple[MapPart, MapHeader, Callable[[], SceneExport] | None]:
+        def copy() -> tuple[MapPart, MapHeader]:
             if self._session() is not session:
                 raise InputError('the map was discarded meanwhile: there is nothing to save')
-            part, robot_map = writer.copy(), session.robot_map
-            is_last = part.keyframes is not None
-            receive = self._scene.request_maps(robot_map.keyframes()) if is_last else None
-            return part, robot_map.header()._replace(stamp_ns=session.stamp_ns), receive
+            return writer.copy(), session.robot_map.header()._replace(stamp_ns=session.stamp_ns)
 
         writer.begin()
         is_complete = False
         while not is_complete:
             start_s = time.perf_counter()
-            part, header, receive = self._node_thread.call(copy)
+            part, header = self._node_thread.call(copy)
             copy_s = time.perf_counter() - start_s
-            maps = SceneExport(None, None) if receive is None else receive()
-            is_complete = writer.append(part, header, partial(put_maps, part, maps))
+            is_complete = writer.append(part, header)
             time.sleep(min(copy_s, _POLL_S))  # so that tracking has about half of the time
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
@@ -228,8 +214,8 @@ class MapServices:
         content = map_file.load(path)
         session = self._node_thread.call(self._session)
         extend = session.mode is SlamMode.MAPPING
-        note = self._loader.load(session, content, keep=request.merge, extend=extend)
-        return f'{_summary(content)} loaded from {path}{note}'
+        self._loader.load(session, content, str(path), keep=request.merge, extend=extend)
+        return f'{_summary(content)} loaded from {path}'
 
     def _set_mode(self, request: SetMode.Request) -> str:
         mode = _MODES.get(request.mode)
@@ -245,11 +231,8 @@ class MapServices:
 
 
 def _summary(content: MapFile) -> str:
-    voxels = 0 if content.dense is None else len(content.dense)
     keyframes, points = len(content.map), len(content.map.position_m)
-    summary = f'{keyframes} keyframes, {points} points and {voxels} voxels of the dense map'
-    if content.objects is not None:
-        summary += f', {len(content.objects)} objects'
+    summary = f'{keyframes} keyframes and {points} points'
     sizes = np.sort(np.bincount(content.map.map_id))[::-1]
     if len(sizes) > 1:
         summary += (

@@ -16,17 +16,17 @@ from hoid_common.poses.static_frames import StaticFrames
 from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamStatus
+from hoid_common.store.map_directory import MAP, existing_map, path_in
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.processes.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
+from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.map_loader import MapLoader
-from rgbd_slam.ros.scene.client import SceneClient
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.store import map_file
-from rgbd_slam.store.map_directory import existing_map
 from rgbd_slam.store.map_file import MapFile
 from rgbd_slam.store.running_map import RunningMap
 from rgbd_slam.tracking.motion_sources import ExternalOdometry
@@ -40,7 +40,7 @@ class SessionLifecycle:
         config: Its parameters.
         running: The database of its map.
         frames: The static transforms of `/tf_static`.
-        scene: Client of the scene process, whose scene is started and cleared with the session.
+        keyframes: Publishes the keyframes of the session.
         diagnostics: Diagnostics of the node.
         publish_status: Publishes the status of a session that has started, before its first image.
         wheel_motion: Returns the motion (4, 4) of a frame, given by name, between two stamps [ns]
@@ -54,13 +54,13 @@ class SessionLifecycle:
         config: SlamNodeConfig,
         running: RunningMap,
         frames: StaticFrames,
-        scene: SceneClient,
+        keyframes: KeyframeOutputs,
         diagnostics: Diagnostics,
         publish_status: Callable[[SlamStatus, Header], None],
         wheel_motion: Callable[[int, int, str], FloatArray | None],
         start_imu: Callable[[], Imu],
     ) -> None:
-        self._config, self._frames, self._scene = config, frames, scene
+        self._config, self._frames, self._keyframes = config, frames, keyframes
         self._logger = node.get_logger()
         self._diagnostics, self._publish_status = diagnostics, publish_status
         self._wheel_motion, self._start_imu = wheel_motion, start_imu
@@ -74,10 +74,8 @@ class SessionLifecycle:
         self._first_map: MapFile | None = None  # is loaded into the next session
         self._first_map_error: HoidError | None = None  # why the configured map file is not used
         self._is_reset = False  # True: the configured map file is not loaded again
-        self.checkpoints = Checkpoints(
-            node, config, running, diagnostics, lambda: self.session, scene.request_maps
-        )
-        self.loader = MapLoader(node, lambda: self.session, scene, self.checkpoints.keep)
+        self.checkpoints = Checkpoints(node, config, running, diagnostics, lambda: self.session)
+        self.loader = MapLoader(node, lambda: self.session, keyframes, self.checkpoints.keep)
 
     def require_session(self) -> SlamSession:
         """Return the session; raise InputError while there is none."""
@@ -109,13 +107,13 @@ class SessionLifecycle:
         """Apply the parameters that may change at run time."""
         self._config = config
         if self.session is not None:
-            self.session.reconfigure(config, self._scene.scene_scheduler())
+            self.session.reconfigure(config)
 
     def update_camera(self, camera: CameraModel, header: Header) -> None:
         """Process a camera info, and start the session once camera and base are known.
 
         If another calibration replaces the one in use, the session is ended first, with its map
-        and scene, and the configured map file is read again, unless `reset` was called before.
+        and the configured map file is read again, unless `reset` was called before.
 
         Raises:
             HoidError: The map file cannot be read again; there is no session then.
@@ -132,7 +130,7 @@ class SessionLifecycle:
         if is_new_camera and self.session is not None:
             self.checkpoints.keep()
             self._end()
-            self._scene.clear()
+            self._keyframes.begin()
             self._first_map = None if self._is_reset else self._read_first_map()
         self._start_if_ready()
 
@@ -162,7 +160,7 @@ class SessionLifecycle:
         self.checkpoints.discard()
         self._end()
         self._first_map, self._first_map_error, self._is_reset = None, None, True
-        self._scene.clear()
+        self._keyframes.begin()
         self._cameras = CameraInfoCheck(self._camera_remedy)
         if self._last_camera is not None:
             self.update_camera(*self._last_camera)
@@ -176,7 +174,7 @@ class SessionLifecycle:
         self.reset()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """End the session and the writing of checkpoints. The scene process is not ended.
+        """End the session and the writing of checkpoints.
 
         Args:
             is_asked_for: True if an operator or launch ended the node: the map is kept under
@@ -252,18 +250,15 @@ class SessionLifecycle:
             T_first_second = self._wheel_motion(first_ns, second_ns, base)
             return None if T_first_second is None else frames.camera_motion(T_first_second)
 
-        scheduler = self._scene.scene_scheduler()
         with exiting_without_mapper():
             session = SlamSession(
                 camera,
                 self._config,
                 frames,
                 background=True,
-                scene_scheduler=scheduler,
                 imu=self._start_imu(),
                 motion_sources=[ExternalOdometry(camera_motion)],
             )
-        self._scene.start_map(camera)
         self._frame = header.frame_id
         self.session = session  # the loader checks that it is still the present one
         if self.checkpoints.resume(session, stamp_from_msg(header.stamp), self.loader):
@@ -293,6 +288,7 @@ class SessionLifecycle:
             self.loader.load_first(
                 session,
                 content,
+                str(path_in(self._config.map_directory, self._config.map_file, MAP)),
                 lambda: session.set_mode(mode),
                 extend=mode is SlamMode.MAPPING,
             )

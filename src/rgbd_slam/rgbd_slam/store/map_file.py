@@ -8,24 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.errors import HoidError, MapFileError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.store.database import Database, replaced
 from hoid_common.values import CameraModel, FloatArray, IntArray
-from hoid_scene.dense.submap_state import SubmapState
-from hoid_scene.objects.object_map_state import ObjectMapState
 from rgbd_slam.model.loop_edge import LoopEdge, renumbered
 from rgbd_slam.model.map_state import MapState
-from rgbd_slam.store.map_check import check_loops, check_map, check_objects, check_submaps
+from rgbd_slam.store.map_check import check_loops, check_map
 from rgbd_slam.store.map_parts import part_of
 from rgbd_slam.store.map_reader import read_map
-from rgbd_slam.store.map_writer import (
-    ALL_TABLES,
-    put_header,
-    put_keyframes,
-    put_loops,
-    put_part,
-)
-from rgbd_slam.store.scene_tables import put_scene, read_scene
-from rgbd_slam.store.tables import MapHeader
+from rgbd_slam.store.map_writer import put_header, put_keyframes, put_loops, put_part
+from rgbd_slam.store.tables import TABLES, MapHeader
 
 _SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
 _MAX_DISTORTION = 14  # number of coefficients of OpenCV's largest lens model
@@ -33,7 +25,7 @@ _MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera ex
 
 
 class MapFile(NamedTuple):
-    """A map with its camera, its dense map and its object map, as one file stores them.
+    """A map with its camera, as one file stores them.
 
     Poses are in the published map frame, whose z axis points up.
     """
@@ -42,8 +34,6 @@ class MapFile(NamedTuple):
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
-    dense: SubmapState | None = None
-    objects: ObjectMapState | None = None
     uids: IntArray | None = None  # (K,) of the keyframes, ascending; None: their rows
     loops: tuple[LoopEdge, ...] = ()  # between keyframes by uid
     session: str = ''  # name of the session whose numbers the uids are
@@ -56,6 +46,13 @@ class MapFile(NamedTuple):
             return self.loops
         return renumbered(self.loops, {uid: n for n, uid in enumerate(self.uids.tolist())})
 
+    def keyframes(self) -> KeyframePoses:
+        """Return the poses of the keyframes, in the published map frame."""
+        uids = np.arange(len(self.map)) if self.uids is None else self.uids
+        map_ids = self.map.map_id.astype(np.int64)
+        main_map = int(np.bincount(map_ids).argmax())
+        return KeyframePoses(1, uids, map_ids, main_map, self.map.T_map_camera)
+
     def seen_by(
         self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
     ) -> MapFile:
@@ -64,8 +61,8 @@ class MapFile(NamedTuple):
         The pixels of the features, which are undistorted, are replaced by those at which this
         camera sees the same rays, and their octaves by those at which it sees the same details.
         Pixels far outside the image and octaves that do not exist are replaced by the nearest
-        allowed ones (`MapState.in_camera`). The dense map and the object map stay as they are. If
-        it is the camera of the map, the map is returned unchanged.
+        allowed ones (`MapState.in_camera`).
+        If it is the camera of the map, the map is returned unchanged.
 
         Args:
             camera: The camera.
@@ -152,16 +149,13 @@ def load(path: Path) -> MapFile:
             damaged, or does not fit into memory.
     """
     try:
-        with Database.read(path, ALL_TABLES) as database:
+        with Database.read(path, TABLES) as database:
             header, uids, state, loops = read_map(database)
-            dense, objects = read_scene(database, uids)
         content = MapFile(
             header.camera,
             header.scale_factor,
             header.num_octaves,
             state.moved(header.T_map_core),
-            dense,
-            objects,
             uids,
             loops,
             header.session,
@@ -179,17 +173,13 @@ def load(path: Path) -> MapFile:
 
 
 def check(content: MapFile) -> None:
-    """Raise MapFileError if a map, its dense map or its object map breaks a rule.
+    """Raise MapFileError if a map breaks a rule.
 
     The text of the error names the first such rule.
     """
     with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
         check_loops(content.loops)
-        if content.dense is not None:
-            check_submaps(content.dense, len(content.map))
-        if content.objects is not None:
-            check_objects(content.objects, len(content.map))
 
 
 def _write(path: Path, content: MapFile) -> int:
@@ -204,10 +194,9 @@ def _write(path: Path, content: MapFile) -> int:
     part = part_of(content.map, content.uids, content.loops)
     assert part.keyframes is not None
     with replaced(path) as aside:
-        with Database.create(aside, ALL_TABLES) as database, database.transaction():
+        with Database.create(aside, TABLES) as database, database.transaction():
             put_header(database, header)
             put_part(database, part)
             put_keyframes(database, part.keyframes)
             put_loops(database, part.loops)
-            put_scene(database, content.dense, content.objects, part.keyframes.uid)
         return aside.stat().st_size

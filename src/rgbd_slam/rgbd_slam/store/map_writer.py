@@ -12,7 +12,6 @@ from hoid_common.values import IntArray
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.store.map_parts import KeyframeCopy, MapPart, MapParts
-from rgbd_slam.store.scene_tables import SCENE_TABLES
 from rgbd_slam.store.tables import (
     CHUNK,
     FEATURES,
@@ -27,8 +26,6 @@ from rgbd_slam.store.tables import (
     MapHeader,
     Pose,
 )
-
-ALL_TABLES = (*TABLES, *SCENE_TABLES)
 
 
 class MapWriter:
@@ -58,11 +55,6 @@ class MapWriter:
         """Return whether a transaction has begun that has not ended."""
         return self._database is not None
 
-    @property
-    def is_first(self) -> bool:
-        """Return whether nothing of this map is stored yet."""
-        return self._stored is None
-
     def begin(self) -> None:
         """Begin a transaction; raise MapFileError if the database cannot be written."""
         self._database = database = self._open_database()
@@ -70,7 +62,7 @@ class MapWriter:
             database.begin()
             if self._stored is None or database.count(KEYFRAMES) != len(self._stored.uid):
                 self._stored, self._parts = None, MapParts(self.atlas)
-                for table in ALL_TABLES:
+                for table in TABLES:
                     database.clear(table)
             self._before, self._new_uids = self._parts.state(), self._new_uids[:0]
         except BaseException:
@@ -84,18 +76,12 @@ class MapWriter:
         """
         return self._parts.copy()
 
-    def append(
-        self,
-        part: MapPart,
-        header: MapHeader,
-        put_more: Callable[[Database], None] = lambda _: None,
-    ) -> bool:
+    def append(self, part: MapPart, header: MapHeader) -> bool:
         """Write a part of the map; return whether it was the last one, and all is committed.
 
         Args:
             part: A part that `copy` returned after `begin`.
             header: The header of the map at that time.
-            put_more: Called for the last part; writes to other tables in the same transaction.
 
         Raises:
             MapFileError: The database cannot be written. What it had before is unchanged, and the
@@ -110,7 +96,6 @@ class MapWriter:
             put_keyframes(self._database, part.keyframes, self._stored, self._new_uids)
             put_loops(self._database, part.loops)
             put_header(self._database, header)
-            put_more(self._database)
             self._database.commit()
         except BaseException:
             self.abort()

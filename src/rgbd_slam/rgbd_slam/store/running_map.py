@@ -17,8 +17,8 @@ from hoid_common.store.owner_lock import OwnerLock
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.store import map_file
 from rgbd_slam.store.map_file import MapFile
-from rgbd_slam.store.map_writer import ALL_TABLES, MapWriter
-from rgbd_slam.store.tables import KEYFRAMES
+from rgbd_slam.store.map_writer import MapWriter
+from rgbd_slam.store.tables import KEYFRAMES, TABLES
 
 _KEPT = 'kept-'  # first part of the names of kept maps
 _MB = 1e6
@@ -83,7 +83,7 @@ class RunningMap:
 
     def copy_to(self, path: Path) -> None:
         """Copy the map to a new file; raise MapFileError if that is not possible."""
-        with Database.open(self.path, ALL_TABLES, is_own=True) as database:
+        with Database.open(self.path, TABLES, is_own=True) as database:
             database.copy_to(path)
 
     def keep(self) -> str:
@@ -121,8 +121,8 @@ class RunningMap:
 
     def _open(self) -> Database:
         if self.path.exists():
-            return Database.open(self.path, ALL_TABLES, is_own=True)
-        return Database.start(self.path, ALL_TABLES)
+            return Database.open(self.path, TABLES, is_own=True)
+        return Database.start(self.path, TABLES)
 
     def _num_keyframes(self) -> int | None:
         """Return the number of keyframes in the database, 0 without one; None: it is damaged."""

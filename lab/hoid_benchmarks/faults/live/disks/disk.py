@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from hoid_benchmarks.faults.cases import Outcome
 from hoid_benchmarks.faults.live.node_harness import CaseResult, NodeHarness
 from hoid_benchmarks.faults.live.services import ANSWER_S
-from hoid_bringup.live.node_specs import SLAM
+from hoid_bringup.live.node_specs import SCENE, SLAM
 from hoid_common import topics
 from hoid_common.io.files import abandoned_scratch_folders
 from hoid_common.ros import qos
@@ -27,9 +27,9 @@ _CHECKPOINT_S = 60.0  # the pause after a checkpoint is twenty times its duratio
 _REFILL_S, _PAUSE_S = 0.001, 0.3
 _FAILED = 'checkpoints that failed'
 _SERVICES = (
-    (SaveMap, topics.SAVE_MAP, 'kept.hoidmap'),
-    (SaveTrajectory, topics.SAVE_TRAJECTORY, 'kept.txt'),
-    (SaveMap, topics.SAVE_CLOUD, 'kept.ply'),
+    (SLAM, SaveMap, topics.SAVE_MAP, 'kept.hoidmap'),
+    (SLAM, SaveTrajectory, topics.SAVE_TRAJECTORY, 'kept.txt'),
+    (SCENE, SaveMap, topics.SAVE_CLOUD, 'kept.ply'),
 )
 
 DiskFault = Callable[[Path], AbstractContextManager[None]]
@@ -105,14 +105,14 @@ def _read_only(folder: Path) -> Iterator[None]:
 
 
 class SaveChecks:
-    """Requests all files from SLAM, and checks the answers, the files and the diagnostics."""
+    """Requests all files of both nodes, and checks answers, files and diagnostics."""
 
     def __init__(self, harness: NodeHarness) -> None:
         self._sender, self._maps = harness.sender, harness.maps
         self._services = harness.services
         self._clients = {
-            name: (type_, self._services.client(type_, SLAM, service))
-            for type_, service, name in _SERVICES
+            name: (type_, self._services.client(type_, node, service))
+            for node, type_, service, name in _SERVICES
         }
         self._reset = self._services.client(Trigger, SLAM, topics.RESET)
         self._failed = 0  # failed checkpoints, as counted by the diagnostics

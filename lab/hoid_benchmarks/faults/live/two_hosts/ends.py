@@ -62,12 +62,7 @@ def robot(write_line: Callable[[str], None], folder: Path) -> None:
     listening = {'input.compressed': True}
     parameters: dict[str, dict[str, Any]] = {
         FILTER: {'strategy': 'none', **listening},
-        SLAM: {
-            'dense.enabled': False,
-            'objects.enabled': False,
-            'object_map.enabled': False,
-            **listening,
-        },
+        SLAM: listening,
     }
     specs = node_specs(NodeOptions((FILTER, SLAM), parameters=parameters))
     with Supervisor(specs, log_dir=folder):

@@ -5,7 +5,6 @@ is wrong. Functions `x_to_msg` for the results of an image take the Header of th
 """
 
 from hoid_common.io.camera_info import camera_from_info as camera_from_msg
-from hoid_common.ros.conversions.camera import camera_to_msg
 from hoid_common.ros.conversions.clouds import Cloud, cloud_from_msg, cloud_to_msg
 from hoid_common.ros.conversions.detections import detections_from_msg, detections_to_msg
 from hoid_common.ros.conversions.detections_2d import (
@@ -37,6 +36,7 @@ from hoid_common.ros.conversions.headers import (
     stamp_to_msg,
 )
 from hoid_common.ros.conversions.images import (
+    camera_to_msg,
     color_from_msg,
     color_to_msg,
     compressed_color_to_msg,

@@ -1,15 +1,33 @@
-"""Conversion of color and depth images; `hoid_common.io.images` decodes the pixels."""
+"""Conversion of color and depth images, and of the camera; `io.images` decodes the pixels."""
 
 from __future__ import annotations
 
-from sensor_msgs.msg import CompressedImage, Image
+import numpy as np
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.io import images
 from hoid_common.io.compression import compressed_images
 from hoid_common.ros.conversions.arrays import bytes_field
-from hoid_common.values import ByteArray, Float32Array
+from hoid_common.values import ByteArray, CameraModel, Float32Array
+
+
+def camera_to_msg(camera: CameraModel, header: Header) -> CameraInfo:
+    """Return the CameraInfo of a camera whose images are not rectified (R = I, P = [K 0])."""
+    K = camera.matrix.ravel().tolist()
+    P = np.hstack([camera.matrix, np.zeros((3, 1))]).ravel().tolist()
+    distortion = list(camera.distortion) or [0.0] * 5
+    return CameraInfo(
+        header=header,
+        height=camera.height_px,
+        width=camera.width_px,
+        distortion_model=camera.distortion_model,
+        d=distortion,
+        k=K,
+        r=np.eye(3).ravel().tolist(),
+        p=P,
+    )
 
 
 def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:

@@ -1,0 +1,41 @@
+"""Configuration of the node: that of the dense map, the tracks, the object map and the masks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hoid_common.config import Config, param, section
+from hoid_common.errors import ConfigError
+from hoid_common.inputs.input_config import NodeConfig
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.navigation_config import NavigationConfig
+from hoid_scene.config.object_config import ObjectTrackerConfig
+from hoid_scene.config.object_map_config import ObjectMapConfig
+
+
+@dataclass(frozen=True)
+class SceneConfig(Config):
+    """Parameters of the scene mapper and of the masks."""
+
+    dense: DenseConfig = section(DenseConfig)
+    objects: ObjectTrackerConfig = section(ObjectTrackerConfig)
+    object_map: ObjectMapConfig = section(ObjectMapConfig)
+    navigation: NavigationConfig = section(NavigationConfig)
+
+    def __post_init__(self) -> None:
+        """Raise ConfigError if a value is invalid, or masks are on without tracks."""
+        super().__post_init__()
+        if self.navigation.enabled and not self.objects.enabled:
+            raise ConfigError('navigation.enabled needs objects.enabled')
+
+
+@dataclass(frozen=True)
+class SceneNodeConfig(NodeConfig, SceneConfig):
+    """All parameters of the node. Those of the core (`SceneConfig`) have the same names here."""
+
+    map_directory: str = param(
+        '~/.ros/hoid',
+        'The only folder in which services write files. It also contains the images from which '
+        'the dense map is restored after a crash. Set it to that of rgbd_slam, if both run on one '
+        'computer.',
+    )

@@ -1,0 +1,209 @@
+"""The scene node: images and the poses of keyframes in; dense map, grid, people, objects out."""
+
+from __future__ import annotations
+
+import os
+import time
+
+from hoid_msgs.msg import KeyframePoses as KeyframePosesMsg
+from rclpy.clock import Clock, ClockType
+
+from hoid_common import topics
+from hoid_common.io.untrusted import expand_home
+from hoid_common.poses.keyframe_poses import KeyframePoses, SessionKeyframes
+from hoid_common.ros import qos
+from hoid_common.ros.conversions.keyframes import keyframe_poses_from_msg
+from hoid_common.ros.execution.timers import set_period
+from hoid_common.ros.inputs import Inputs, checked_callback
+from hoid_common.ros.large_messages.publisher import OnDemandPublisher
+from hoid_common.ros.lifecycle import ManagedNode
+from hoid_common.ros.parameters import Parameters
+from hoid_common.ros.run import is_end_asked_for, run_node
+from hoid_common.store.database import SUFFIX
+from hoid_scene.config.scene_config import SceneNodeConfig
+from hoid_scene.grid.floor import NO_FLOOR
+from hoid_scene.navigation_masks import NavigationMasks
+from hoid_scene.ros.outputs import OutputTopic, SceneOutputs
+from hoid_scene.ros.scene_images import SceneImage, SceneImages
+from hoid_scene.ros.services import SceneServices
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.scene_session import SceneSession
+from hoid_scene.store.scene_store import SceneStore
+from hoid_scene.tracks.object_tracker import TrackedObject
+
+# Chosen: largest ratio of the time that is spent on publishing dense map and grid, and on fusing
+# submaps again that corrections have deformed, to the pause that follows. They take at most a
+# fifth of the time; the rest is left for new images.
+_WORK_PER_PAUSE = 0.25
+# Chosen: number of fused images without a floor from which this is reported. They take several
+# seconds, in which a robot sees its floor.
+_MAX_IMAGES_WITHOUT_FLOOR = 30
+_STORE_PERIOD_S = 5.0  # chosen: a crash loses so much of the object map
+_NO_KEYFRAMES_S = 10.0  # chosen: rgbd_slam starts within a few seconds
+_NO_KEYFRAMES = 'no message has come on {}: start rgbd_slam, and a camera whose images it tracks'
+_NOT_LEVEL = 'navigation.enabled needs frames.base of rgbd_slam, which makes the map level'
+
+
+class SceneNode(ManagedNode):
+    """Feeds a `SceneSession` from topics and publishes its maps.
+
+    The session begins with the first message of the SLAM node that has a camera.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('hoid_scene')
+        # Building the maps uses only processor time that detector, filter and tracking leave
+        # unused (decision 016). The threads of the middleware run already and keep their priority:
+        # if they did not answer in time, all other DDS participants would take this one for dead.
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        self._settings = Parameters(self, SceneNodeConfig(), self._reconfigure)
+        config = self._settings.config
+        self._outputs = SceneOutputs(self._publisher, config)
+        folder = expand_home(config.map_directory, 'map_directory')
+        name = self.get_fully_qualified_name()
+        domain = os.environ.get('ROS_DOMAIN_ID', '0')
+        file = f'.scene-{domain}{name.replace("/", "-")}{SUFFIX}'
+        self._store = SceneStore(folder / file, f'{domain}{name}')
+        self._session = SceneSession(config, self._store, self._on_begin)
+        self._masks = NavigationMasks(config.navigation)
+        self._num_fused = 0  # number of images fused into the dense map of this scene
+        self._rest_until_s = 0.0  # monotonic time from which dense map and grid may be published
+        self._start_s = self._stored_s = time.monotonic()
+        inputs = Inputs(self, config.input, self.diagnostics)
+        self._images = SceneImages(
+            self, inputs, config, self._keyframes, self._on_image, self.diagnostics
+        )
+        self._subscribe_to_keyframes()
+        SceneServices(self, config, self._session, self._outputs, self.diagnostics)
+        # A timer of steady time publishes the latest map even after images and their clock stop.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        period_s = config.dense.publish_period_s
+        self._timer = self.create_timer(period_s, self._on_timer, clock=steady)
+        self.begin(autostart=config.autostart)
+
+    def destroy_node(self) -> None:
+        """End the node; after an error, the scene is kept for the next process."""
+        self._session.store_objects()
+        self._store.close(keep=not is_end_asked_for())
+        super().destroy_node()
+
+    def _publisher(self, output: OutputTopic) -> OnDemandPublisher:
+        return OnDemandPublisher(self, output.type, output.name, output.qos, self._publish)
+
+    def _subscribe_to_keyframes(self) -> None:
+        self._keyframes_topic = topic = self.resolve_topic_name(topics.KEYFRAME_POSES)
+        on_bytes = checked_callback(
+            self._on_keyframes, KeyframePosesMsg, topic, 'keyframe poses', self.diagnostics
+        )
+        self.create_subscription(
+            KeyframePosesMsg, topics.KEYFRAME_POSES, on_bytes, qos.LATCHED, raw=True
+        )
+
+    def _keyframes(self) -> tuple[str, KeyframePoses] | None:
+        known = self._session.known
+        if known is None or self._session.mapper is None:
+            return None
+        return known.session, known.keyframes
+
+    def _on_keyframes(self, msg: KeyframePosesMsg) -> None:
+        self._outputs.frame = msg.header.frame_id
+        self._session.update(keyframe_poses_from_msg(msg))
+        self._images.note_keyframes()
+        self._outputs.note_change()
+        self.diagnostics.report_problem('loaded map', self._session.problem)
+
+    def _on_begin(self, known: SessionKeyframes) -> None:
+        """Publish empty maps of the scene that has ended, and expect images of the new one."""
+        navigation = self._settings.config.navigation
+        self._images.begin(known.camera)
+        self._masks, self._num_fused = NavigationMasks(navigation), 0
+        self._outputs.clear(self._session.stamp_ns)
+        self._outputs.begin(is_map_level=known.is_level)
+        self._outputs.note_change()
+        is_tilted = navigation.enabled and not known.is_level
+        self.diagnostics.report_problem('level', _NOT_LEVEL if is_tilted else '')
+        if self._session.stamp_ns:
+            self._publish_masks()
+
+    def _on_image(self, image: SceneImage) -> None:
+        """Use an image for the maps that it was selected for; publish tracks and objects."""
+        mapper, request = self._session.mapper, image.request
+        if mapper is None:
+            return
+        self._session.stamp_ns = request.stamp_ns
+        if request.track_objects:
+            tracks = mapper.track_objects(request, image.depth_m, image.objects)
+            self._outputs.publish_objects(tracks, request.stamp_ns)
+            if self._settings.config.navigation.enabled and self._masks.update(
+                tracks, request.T_map_camera, request.stamp_ns
+            ):
+                self._publish_masks()
+        if request.is_for_object_map:
+            mapper.map_objects(request, image.depth_m, image.objects)
+            self._outputs.note_object_change()
+            self._outputs.publish_object_map(mapper, self._session.stamp_ns)
+            if (expected := mapper.expected_objects()) is not None:
+                self._outputs.publish_expected(expected, image.header, mapper.camera.size_px)
+        if request.is_for_dense_map:
+            mapper.fuse(request, image.depth_m, self._images.color_of(image), image.objects)
+            self._outputs.note_change()
+            self._num_fused += 1
+            self.diagnostics.count('images fused')
+            self.diagnostics.set_count('voxels', mapper.num_voxels)
+
+    def _update_masks(self, tracks: tuple[TrackedObject, ...], request: SceneRequest) -> None:
+        if not self._settings.config.navigation.enabled:
+            return
+        if self._masks.update(tracks, request.T_map_camera, request.stamp_ns):
+            self._publish_masks()
+
+    def _publish_masks(self) -> None:
+        known = self._session.known
+        if known is not None and known.is_level:
+            self._outputs.publish_masks(
+                self._masks, self._session.stamp_ns, self.resolve_topic_name
+            )
+
+    def _on_timer(self) -> None:
+        now_s = time.monotonic()
+        is_late = self._session.known is None and now_s - self._start_s > _NO_KEYFRAMES_S
+        text = _NO_KEYFRAMES.format(self._keyframes_topic)
+        self.diagnostics.report_problem('keyframes', text if is_late else '')
+        if now_s - self._stored_s > _STORE_PERIOD_S:
+            self._stored_s = now_s
+            self._session.store_objects()
+        self._publish()
+
+    def _publish(self) -> None:
+        mapper = self._session.mapper
+        if mapper is None:
+            return
+        self._outputs.publish_object_map(mapper, self._session.stamp_ns)
+        start_s = time.monotonic()
+        if start_s < self._rest_until_s:
+            return
+        if mapper.dense.fuse_bent():
+            self._outputs.note_change()
+        if self._outputs.due:
+            self._outputs.publish_map(mapper, self._session.stamp_ns)
+            self._report_floor(mapper)
+        end_s = time.monotonic()
+        self._rest_until_s = end_s + (end_s - start_s) / _WORK_PER_PAUSE
+
+    def _report_floor(self, mapper: SceneMapper) -> None:
+        """Report a problem if the dense map has enough images, but no floor is known."""
+        is_late = self._num_fused >= _MAX_IMAGES_WITHOUT_FLOOR and not mapper.has_floor
+        self.diagnostics.report_problem('floor', NO_FLOOR if is_late else '')
+
+    def _reconfigure(self, config: SceneNodeConfig) -> None:
+        set_period(self._timer, config.dense.publish_period_s)
+        self._images.reconfigure(config)
+        mapper = self._session.mapper
+        if mapper is not None and mapper.reconfigure(config.dense):
+            self._outputs.note_change()
+
+
+def main() -> int:
+    """Run the node until it ends; return its exit code."""
+    return run_node(SceneNode)

@@ -1,0 +1,138 @@
+"""The scene of a session of the SLAM node, with which it is begun, loaded and saved."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from hoid_common.errors import HoidError, InputError
+from hoid_common.poses.keyframe_poses import SessionKeyframes
+from hoid_scene.config.scene_config import SceneConfig
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.store import scene_file
+from hoid_scene.store.scene_file import SavedScene
+from hoid_scene.store.scene_store import SceneStore
+
+_LOG = logging.getLogger(__name__)
+
+
+class SceneSession:
+    """Has the scene mapper of the present session, once its camera is known.
+
+    If the store has the scene of this session, as after a crash of this process, it is restored
+    from there; so it is if the SLAM node has crashed, and continues its map in another session.
+
+    Attributes:
+        mapper: The scene mapper; None: there is none yet, or all maps are off.
+        stamp_ns: Stamp of the latest image that was used; 0: none yet.
+        problem: Why the scene of a loaded map was left out; '': it was not.
+
+    Args:
+        config: Parameters of the scene.
+        store: Stores the scene.
+        on_begin: Called when the scene was discarded and another one has begun, with the keyframes
+            of the session.
+    """
+
+    def __init__(
+        self,
+        config: SceneConfig,
+        store: SceneStore,
+        on_begin: Callable[[SessionKeyframes], None],
+    ) -> None:
+        self._config, self._store, self._on_begin = config, store, on_begin
+        self.known: SessionKeyframes | None = None  # as of the last message
+        self.mapper: SceneMapper | None = None
+        self.stamp_ns = 0
+        self.problem = ''
+
+    def update(self, known: SessionKeyframes) -> None:
+        """Follow the keyframes of the SLAM node: correct the scene, load a map, or begin anew.
+
+        Raises:
+            MapFileError: The store cannot be read or written.
+        """
+        is_other = self.known is None or known.session != self.known.session
+        self.known = known
+        if is_other:
+            self._begin(known)
+        elif self.mapper is not None:
+            self.mapper.correct(known.keyframes)
+            self._load(known)
+
+    def add_to_map(self, path: Path, saved: SessionKeyframes) -> str:
+        """Add the scene to a map file that the SLAM node is saving; return a summary.
+
+        Args:
+            path: The file.
+            saved: The keyframes that are saved in it.
+
+        Raises:
+            InputError: The keyframes are of another session.
+            MapFileError: The file cannot be written.
+        """
+        if self.known is None or saved.session != self.known.session:
+            raise InputError('the scene is of another map: its keyframes have not arrived yet')
+        scene = SavedScene()
+        if self.mapper is not None:
+            self.mapper.correct(saved.keyframes)
+            scene = scene_file.exported(self.mapper, saved.keyframes.uids)
+            scene_file.add_to_file(path, scene)
+        return scene.summary
+
+    def store_objects(self) -> None:
+        """Store the object map, so that a killed node restores it."""
+        if self.mapper is not None and self._config.object_map.enabled:
+            scene = scene_file.exported(self.mapper, self.mapper.dense.keyframes.uids)
+            self._store.put_objects(scene.objects)
+
+    def _begin(self, known: SessionKeyframes) -> None:
+        self.mapper, self.problem = None, ''
+        if known.camera is not None:
+            is_stored = self._is_stored(known)
+            views = self._store.views() if is_stored else self._store.begin(known.session)
+            config = self._config
+            self.mapper = SceneMapper(
+                known.camera,
+                config.dense,
+                config.objects,
+                config.object_map,
+                is_map_level=known.is_level,
+                views=views,
+            )
+            self.mapper.correct(known.keyframes)
+            if is_stored:
+                self._restore(self.mapper)
+            self._load(known)
+        self._on_begin(known)
+
+    def _is_stored(self, known: SessionKeyframes) -> bool:
+        """Return whether the stored scene is that of this session, or is continued by it."""
+        stored, loaded = self._store.session, known.loaded
+        if stored is not None and stored.name == loaded.source:
+            self._store.rename(known.session, loaded.saved_uids, loaded.loaded_uids)
+            return True
+        return stored is not None and stored.name == known.session
+
+    def _restore(self, mapper: SceneMapper) -> None:
+        scene = self._store.loaded()
+        scene_file.load(mapper, scene)
+        mapper.dense.restore()
+        _LOG.info('the scene of the process that was killed is restored: %s', scene.summary)
+
+    def _load(self, known: SessionKeyframes) -> None:
+        """Add the scene of the map that was loaded last, unless it was added before."""
+        mapper, loaded, stored = self.mapper, known.loaded, self._store.session
+        if mapper is None or stored is None or loaded.number <= stored.num_loaded:
+            return
+        scene, path = SavedScene(), Path(loaded.source)
+        try:
+            if path.is_absolute():  # otherwise it is a session whose scene is not in the store
+                saved = scene_file.read_file(path)
+                scene = saved.renamed(loaded.saved_uids, loaded.loaded_uids)
+                scene_file.load(mapper, scene)
+        except HoidError as error:
+            self.problem = f'the scene of the loaded map is left out: {error}'
+            _LOG.warning('%s', self.problem)
+        self._store.add_loaded(scene, loaded.number)

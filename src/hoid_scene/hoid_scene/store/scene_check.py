@@ -1,0 +1,83 @@
+"""Checks of the scene in a map file, so that no file can harm the program."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.store.checks import (
+    MAX_COUNT,
+    MAX_POSITION_M,
+    MAX_STAMP_NS,
+    MAX_WEIGHT,
+    MIN_WEIGHT,
+    are_poses,
+    require,
+    within,
+)
+from hoid_scene.dense.submap import SPAN
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.mapped_object import PlaceState
+from hoid_scene.objects.object_map_state import ObjectMapState, decoded
+from hoid_scene.objects.voxel_set import NUM_KEYS
+
+_ROUNDING = 1e-6  # chosen: by which a sum of probabilities may exceed 1
+
+
+def check_submaps(state: SubmapState) -> None:
+    """Raise MapFileError if the submaps of a dense map break a rule; its text names this rule."""
+    require(within(state.voxel_m, 1e-3, 1.0), 'the size of a voxel is out of range')
+    require((state.anchor >= 0).all(), 'a submap has no keyframe')
+    require(are_poses(state.T_anchor_submap), "a submap's pose is invalid")
+    require((state.num_voxels > 0).all(), 'a submap has no voxels')
+    total = int(state.num_voxels.sum(dtype=np.int64))
+    require(total == len(state.key), 'the numbers of voxels do not add up')
+    require(within(state.key, 0, SPAN**3), 'a voxel is outside of its submap')
+    is_first = np.isin(np.arange(total - 1) + 1, np.cumsum(state.num_voxels))
+    require((is_first | (np.diff(state.key) > 0)).all(), 'voxels are not sorted')
+    require(within(state.weight, MIN_WEIGHT, MAX_WEIGHT), 'a weight is invalid')
+
+
+def check_objects(state: ObjectMapState) -> None:
+    """Raise MapFileError if the arrays of an object map break a rule; its text names this rule."""
+    require(within(state.next_id, 1, MAX_COUNT), 'the next number of an object is out of range')
+    require(within(state.object_id, 1, int(state.next_id[0])), "an object's number is invalid")
+    require(len(np.unique(state.object_id)) == len(state), 'two objects have the same number')
+    require((state.anchor >= 0).all(), 'an object has no keyframe')
+    require(are_poses(state.T_anchor_object), "an object's pose is invalid")
+    require(within(state.state, 0, len(PlaceState)), "an object's state is unknown")
+    for name in ('num_sightings', 'num_visible'):
+        require(within(getattr(state, name), 1, MAX_COUNT), f"an object's {name} is invalid")
+    for name in ('first_ns', 'last_ns', 'left_ns', 'moved_ns'):
+        require(within(getattr(state, name), 0, MAX_STAMP_NS), 'a time stamp is out of range')
+    require(within(state.num_through, 0, MAX_COUNT), "an object's num_through is invalid")
+    require(within(state.probability, 0, 1 + _ROUNDING), 'a probability is invalid')
+    require(within(state.distance_m, 0, MAX_POSITION_M), "an object's distance is invalid")
+    for vectors in (state.direction_m, state.moved_from_m):
+        require(within(np.abs(vectors), 0, MAX_POSITION_M), 'an object has an invalid vector')
+    _check_classes(state)
+    _check_object_voxels(state)
+
+
+def _check_classes(state: ObjectMapState) -> None:
+    require((state.num_classes > 0).all(), 'an object has no class')
+    total = int(state.num_classes.sum(dtype=np.int64))
+    require(total == len(state.class_score), 'the numbers of classes do not add up')
+    require(within(state.class_score, MIN_WEIGHT, MAX_WEIGHT), 'a score is invalid')
+    try:
+        names = [decoded(name) for name in state.class_name]
+    except UnicodeDecodeError:
+        names = ['']
+    require(all(name.isprintable() and name for name in names), 'the name of a class is invalid')
+
+
+def _check_object_voxels(state: ObjectMapState) -> None:
+    require((state.num_voxels > 0).all(), 'an object has no voxels')
+    total = int(state.num_voxels.sum(dtype=np.int64))
+    require(total == len(state.key), 'the numbers of voxels do not add up')
+    require(within(state.key, 0, NUM_KEYS), 'a voxel is too far from its object')
+    is_first = np.isin(np.arange(total - 1) + 1, np.cumsum(state.num_voxels))
+    require((is_first | (np.diff(state.key) > 0)).all(), 'voxels are not sorted')
+    require(within(np.abs(state.means_m), 0, MAX_POSITION_M), 'a point of a voxel is invalid')
+    require(within(state.readings, MIN_WEIGHT, MAX_WEIGHT), 'a number of readings is invalid')
+    for counts in (state.hits, state.misses):
+        require(within(counts, 0, MAX_WEIGHT), 'the evidence of a voxel is invalid')

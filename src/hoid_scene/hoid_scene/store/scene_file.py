@@ -1,0 +1,141 @@
+"""The scene in a map file: tables beside those of the SLAM node, anchored to its keyframes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.errors import MapFileError
+from hoid_common.store.checks import require
+from hoid_common.store.database import Database
+from hoid_common.store.table import Table
+from hoid_common.values import IntArray
+from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.object_map_state import ObjectMapState
+from hoid_scene.scene_mapper import SceneMapper
+from hoid_scene.store.scene_check import check_objects, check_submaps
+
+# One row for each submap, so that none needs more memory than it has, and one for all objects.
+SUBMAPS = Table('scene_submaps', 'number', {'submap': SubmapState})
+OBJECTS = Table('scene_objects', 'number', {'objects': ObjectMapState})
+TABLES = (SUBMAPS, OBJECTS)
+
+
+class SavedScene(NamedTuple):
+    """Dense map and object map; their anchors are uids of keyframes."""
+
+    dense: SubmapState | None = None  # None: there is none
+    objects: ObjectMapState | None = None  # None: there is none
+
+    @property
+    def summary(self) -> str:
+        """Return the size in words."""
+        voxels = 0 if self.dense is None else len(self.dense)
+        text = f'{voxels} voxels of the dense map'
+        return text if self.objects is None else f'{text}, {len(self.objects)} objects'
+
+    def renamed(self, uids: IntArray, new_uids: IntArray) -> SavedScene:
+        """Return the scene with other uids of the keyframes.
+
+        What is anchored to another keyframe is left out.
+
+        Args:
+            uids: (K,) ascending uids of keyframes.
+            new_uids: (K,) their new uids.
+        """
+        dense, objects = self.dense, self.objects
+        if dense is not None:
+            dense = dense.with_anchors(_renamed(dense.anchor, uids, new_uids))
+        if objects is not None:
+            objects = objects.with_anchors(_renamed(objects.anchor, uids, new_uids))
+        return SavedScene(dense, objects)
+
+
+def _renamed(anchor: NDArray[np.int32], uids: IntArray, new_uids: IntArray) -> IntArray:
+    """Return the new uids of anchors, -1 for those that are not among the uids."""
+    rows = np.minimum(np.searchsorted(uids, anchor), len(uids) - 1)
+    if len(uids) == 0:
+        return np.full(len(anchor), -1)
+    return np.where(uids[rows] == anchor, new_uids[rows], -1)
+
+
+def exported(mapper: SceneMapper, keyframe_uids: IntArray) -> SavedScene:
+    """Return the scene that is anchored to saved keyframes with ascending uids (K,)."""
+    rows = np.arange(len(keyframe_uids))
+    dense = mapper.dense.export(keyframe_uids)
+    scene = SavedScene(dense if len(dense) else None, mapper.export_objects(keyframe_uids))
+    return scene.renamed(rows, keyframe_uids)
+
+
+def load(mapper: SceneMapper, scene: SavedScene) -> None:
+    """Add a scene to another one that has its keyframes.
+
+    Raises:
+        MapFileError: The dense map has voxels of another size; the objects are added.
+    """
+    keyframes = mapper.dense.keyframes
+    if scene.objects is not None:
+        mapper.load_objects(scene.objects, keyframes, uids_as_rows(scene.objects.anchor))
+    if scene.dense is not None:
+        mapper.load(scene.dense, keyframes, uids_as_rows(scene.dense.anchor))
+
+
+def uids_as_rows(anchor: NDArray[np.int32]) -> IntArray:
+    """Return the uids by row with which a record is loaded whose anchors are uids already."""
+    return np.arange(1 + int(anchor.max(initial=-1)))
+
+
+def write(database: Database, scene: SavedScene) -> None:
+    """Replace the scene in a database that has the `TABLES`.
+
+    Raises:
+        MapFileError: It cannot be written.
+    """
+    with database.transaction():
+        for table in TABLES:
+            database.clear(table)
+        if scene.dense is not None:
+            database.put(SUBMAPS, enumerate(scene.dense.split()))
+        if scene.objects is not None:
+            database.put(OBJECTS, [(0, scene.objects)])
+
+
+def add_to_file(path: Path, scene: SavedScene) -> None:
+    """Add a scene to a map file that is not in use.
+
+    Raises:
+        MapFileError: There is no such file, it is no map, or it cannot be written.
+    """
+    with Database.open(path, TABLES) as database:
+        write(database, scene)
+
+
+def read(database: Database) -> SavedScene:
+    """Return the scene of a database, which may lack the tables, after checking it.
+
+    Raises:
+        MapFileError: It cannot be read, or breaks a rule.
+    """
+    submaps = [row[1] for row in database.rows(SUBMAPS)] if database.has(SUBMAPS) else []
+    objects = [row[1] for row in database.rows(OBJECTS)] if database.has(OBJECTS) else []
+    try:
+        with np.errstate(all='ignore'):  # NaN and infinity fail the checks
+            for submap in submaps:
+                check_submaps(submap)
+                is_same = submap.voxel_m[0] == submaps[0].voxel_m[0]
+                require(is_same, 'submaps differ in the size of their voxels')
+            for state in objects:
+                check_objects(state)
+    except MapFileError as error:
+        raise MapFileError(f'{database.path}: is damaged: {error}') from error
+    dense = SubmapState.joined(submaps) if submaps else None
+    return SavedScene(dense, objects[0] if objects else None)
+
+
+def read_file(path: Path) -> SavedScene:
+    """Return the scene of a map file after checking it; see `read`."""
+    with Database.read(path, TABLES) as database:
+        return read(database)

@@ -1,0 +1,16 @@
+"""The scene node alone, beside a running rgbd_slam.
+
+./hoid env ros2 launch hoid_scene hoid_scene.launch.py
+
+hoid_bringup's hoid.launch.py explains how discovery is kept to one computer.
+"""
+
+from __future__ import annotations
+
+from hoid_common.ros.launch_files import one_node
+from launch import LaunchDescription
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the launch arguments and the node."""
+    return one_node('hoid_scene', {}, [])

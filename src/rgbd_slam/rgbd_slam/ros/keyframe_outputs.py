@@ -1,0 +1,144 @@
+"""Publishes the poses of keyframes and of images, for nodes whose maps move with the keyframes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from hoid_msgs.msg import KeyframePoses as KeyframePosesMsg
+from hoid_msgs.msg import TrackedImage as TrackedImageMsg
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from hoid_common import topics
+from hoid_common.poses.keyframe_poses import (
+    NO_KEYFRAMES,
+    LoadedKeyframes,
+    SessionKeyframes,
+    TrackedImage,
+)
+from hoid_common.ros import conversions, qos
+from hoid_common.ros.conversions.keyframes import keyframe_poses_to_msg, tracked_image_to_msg
+from hoid_common.ros.large_messages.publisher import OnDemandPublisher
+from hoid_common.values import IntArray
+from rgbd_slam.config.node_config import FrameConfig
+from rgbd_slam.session import SlamSession
+
+_PERIOD_S = 0.2  # chosen: shortest time between two messages that only correct poses
+_MAX_SHARE = 0.02  # chosen: largest share of the tracker's time for messages of corrected poses
+
+
+class KeyframeOutputs:
+    """The topics `keyframe_poses` (latched) and `tracked_images`, while they have subscribers.
+
+    The poses of the keyframes are published when they have changed, and always before the first
+    image that is relative to a new keyframe.
+
+    Args:
+        node: The SLAM node.
+        frames: Names of the frames.
+        session: Returns the session; None while there is none.
+    """
+
+    def __init__(
+        self, node: Node, frames: FrameConfig, session: Callable[[], SlamSession | None]
+    ) -> None:
+        self._frames, self._find_session = frames, session
+        self._loaded = LoadedKeyframes()
+        self._last = SessionKeyframes('', None, False, NO_KEYFRAMES)  # as published last
+        self._published: object = None  # `pose_version` of these poses
+        self._next_s = 0.0  # monotonic time from which corrected poses are published
+        self._poses = OnDemandPublisher(
+            node, KeyframePosesMsg, topics.KEYFRAME_POSES, qos.LATCHED, self._publish
+        )
+        self._images = OnDemandPublisher(
+            node, TrackedImageMsg, topics.TRACKED_IMAGES, qos.OUTPUT, lambda: None
+        )
+        # The map changes after the last image as well.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(_PERIOD_S, self._publish_change, clock=steady)
+
+    def begin(self) -> None:
+        """Publish that the map, and all that was relative to its keyframes, is gone."""
+        self._loaded = LoadedKeyframes()
+        self._publish()
+
+    def note_loaded(
+        self, source: str, saved_uids: IntArray, loaded_uids: IntArray, *, keep: bool
+    ) -> None:
+        """Publish that a map was loaded.
+
+        Args:
+            source: Path of its file, or the session of the crashed node that it is from.
+            saved_uids: (K,) ascending uids of its keyframes there.
+            loaded_uids: (K,) their present uids.
+            keep: Whether the running map, which has another name then, was kept.
+        """
+        if not keep:
+            self._loaded = LoadedKeyframes()
+        number = self._loaded.number + 1
+        self._loaded = LoadedKeyframes(number, source, saved_uids, loaded_uids)
+        self._publish()
+
+    def message(self) -> KeyframePosesMsg:
+        """Return the message of the session with the present poses of its keyframes."""
+        return self._message(self._present())
+
+    def publish_image(self, image: TrackedImage | None, header: Header) -> None:
+        """Publish the pose of an image that was tracked; None: there is none.
+
+        Args:
+            image: The image.
+            header: Header of the image.
+        """
+        session = self._find_session()
+        if image is None or session is None or not self._images.is_wanted:
+            return
+        is_known = self._last.keyframes.row_of(image.keyframe_uid) is not None
+        if is_known and self._last.session == session.robot_map.session:
+            self._publish_change()
+        else:
+            self._publish()
+        row = self._last.keyframes.row_of(image.keyframe_uid)
+        if row is not None:
+            in_map = Header(stamp=header.stamp, frame_id=self._frames.map)
+            T_map_keyframe = self._last.keyframes.T_map_camera[row]
+            msg = tracked_image_to_msg(image, self._last.session, T_map_keyframe, in_map)
+            self._images.publish(msg)
+
+    def _present(self) -> SessionKeyframes:
+        session = self._find_session()
+        if session is None:
+            return SessionKeyframes('', None, False, NO_KEYFRAMES)
+        robot_map = session.robot_map
+        return SessionKeyframes(
+            robot_map.session,
+            session.camera,
+            bool(self._frames.base),
+            robot_map.keyframes(),
+            self._loaded,
+        )
+
+    def _message(self, known: SessionKeyframes) -> KeyframePosesMsg:
+        session = self._find_session()
+        stamp_ns = 0 if session is None else session.stamp_ns
+        return keyframe_poses_to_msg(known, conversions.header_to_msg(stamp_ns, self._frames.map))
+
+    def _publish_change(self) -> None:
+        """Publish the poses if they have changed, unless they were published a moment ago."""
+        session = self._find_session()
+        if session is None or time.monotonic() < self._next_s:
+            return
+        if self._published != session.robot_map.pose_version:
+            self._publish()
+
+    def _publish(self) -> None:
+        if not self._poses.is_wanted:
+            return
+        start_s, session = time.monotonic(), self._find_session()
+        self._last = self._present()
+        self._poses.publish(self._message(self._last))
+        self._published = None if session is None else session.robot_map.pose_version
+        end_s = time.monotonic()
+        self._next_s = end_s + max(_PERIOD_S, (end_s - start_s) / _MAX_SHARE)

@@ -1,1 +1,0 @@
-"""The messages of the masks for Nav2's costmap filters."""
