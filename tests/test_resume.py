@@ -249,7 +249,7 @@ def test_a_second_node_says_who_runs_and_takes_no_map(
 def test_a_map_that_is_not_kept_is_said(
     start: Start, probe: Probe, folder: Path, tmp_path: Path
 ) -> None:
-    params = {'map_directory': str(folder), 'checkpoint_period_s': 0.0} | NO_SCENE
+    params = {'map_directory': str(folder), 'checkpoint_period_s': 0.0}
     node = start('rgbd_slam', 'rgbd_slam_node', params)
     peer = RunningCamera(probe)
     peer.await_ready()
