@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_benchmarks.planner.costmap import (
+    CELL_M,
     ROBOT_RADIUS_M,
     Costmap,
     cell_of,
@@ -16,7 +17,7 @@ from hoid_benchmarks.planner.costmap import (
 )
 from hoid_common.values import NS_PER_S, PERSON, BoolArray, FloatArray
 from hoid_scene.config.navigation_config import NavigationConfig
-from hoid_scene.navigation_masks import CLOSED, Mask, NavigationMasks
+from hoid_scene.navigation_masks import CLOSED, Mask, MaskExtent, NavigationMasks
 from hoid_scene.tracks.object_track import ObjectState, TrackedObject
 from hoid_synth.acting.stage import Stage
 
@@ -85,22 +86,27 @@ class _Planner:
     def __init__(self, is_occupied: BoolArray, layers: Layers, goal_m: FloatArray) -> None:
         self._is_occupied, self._layers, self._goal_m = is_occupied, layers, goal_m
         self._masks = NavigationMasks(NavigationConfig(enabled=True))
-        self._keep_out, self._speed = self._masks.keep_out(), self._masks.speed()
+        height, width = is_occupied.shape
+        self._extent = MaskExtent((0, 0), (height, width), CELL_M)
+        self._keep_out, self._speed = self._both()
+
+    def _both(self) -> tuple[Mask, Mask]:
+        return self._masks.keep_out(self._extent), self._masks.speed(self._extent)
 
     def note(self, tracks: tuple[TrackedObject, ...], at_m: FloatArray, step: int) -> None:
         """Update the masks with the people of a step, if the masks are due."""
-        T_map_camera = np.eye(4)
-        T_map_camera[:2, 3] = at_m
-        if self._masks.update(tracks, T_map_camera, round(step * _STEP_S * NS_PER_S)):
-            self._keep_out, self._speed = self._masks.keep_out(), self._masks.speed()
+        T_map_base = np.eye(4)
+        T_map_base[:2, 3] = at_m
+        if self._masks.update(tracks, T_map_base, round(step * _STEP_S * NS_PER_S)):
+            self._keep_out, self._speed = self._both()
 
     def step(self, tracks: tuple[TrackedObject, ...], at_m: FloatArray) -> FloatArray | None:
         """Return the position (2,) of the robot after a step; None: it waits."""
         closed = self._is_occupied | _at_people(tracks, self._is_occupied.shape)
         limit_mps = _SPEED_MPS
         if self._layers is Layers.MASKS:
-            closed |= _painted(self._keep_out, self._is_occupied.shape) == CLOSED
-            limit_mps *= 1 - _value_at(self._speed, at_m) / 100
+            closed |= self._keep_out.cells == CLOSED
+            limit_mps *= 1 - self._speed.cells[cell_of(at_m)] / 100
         to_go = Costmap.of(closed).to_go(cell_of(self._goal_m))
         return step_down(to_go, at_m, limit_mps * _STEP_S)
 
@@ -142,22 +148,3 @@ def _at_people(tracks: tuple[TrackedObject, ...], shape: tuple[int, ...]) -> Boo
     at = np.array([track.position_map_m[:2] for track in tracks]).reshape(-1, 2)
     gaps_m = np.linalg.norm(centers_m((shape[0], shape[1]))[:, :, None] - at, axis=3)
     return np.asarray((gaps_m <= PERSON_RADIUS_M).any(axis=2))
-
-
-def _painted(mask: Mask, shape: tuple[int, ...]) -> FloatArray:
-    """Return the values of a mask in the cells (H, W) of the costmap."""
-    xy = centers_m((shape[0], shape[1]))
-    column, row = (np.floor(xy / mask.resolution_m).astype(int) - mask.low).transpose(2, 0, 1)
-    height, width = mask.cells.shape
-    inside = (column >= 0) & (row >= 0) & (column < width) & (row < height)
-    out = np.zeros(inside.shape)
-    out[inside] = mask.cells[row[inside], column[inside]]
-    return out
-
-
-def _value_at(mask: Mask, at_m: FloatArray) -> float:
-    column, row = np.floor(at_m / mask.resolution_m).astype(int) - mask.low
-    height, width = mask.cells.shape
-    if 0 <= row < height and 0 <= column < width:
-        return float(mask.cells[row, column])
-    return 0.0

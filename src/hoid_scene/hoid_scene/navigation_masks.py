@@ -6,13 +6,15 @@ The masks are for the costmap filters of Nav2 (Macenski et al., "The Marathon 2"
 from __future__ import annotations
 
 from collections import Counter
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.values import FloatArray
+from hoid_common.values import BoolArray, FloatArray
 from hoid_scene.config.navigation_config import NavigationConfig
+from hoid_scene.grid.grid import Grid
+from hoid_scene.grid.steady_grid import GridPatch, patch_of
 from hoid_scene.scene_scheduler import Rate
 from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
 
@@ -20,15 +22,45 @@ CLOSED = 100
 """The value of a cell in which a robot must not be; 0: it may."""
 _STEP_S = 0.2  # chosen: a person walks 0.25 m in this time, less than the margin
 _MAX_CELLS = 1_000_000  # chosen: of the counts; 62,500 m2
-_MAX_SPAN_CELLS = 1000  # chosen: width and height of a mask; 100 m of keep-out cells
+
+
+class MaskExtent(NamedTuple):
+    """The cells of a mask: those of the published grid, as Nav2's costmap has them.
+
+    Nav2 applies a keep-out mask only where the costmap is updated and the mask has cells, and a
+    speed filter keeps its last limit where the mask has none (nav2_costmap_2d, keepout_filter.cpp
+    and speed_filter.cpp).
+    """
+
+    low: tuple[int, int]  # column and row of cell (0, 0), counted from the origin of the map frame
+    shape: tuple[int, int]  # numbers of rows and columns
+    resolution_m: float
+
+    @classmethod
+    def of(cls, grid: Grid) -> Self:
+        """Return the extent of a grid."""
+        height, width = grid.cells.shape
+        return cls(grid.low, (height, width), grid.resolution_m)
+
+    def centers_m(self) -> tuple[FloatArray, FloatArray]:
+        """Return x (W,) of the centers of the columns and y (H,) of those of the rows."""
+        rows, columns = (np.arange(count, dtype=np.float64) + 0.5 for count in self.shape)
+        x_m = np.asarray((self.low[0] + columns) * self.resolution_m)
+        return x_m, np.asarray((self.low[1] + rows) * self.resolution_m)
 
 
 class Mask(NamedTuple):
     """Cells over the plane z = 0 of the map frame; row 0 is at the smallest y."""
 
     cells: NDArray[np.int8]  # (H, W) in [0, 100]
-    resolution_m: float
-    low: tuple[int, int]  # column and row of cell (0, 0), counted from the origin
+    extent: MaskExtent
+
+
+def changed_cells(before: Mask | None, mask: Mask) -> GridPatch | None:
+    """Return the rectangle of the cells that have changed; None: none has."""
+    if before is None or before.extent != mask.extent:
+        return patch_of(np.zeros_like(mask.cells), mask.cells)
+    return patch_of(before.cells, mask.cells)
 
 
 class NavigationMasks:
@@ -43,13 +75,13 @@ class NavigationMasks:
     def __init__(self, config: NavigationConfig) -> None:
         self._config = config
         self._tracks: tuple[TrackedObject, ...] = ()
-        self._camera_m: FloatArray = np.zeros(3)
+        self._robot_m: FloatArray = np.zeros(2)
         self._crossings: Counter[tuple[int, int]] = Counter()
         self._cells: dict[int, tuple[int, int]] = {}  # where each person is, by track
         self._due = Rate(1 / config.period_s)
 
     def update(
-        self, tracks: tuple[TrackedObject, ...], T_map_camera: FloatArray, stamp_ns: int
+        self, tracks: tuple[TrackedObject, ...], T_map_base: FloatArray, stamp_ns: int
     ) -> bool:
         """Replace the tracks by those after an image; return whether masks are to be published.
 
@@ -58,10 +90,10 @@ class NavigationMasks:
 
         Args:
             tracks: All confirmed tracks.
-            T_map_camera: (4, 4) pose of the camera, which shows where the robot is.
+            T_map_base: (4, 4) pose of the robot's base.
             stamp_ns: Time of the image.
         """
-        self._tracks, self._camera_m = tracks, T_map_camera[:3, 3]
+        self._tracks, self._robot_m = tracks, T_map_base[:2, 3]
         before, self._cells = self._cells, {}
         for person in tracks:
             if person.state is not ObjectState.PERSON:
@@ -73,51 +105,44 @@ class NavigationMasks:
                 self._crossings[cell] += 1
         return self._due.take_due(stamp_ns)
 
-    def keep_out(self) -> Mask:
-        """Return the mask of the places to keep out of: CLOSED, or 0.
+    def keep_out(self, extent: MaskExtent) -> Mask:
+        """Return the mask of the places to keep out of: CLOSED, and 0 everywhere else.
 
-        The places are discs (see `_area_of`). Discs that reach 500 or more cells from the camera
-        in x or y are left out. If no disc is left, the mask is one cell of 0. Cells within
-        `robot_radius_m` of the camera are 0.
+        The places are discs (see `_area_of`). Cells within `footprint_radius_m` of the robot's
+        base are 0, because a planner finds no way out of a closed area.
         """
-        cell_m, camera_m = self._config.keep_out_cell_m, self._camera_m[:2]
-        areas = [area for item in self._tracks if (area := self._area_of(item)) is not None]
-        points_m = np.concatenate([np.empty((0, 2)), *(points for points, _ in areas)])
-        radii_m = np.repeat([radius for _, radius in areas], [len(points) for points, _ in areas])
-        is_near = np.abs(points_m - camera_m).max(axis=1) + radii_m < _MAX_SPAN_CELLS // 2 * cell_m
-        points_m, radii_m = points_m[is_near], radii_m[is_near]
-        if len(points_m) == 0:
-            return Mask(np.zeros((1, 1), np.int8), cell_m, (0, 0))
-        low = np.floor((points_m - radii_m[:, None]).min(axis=0) / cell_m).astype(int)
-        high = np.ceil((points_m + radii_m[:, None]).max(axis=0) / cell_m).astype(int)
-        width, height = high - low
-        row, column = np.mgrid[:height, :width]
-        centers_m = (np.stack([column, row], axis=-1) + low + 0.5) * cell_m
-        gaps_m = np.linalg.norm(centers_m[:, :, None] - points_m, axis=3)  # (H, W, P)
-        is_closed = (gaps_m <= radii_m).any(axis=2)
-        to_robot_m = np.linalg.norm(centers_m - camera_m, axis=2)
-        is_closed &= to_robot_m > self._config.robot_radius_m
-        cells = np.where(is_closed, CLOSED, 0).astype(np.int8)
-        return Mask(cells, cell_m, (int(low[0]), int(low[1])))
+        x_m, y_m = extent.centers_m()
+        is_closed = np.zeros(extent.shape, np.bool_)
+        for centers_m, radius_m in filter(None, map(self._area_of, self._tracks)):
+            for center_m in centers_m:
+                _mark_disc(is_closed, x_m, y_m, center_m, radius_m, value=True)
+        _mark_disc(
+            is_closed, x_m, y_m, self._robot_m, self._config.footprint_radius_m, value=False
+        )
+        return Mask(np.where(is_closed, CLOSED, 0).astype(np.int8), extent)
 
-    def speed(self) -> Mask:
-        """Return by how many percent to go more slowly in each cell, from the crossings.
-
-        Cells 1000 or more cells from the lowest x or y of all crossings are left out. Without any
-        crossing, the mask is one cell of 0.
-        """
-        cell_m = self._config.speed_cell_m
-        if not self._crossings:
-            return Mask(np.zeros((1, 1), np.int8), cell_m, (0, 0))
-        at, counts = np.array(list(self._crossings)), np.array(list(self._crossings.values()))
-        low, high = at.min(axis=0), at.max(axis=0)
-        width, height = np.minimum(high - low + 1, _MAX_SPAN_CELLS)
-        inside = ((at - low) < (width, height)).all(axis=1)
-        shares = np.zeros((height, width))
-        column, row = (at - low)[inside].T
-        shares[row, column] = np.minimum(counts[inside] / self._config.busy_crossings, 1.0)
-        lower = (100.0 - self._config.busy_speed_percent) * shares
-        return Mask(np.rint(lower).astype(np.int8), cell_m, (int(low[0]), int(low[1])))
+    def speed(self, extent: MaskExtent) -> Mask:
+        """Return by how many percent to go more slowly in each cell, from the crossings."""
+        out = np.zeros(extent.shape, np.int8)
+        if self._crossings:
+            at, counts = np.array(list(self._crossings)), np.array(list(self._crossings.values()))
+            low, high = at.min(axis=0), at.max(axis=0)
+            x, y = (
+                np.floor(each_m / self._config.speed_cell_m).astype(np.int64)
+                for each_m in extent.centers_m()
+            )
+            columns = np.flatnonzero((x >= low[0]) & (x <= high[0]))
+            rows = np.flatnonzero((y >= low[1]) & (y <= high[1]))
+            first, width = int(low[1]), int(high[0] - low[0]) + 1
+            key = (at[:, 1] - first) * width + at[:, 0] - low[0]
+            order = np.argsort(key)
+            wanted = (y[rows, None] - first) * width + x[columns] - low[0]
+            found = np.searchsorted(key[order], wanted).clip(max=len(key) - 1)
+            is_crossed = key[order][found] == wanted
+            ratio = np.minimum(counts[order][found] / self._config.busy_crossings, 1.0)
+            lower = (100.0 - self._config.busy_speed_percent) * ratio * is_crossed
+            out[np.ix_(rows, columns)] = np.rint(lower)
+        return Mask(out, extent)
 
     def _area_of(self, item: TrackedObject) -> tuple[FloatArray, float] | None:
         """Return the centers (P, 2) and the radius of the discs to keep out of; None: no area.
@@ -135,3 +160,19 @@ class NavigationMasks:
             return None
         times_s = np.arange(0.0, config.horizon_s + _STEP_S / 2, _STEP_S)
         return at_m + times_s[:, None] * velocity_mps, config.margin_m
+
+
+def _mark_disc(
+    cells: BoolArray,
+    x_m: FloatArray,
+    y_m: FloatArray,
+    center_m: FloatArray,
+    radius_m: float,
+    *,
+    value: bool,
+) -> None:
+    """Set the cells (H, W) whose centers, with x (W,) and y (H,), are in a disc."""
+    columns = slice(*np.searchsorted(x_m, (center_m[0] - radius_m, center_m[0] + radius_m)))
+    rows = slice(*np.searchsorted(y_m, (center_m[1] - radius_m, center_m[1] + radius_m)))
+    gap_x, gap_y = x_m[columns] - center_m[0], y_m[rows] - center_m[1]
+    cells[rows, columns][np.hypot(gap_x, gap_y[:, None]) <= radius_m] = value

@@ -121,10 +121,8 @@ class SceneNode(ManagedNode):
         self._outputs.clear(self._session.stamp_ns)
         self._outputs.begin(is_map_level=known.is_level)
         self._outputs.note_change()
-        is_tilted = navigation.enabled and not known.is_level
+        is_tilted = navigation.enabled and known.T_camera_base is None
         self.diagnostics.report_problem('level', _NOT_LEVEL if is_tilted else '')
-        if self._session.stamp_ns:
-            self._publish_masks()
 
     def _on_image(self, image: SceneImage) -> None:
         """Use an image for the maps that it was selected for; publish tracks and objects."""
@@ -135,10 +133,7 @@ class SceneNode(ManagedNode):
         if request.track_objects:
             tracks = mapper.track_objects(request, image.depth_m, image.objects)
             self._outputs.publish_objects(tracks, request.stamp_ns)
-            if self._settings.config.navigation.enabled and self._masks.update(
-                tracks, request.T_map_camera, request.stamp_ns
-            ):
-                self._publish_masks()
+            self._update_masks(tracks, request)
         if request.is_for_object_map:
             mapper.map_objects(request, image.depth_m, image.objects)
             self._outputs.note_object_change()
@@ -153,17 +148,12 @@ class SceneNode(ManagedNode):
             self.diagnostics.set_count('voxels', mapper.num_voxels)
 
     def _update_masks(self, tracks: tuple[TrackedObject, ...], request: SceneRequest) -> None:
-        if not self._settings.config.navigation.enabled:
-            return
-        if self._masks.update(tracks, request.T_map_camera, request.stamp_ns):
-            self._publish_masks()
-
-    def _publish_masks(self) -> None:
         known = self._session.known
-        if known is not None and known.is_level:
-            self._outputs.publish_masks(
-                self._masks, self._session.stamp_ns, self.resolve_topic_name
-            )
+        if known is None or known.T_camera_base is None:
+            return
+        T_map_base = request.T_map_camera @ known.T_camera_base
+        if self._masks.update(tracks, T_map_base, request.stamp_ns):
+            self._outputs.publish_masks(self._masks, request.stamp_ns, self.resolve_topic_name)
 
     def _on_timer(self) -> None:
         now_s = time.monotonic()

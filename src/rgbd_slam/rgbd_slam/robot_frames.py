@@ -79,7 +79,7 @@ class RobotFrames:
         self._T_odom_core = self.T_map_core  # the mounting of the camera; never changes
         # True: the map frame is that of a saved map, or is level for good; `level` does nothing.
         self.is_fixed = False
-        self._T_camera_base = np.eye(4) if T_base_camera is None else se3.inverse(T_base_camera)
+        self.T_camera_base = np.eye(4) if T_base_camera is None else se3.inverse(T_base_camera)
         self._planar = planar and T_base_camera is not None
         self._last: _BasePose | None = None
 
@@ -109,7 +109,7 @@ class RobotFrames:
         """
         T_map_base = self._base(self.T_map_core @ T_map_camera)
         T_odom_base = self._base(self._T_odom_core @ T_odom_camera)
-        A = se3.adjoint(se3.inverse(self._T_camera_base))
+        A = se3.adjoint(se3.inverse(self.T_camera_base))
         covariance = _known(covariance)
         own = covariance if image_covariance is None else _known(image_covariance)
         placed = _BasePose(stamp_ns, T_odom_base, A @ own @ A.T)
@@ -132,12 +132,12 @@ class RobotFrames:
 
     def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
         """Return the motion (4, 4) of the camera that results from a motion (4, 4) of the base."""
-        return self._T_camera_base @ T_base_base @ se3.inverse(self._T_camera_base)
+        return self.T_camera_base @ T_base_base @ se3.inverse(self.T_camera_base)
 
     def bases(self, cameras: Trajectory) -> Trajectory:
         """Return poses T_map_base for camera poses T_core_camera; they are not made planar."""
         return Trajectory(
-            cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera @ self._T_camera_base
+            cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera @ self.T_camera_base
         )
 
     def cameras(self, cameras: Trajectory) -> Trajectory:
@@ -171,7 +171,7 @@ class RobotFrames:
         return float(np.linalg.norm(se3.log(se3.inverse(T_before) @ self.T_map_core)[:3]))
 
     def _base(self, T_world_camera: FloatArray) -> FloatArray:
-        T = T_world_camera @ self._T_camera_base
+        T = T_world_camera @ self.T_camera_base
         return flattened(T) if self._planar else T
 
     def _twist(self, now: _BasePose) -> tuple[FloatArray, FloatArray]:

@@ -84,7 +84,7 @@ class RobotMap:
     def __init__(
         self, slam: RgbdSlam, frames: RobotFrames, camera: CameraModel, config: CameraConfig
     ) -> None:
-        self._slam, self._frames = slam, frames
+        self._slam, self.frames = slam, frames
         self._camera, self._config = camera, config
         # Whether the map has changed since `take_change` in a way that neither the statistics nor
         # the version of the atlas show.
@@ -108,7 +108,7 @@ class RobotMap:
     @property
     def pose_version(self) -> tuple[str, int, bytes]:
         """Return a value that differs after each change of a keyframe's pose in the map frame."""
-        return self.session, self._slam.map.atlas.version, self._frames.T_map_core.tobytes()
+        return self.session, self._slam.map.atlas.version, self.frames.T_map_core.tobytes()
 
     def check_extendable(self) -> None:
         """Raise MapFileError if the camera differs too much from that of the map to extend it."""
@@ -119,13 +119,13 @@ class RobotMap:
 
         The poses of other maps are in frames whose relation to the map frame is unknown.
         """
-        return self._frames.keyframes(keyframe_poses(self._slam.map.atlas))
+        return self.frames.keyframes(keyframe_poses(self._slam.map.atlas))
 
     def points_m(self) -> FloatArray:
         """Return the (N, 3) points [m] of the main map, in the map frame."""
         points = self._slam.map.atlas.points
         is_main = points.map_id == main_map(self._slam.map.atlas.keyframes)
-        return self._frames.points_m(points.position_m[points.alive & is_main])
+        return self.frames.points_m(points.position_m[points.alive & is_main])
 
     def copy_poses(self) -> MapPoses:
         """Copy the keyframe poses of the main map between two images.
@@ -173,15 +173,15 @@ class RobotMap:
         """
         is_own = ~poses.is_loaded
         path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
-        return self._frames.bases(path)
+        return self.frames.bases(path)
 
     def cameras_of(self, poses: MapPoses) -> FloatArray:
         """Return the copied keyframe poses as T_map_camera (K, 4, 4), in the robot's map frame."""
-        return self._frames.T_map_core @ poses.T_core_camera
+        return self.frames.T_map_core @ poses.T_core_camera
 
     def shown_points_m(self, rows: PointRows) -> Float32Array:
         """Return the (N, 3) shown points [m] of copied rows, in the robot's map frame."""
-        T_map_core = self._frames.T_map_core.astype(np.float32)
+        T_map_core = self.frames.T_map_core.astype(np.float32)
         shown_m = rows.position_m.take(np.flatnonzero(rows.is_shown), axis=0)
         return shown_m @ T_map_core[:3, :3].T + T_map_core[:3, 3]
 
@@ -213,7 +213,7 @@ class RobotMap:
         # The map is adjusted before final poses are read. This moves keyframes but changes no
         # statistics.
         self.has_changed |= kind == 'final'
-        return map(self._frames.cameras, self._slam.trajectory.parts(kind))
+        return map(self.frames.cameras, self._slam.trajectory.parts(kind))
 
     def export(self) -> MapFile:
         """Copy the map for a file (0.04 ms per keyframe), in the robot's map frame.
@@ -224,7 +224,7 @@ class RobotMap:
         atlas, config = self._slam.map.atlas, self._config
         if len(atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
-        state = snapshot(atlas).moved(self._frames.T_map_core)
+        state = snapshot(atlas).moved(self.frames.T_map_core)
         octaves, uids = (config.scale_factor, config.num_octaves), keyframe_poses(atlas).uids
         loops = renumbered(atlas.loops, {uid: uid for uid in uids.tolist()})
         return MapFile(self._camera, *octaves, state, uids, loops, self.session)
@@ -233,7 +233,7 @@ class RobotMap:
         """Return the header of a checkpoint: camera, octaves, and the core's frame in the map."""
         config = self._config
         octaves = config.scale_factor, config.num_octaves
-        return MapHeader(self._camera, *octaves, self._frames.T_map_core, self.session)
+        return MapHeader(self._camera, *octaves, self.frames.T_map_core, self.session)
 
     def prepare_load(
         self, content: MapFile, *, keep: bool = False, extend: bool = True
@@ -254,8 +254,8 @@ class RobotMap:
         """
         octaves = self._config.scale_factor, self._config.num_octaves
         state = content.seen_by(self._camera, *octaves, extend=extend).map
-        self._frames.is_fixed = True
-        in_core = state.moved(se3.inverse(self._frames.T_map_core))
+        self.frames.is_fixed = True
+        in_core = state.moved(se3.inverse(self.frames.T_map_core))
         loading = self._slam.prepare_load(in_core, keep=keep)
         loading.loops = content.loops_by_row
         return PreparedMap(loading, content.camera)

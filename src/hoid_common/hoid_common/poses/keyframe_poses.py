@@ -93,3 +93,4 @@ class SessionKeyframes(NamedTuple):
     is_level: bool  # whether the z axis of the map frame points up
     keyframes: KeyframePoses
     loaded: LoadedKeyframes = LoadedKeyframes()
+    T_camera_base: FloatArray | None = None  # (4, 4) of the robot's base; None: none is configured

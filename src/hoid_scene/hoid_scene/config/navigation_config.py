@@ -36,10 +36,18 @@ class NavigationConfig(Config):
     margin_m: float = param(
         0.4,  # chosen: the personal space of Hall's proxemics starts at 0.45 m
         'Distance that is kept from the places where a walking person will be, and from the edge '
-        'of a handled object (m). Within 0.4 m of the camera, there is no keep-out area. The '
-        'radius of the robot is added by the inflation layer of Nav2.',
+        'of a handled object (m). The radius of the robot is added by the inflation layer of '
+        'Nav2.',
         minimum=0.0,
         maximum=2.0,
+        expert=True,
+    )
+    footprint_radius_m: float = param(
+        0.4,  # chosen: that of a robot for rooms
+        'Radius around the base of the robot in which there is no keep-out area (m), since Nav2 '
+        'finds no way out of one: that of the footprint, or more.',
+        minimum=0.0,
+        maximum=5.0,
         expert=True,
     )
     classes: tuple[str, ...] = param(
@@ -66,11 +74,7 @@ class NavigationConfig(Config):
         maximum=100.0,
         expert=True,
     )
-    # Radius around the camera in which there is no keep-out area, since Nav2 finds no way out of
-    # one (m). Chosen: that of a robot for rooms.
-    robot_radius_m: ClassVar[float] = 0.4
     # People who are slower stand, and are not predicted (m/s). Chosen: above the tracker's noise.
     walking_mps: ClassVar[float] = 0.25
-    keep_out_cell_m: ClassVar[float] = 0.1  # chosen: two cells of the costmap
     speed_cell_m: ClassVar[float] = 0.25  # chosen: half the width of a person
     period_s: ClassVar[float] = 0.5  # chosen: shortest time between two masks

@@ -23,6 +23,16 @@ class GridPatch(NamedTuple):
     cells: NDArray[np.int8]  # (h, w) the new values
 
 
+def patch_of(before: NDArray[np.int8], cells: NDArray[np.int8]) -> GridPatch | None:
+    """Return the smallest rectangle with all cells (H, W) that have changed; None: none has."""
+    rows, columns = np.nonzero(before != cells)
+    if len(rows) == 0:
+        return None
+    top, left = rows.min(), columns.min()
+    changed = cells[top : rows.max() + 1, left : columns.max() + 1]
+    return GridPatch(int(left), int(top), changed)
+
+
 class SteadyGrid:
     """Extends each grid to cover the one before it, so that the published map never shrinks.
 
@@ -33,6 +43,11 @@ class SteadyGrid:
 
     def __init__(self) -> None:
         self._last: Grid | None = None
+
+    @property
+    def last(self) -> Grid | None:
+        """Return the grid of the last call of `take_patch`; None: there is none."""
+        return self._last
 
     def clear(self) -> None:
         """Forget the last grid, because the map has been discarded."""
@@ -72,12 +87,7 @@ class SteadyGrid:
         last, self._last = self._last, placed
         if last is None or _extent(last) != _extent(placed):
             return None
-        rows, columns = np.nonzero(last.cells != placed.cells)
-        if len(rows) == 0:
-            return None
-        top, left = rows.min(), columns.min()
-        cells = placed.cells[top : rows.max() + 1, left : columns.max() + 1]
-        return GridPatch(int(left), int(top), cells)
+        return patch_of(last.cells, placed.cells)
 
 
 def _extent(grid: Grid) -> tuple[tuple[int, int], float, tuple[int, ...]]:

@@ -25,9 +25,8 @@ _BASES = {FilterType.KEEP_OUT: (0.0, 1.0), FilterType.SPEED_PERCENT: (100.0, -1.
 
 def mask_to_msg(mask: Mask, header: Header) -> OccupancyGrid:
     """Return the message of a mask, in the map frame of the header."""
-    x, y = mask.low
-    origin_m = x * mask.resolution_m, y * mask.resolution_m, 0.0
-    return occupancy_to_msg(mask.cells, mask.resolution_m, origin_m, header)
+    (x, y), _, cell_m = mask.extent
+    return occupancy_to_msg(mask.cells, cell_m, (x * cell_m, y * cell_m, 0.0), header)
 
 
 def filter_info_to_msg(kind: FilterType, mask_topic: str, header: Header) -> CostmapFilterInfo:

@@ -6,6 +6,7 @@ A topic is added as one row of a table.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -28,8 +29,8 @@ from hoid_common.values import Detections, FloatArray
 from hoid_scene.config.scene_config import SceneConfig
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
-from hoid_scene.grid.steady_grid import SteadyGrid
-from hoid_scene.navigation_masks import Mask, NavigationMasks
+from hoid_scene.grid.steady_grid import GridPatch, SteadyGrid
+from hoid_scene.navigation_masks import Mask, MaskExtent, NavigationMasks, changed_cells
 from hoid_scene.objects.cloud_labels import CloudLabels
 from hoid_scene.ros import conversions, object_map_messages
 from hoid_scene.ros.conversions import SceneMaps
@@ -100,40 +101,29 @@ MAP_OUTPUTS = (
 )
 
 
-def _mask_outputs(
-    mask: str, info: str, filter_type: FilterType, mask_of: Callable[[NavigationMasks], Mask]
-) -> tuple[OutputTopic, OutputTopic]:
-    """Return the topics of a mask and of the CostmapFilterInfo that describes it."""
-    return (
-        OutputTopic(
-            mask,
-            OccupancyGrid,
-            qos.LATCHED,
-            lambda masks, header, _: mask_to_msg(mask_of(masks), header),
-        ),
-        OutputTopic(
-            info,
-            CostmapFilterInfo,
-            qos.LATCHED,
-            lambda _, header, resolve: filter_info_to_msg(filter_type, resolve(mask), header),
-        ),
-    )
-
-
-# `to_msg` is called with (masks: NavigationMasks, header: Header, resolve: Callable[[str], str]),
-# once per `NavigationConfig.period_s` and when a scene ends, if the topic has subscribers;
-# `resolve` returns the full name of a topic.
+# `to_msg` is called with (mask: Mask, header: Header) whenever a mask has changed, at most once in
+# `NavigationConfig.period_s`, and with a mask of 0 when the scene ends.
 MASK_OUTPUTS = (
-    *_mask_outputs(
-        topics.KEEP_OUT_MASK,
+    OutputTopic(topics.KEEP_OUT_MASK, OccupancyGrid, qos.LATCHED, mask_to_msg),
+    OutputTopic(topics.SPEED_MASK, OccupancyGrid, qos.LATCHED, mask_to_msg),
+)
+# `to_msg` is called with (mask_topic: str, header: Header) once, before the first mask: Nav2
+# subscribes to the mask anew with each message.
+MASK_INFO_OUTPUTS = (
+    OutputTopic(
         topics.KEEP_OUT_INFO,
-        FilterType.KEEP_OUT,
-        NavigationMasks.keep_out,
+        CostmapFilterInfo,
+        qos.LATCHED,
+        partial(filter_info_to_msg, FilterType.KEEP_OUT),
     ),
-    *_mask_outputs(
-        topics.SPEED_MASK, topics.SPEED_INFO, FilterType.SPEED_PERCENT, NavigationMasks.speed
+    OutputTopic(
+        topics.SPEED_INFO,
+        CostmapFilterInfo,
+        qos.LATCHED,
+        partial(filter_info_to_msg, FilterType.SPEED_PERCENT),
     ),
 )
+_OF_MASKS = frozenset(output.name for output in (*MASK_OUTPUTS, *MASK_INFO_OUTPUTS))
 _OF_CLOUD = frozenset({topics.CLOUD_MAP, topics.CLOUD_LABELS})
 
 
@@ -165,7 +155,7 @@ class SceneOutputs:
         self, make_publisher: Callable[[OutputTopic], Publisher], config: SceneConfig
     ) -> None:
         tables = (*MAP_OUTPUTS, *OBJECT_OUTPUTS, *OBJECT_MAP_OUTPUTS, EXPECTED_OUTPUT)
-        masks = MASK_OUTPUTS if config.navigation.enabled else ()
+        masks = (*MASK_OUTPUTS, *MASK_INFO_OUTPUTS) if config.navigation.enabled else ()
         left_out = {
             topics.CLOUD_LABELS: not config.object_map.label_cloud,
             topics.EXPECTED_OBJECTS: config.object_map.prior_score == 0,
@@ -182,6 +172,7 @@ class SceneOutputs:
         self._outdated: set[str] = set()
         self._outdated_objects: set[str] = set()
         self._has_published = False  # since the scene was discarded last
+        self._masks: dict[str, Mask] = {}  # as published last, by topic
 
     def begin(self, *, is_map_level: bool) -> None:
         """Set whether the map frame of a new scene is level."""
@@ -215,7 +206,7 @@ class SceneOutputs:
         any of them.
         """
         wanted = self._outdated & self._wanted
-        if wanted - _OF_CLOUD:
+        if wanted - _OF_CLOUD or self._wanted & _OF_MASKS:
             wanted |= self._outdated - _OF_CLOUD
         return frozenset(wanted)
 
@@ -226,9 +217,46 @@ class SceneOutputs:
     def publish_masks(
         self, masks: NavigationMasks, stamp_ns: int, resolve: Callable[[str], str]
     ) -> None:
-        """Publish the masks for navigation on their topics that have subscribers."""
-        header = header_to_msg(stamp_ns, self.frame)
-        self._publish_wanted(MASK_OUTPUTS, masks, header, resolve)
+        """Publish the masks for navigation that have changed, with the cells of the last grid.
+
+        Nothing is published before the first grid, and on topics without subscribers. Nav2 applies
+        a keep-out mask only where the costmap is updated: where it has changed, the grid is
+        published again as an update, so that what was closed is opened.
+
+        Args:
+            masks: The masks.
+            stamp_ns: Time of the image.
+            resolve: Returns the full name of a topic.
+        """
+        grid = self._steady.last
+        if grid is None or not self._is_map_level:
+            return
+        header, extent = header_to_msg(stamp_ns, self.frame), MaskExtent.of(grid)
+        for output, info, mask_of in zip(
+            MASK_OUTPUTS, MASK_INFO_OUTPUTS, (masks.keep_out, masks.speed), strict=True
+        ):
+            if not self._wanted & {output.name, info.name}:
+                continue
+            mask, before = mask_of(extent), self._masks.get(output.name)
+            if before is None:
+                self._publish([info], resolve(output.name), header)
+            elif before.extent == extent and np.array_equal(before.cells, mask.cells):
+                continue
+            self._masks[output.name] = mask
+            self._publish([output], mask, header)
+            if output.name == topics.KEEP_OUT_MASK:
+                self._publish_update(grid, changed_cells(before, mask), header)
+
+    def _publish_update(self, grid: Grid, patch: GridPatch | None, header: Header) -> None:
+        """Publish cells of the grid again."""
+        if patch is None:
+            return
+        rows, columns = patch.cells.shape
+        top, left = patch.row, patch.column
+        patch = patch._replace(cells=grid.cells[top : top + rows, left : left + columns])
+        empty = ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
+        maps = SceneMaps(empty, header, grid, header, patch=patch)
+        self._publish([o for o in MAP_OUTPUTS if o.name == topics.GRID_MAP_UPDATES], maps)
 
     def publish_object_map(self, scene: SceneMapper, stamp_ns: int) -> None:
         """Publish the object map on its topics that have subscribers and are outdated."""
@@ -284,6 +312,7 @@ class SceneOutputs:
         self._outdated_objects.clear()
         if not self._has_published:
             return
+        self._clear_masks(stamp_ns)
         self._steady.clear()
         empty = ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
         header = header_to_msg(stamp_ns, self.frame)
@@ -294,6 +323,14 @@ class SceneOutputs:
         self._publish(OBJECT_OUTPUTS, (), header)
         self._publish(OBJECT_MAP_OUTPUTS, (), header)
         self._has_published = False
+
+    def _clear_masks(self, stamp_ns: int) -> None:
+        """Publish masks of 0, because nothing is known of people any more."""
+        for output in MASK_OUTPUTS:
+            if (mask := self._masks.get(output.name)) is not None:
+                empty = Mask(np.zeros_like(mask.cells), mask.extent)
+                self._masks[output.name] = empty
+                self._publish([output], empty, header_to_msg(stamp_ns, self.frame))
 
     def _take_level(self, T_map_level: FloatArray) -> FloatArray | None:
         """Return the pose (4, 4) of the level frame, or None if it was published already."""

@@ -118,6 +118,7 @@ class KeyframeOutputs:
             bool(self._frames.base),
             robot_map.keyframes(),
             self._loaded,
+            robot_map.frames.T_camera_base if self._frames.base else None,
         )
 
     def _message(self, known: SessionKeyframes) -> KeyframePosesMsg:

@@ -28,6 +28,7 @@ _ROWS = 12  # numbers of the first three rows of a transform
 def keyframe_poses_to_msg(poses: SessionKeyframes, header: Header) -> KeyframePosesMsg:
     """Return the message of keyframe poses; the header has the map frame."""
     keyframes, loaded, camera = poses.keyframes, poses.loaded, poses.camera
+    base = poses.T_camera_base
     return KeyframePosesMsg(
         **_camera_fields(camera),
         header=header,
@@ -42,6 +43,7 @@ def keyframe_poses_to_msg(poses: SessionKeyframes, header: Header) -> KeyframePo
         source=loaded.source,
         saved_uids=_field('q', loaded.saved_uids),
         loaded_uids=_field('q', loaded.loaded_uids),
+        camera_base=[] if base is None else _field('d', base[:3]),
     )
 
 
@@ -60,11 +62,16 @@ def keyframe_poses_from_msg(msg: KeyframePosesMsg) -> SessionKeyframes:
             f'keyframe_poses has {len(uids)} uids, {len(map_ids)} map_ids, {len(rows)} numbers of '
             f'poses, {len(saved)} saved_uids and {len(loaded)} loaded_uids'
         )
+    base = np.array(msg.camera_base, np.float64)
+    if len(base) not in (0, _ROWS):
+        raise MessageError(f'keyframe_poses has {len(base)} numbers in camera_base, not 0 or 12')
     if (np.diff(uids) <= 0).any():
         raise MessageError('keyframe_poses has uids that do not ascend')
     known = KeyframePoses(msg.version, uids, map_ids, msg.main_map, _transforms(rows))
     source = LoadedKeyframes(msg.num_loaded, msg.source, saved, loaded)
-    return SessionKeyframes(msg.session, _camera(msg), msg.is_level, known, source)
+    T_camera_base = _transforms(base)[0] if len(base) else None
+    camera = _camera(msg)
+    return SessionKeyframes(msg.session, camera, msg.is_level, known, source, T_camera_base)
 
 
 def tracked_image_to_msg(
