@@ -48,7 +48,7 @@ def zstd_image(pixels: NDArray[Any], encoding: str, *, as_gzip: bool = False) ->
     raw = np.ascontiguousarray(pixels).tobytes()
     name = encoding.encode()
     head = struct.pack('<IIBII', *pixels.shape[:2], 0, len(raw) // pixels.shape[0], len(name))
-    return head + name + (gzip.compress(raw) if as_gzip else zstd.compress(raw))
+    return head + name + (gzip.compress(raw, mtime=0) if as_gzip else zstd.compress(raw))
 
 
 def quantized(depth_m: NDArray[Any], depth_max_m: float = 10.0) -> tuple[bytes, NDArray[Any]]:
