@@ -19,7 +19,6 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.loop_edge import JOIN, LoopEdge
 from rgbd_slam.optimize.pose_optimizer import PoseProblem, optimize_pose
-from rgbd_slam.records.soa_table import DEAD
 
 # As in loop_detection.py: keyframes that are further apart in order of insertion belong to two
 # visits of a place.
@@ -122,8 +121,7 @@ def _separate_tree(atlas: Atlas, sides: _Sides) -> None:
     """
     keyframes, parents = atlas.keyframes, atlas.parents()
     if sides.root is not None:
-        keyframes.parent_uid[sides.root] = DEAD
-        keyframes.version[sides.root] = atlas.version
+        atlas.set_parent(sides.root, None)
         return
     for i in sides.rows[sides.is_new[sides.rows]].tolist():
         parent, before = int(parents[i]), int(sides.rows[sides.rank[i] - 1])

@@ -88,9 +88,9 @@ class Atlas(MapTables):
         self.keyframes.T_map_camera[i] = T_map_camera
         self.keyframes.version[i] = self.version
 
-    def set_parent(self, i: int, parent: int) -> None:
-        """Make keyframe `parent` the parent of keyframe `i` in the spanning tree."""
-        self.keyframes.parent_uid[i] = self.keyframes.uid[parent]
+    def set_parent(self, i: int, parent: int | None) -> None:
+        """Make keyframe `parent` the parent of keyframe `i`; None: `i` is the root of its map."""
+        self.keyframes.parent_uid[i] = DEAD if parent is None else self.keyframes.uid[parent]
         self.keyframes.version[i] = self.version
 
     def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> Move:
