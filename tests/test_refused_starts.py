@@ -37,18 +37,17 @@ def params(tmp_path: Path, folder: Path) -> Path:
     path.write_text(
         'rgbd_slam:\n  ros__parameters:\n    expert: true\n    checkpoint_period_s: 1.0\n'
         f'    map_directory: {folder}\n'
-        '    object_map.enabled: false\n'
     )
     return path
 
 
 def by_command(params: Path, *, restart: bool) -> tuple[str, ...]:
-    options = ('--no-detector', '--filter', 'none', '--params', str(params))
+    options = ('--no-detector', '--filter', 'none', '--no-scene', '--params', str(params))
     return (*HOID, 'nodes', *options, *(['--restart'] * restart))
 
 
 def by_launch(params: Path, *, restart: bool) -> tuple[str, ...]:
-    arguments = ('detector:=false', 'strategy:=none', f'params_file:={params}')
+    arguments = ('detector:=false', 'strategy:=none', 'scene:=false', f'params_file:={params}')
     return (*LAUNCH, str(LAUNCH_FILE), *arguments, f'respawn:={str(restart).lower()}')
 
 

@@ -89,9 +89,8 @@ def _detector_back(harness: NodeHarness) -> str:
 def _unread_output(folder: Path) -> str:
     """Run the nodes with a full pipe for their output: images and services must not wait."""
     setup = Setup((FILTER, SLAM))
-    argv = ['nodes', '--no-detector', '--filter', 'none', '--set', f'map_directory={folder}']
-    for part in ('dense', 'objects', 'object_map'):
-        argv += ['--set', f'{part}.enabled=false']
+    argv = ['nodes', '--no-detector', '--filter', 'none', '--no-scene']
+    argv += ['--set', f'map_directory={folder}']
     with own_domain(), _unread(argv) as process, camera(setup) as sender:
         if sender.missing_outputs(START_S, (topics.ODOM,)):
             return f'no odometry within {START_S:g} s'
