@@ -385,7 +385,7 @@ def test_the_commands_for_running_nodes_save_load_and_switch(begin: Begin, folde
     status = peer.send(30)[-1]
     assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.LOCALIZATION)
     shown = hoid('status').stdout.splitlines()
-    assert shown[0] == 'state   tracking, localization'
+    assert 'state   tracking, localization' in shown  # after what is wrong: nothing is sent now
     assert shown[-1].startswith(f'map     {status.keyframes} keyframes, ')
     refused = hoid('load-map', 'missing')
     assert refused.returncode == 1
