@@ -119,7 +119,7 @@ def _separate_tree(atlas: Atlas, sides: _Sides) -> None:
 
     The map that a join has added gets its root back.
     """
-    keyframes, parents = atlas.keyframes, atlas.parents()
+    parents = atlas.parents()
     if sides.root is not None:
         atlas.set_parent(sides.root, None)
         return
