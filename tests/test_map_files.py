@@ -385,7 +385,8 @@ def test_the_commands_for_running_nodes_save_load_and_switch(begin: Begin, folde
     status = peer.send(30)[-1]
     assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.LOCALIZATION)
     shown = hoid('status').stdout.splitlines()
-    assert 'state   tracking, localization' in shown  # after what is wrong: nothing is sent now
+    (state,) = (line for line in shown if line.startswith('state '))
+    assert state.endswith('tracking, localization')  # perhaps of the last image, as none arrives
     assert shown[-1].startswith(f'map     {status.keyframes} keyframes, ')
     refused = hoid('load-map', 'missing')
     assert refused.returncode == 1
