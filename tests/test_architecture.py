@@ -188,9 +188,10 @@ def test_every_module_and_public_class_has_a_docstring() -> None:
     """A function has one where its signature does not give shape, unit, frame or error."""
     for name, path in modules().items():
         tree = ast.parse(path.read_text())
-        classes = [n for n in tree.body if isinstance(n, ast.ClassDef) and n.name[0] != '_']
-        for node in (tree, *classes):
-            assert ast.get_docstring(node), f'{name}: {getattr(node, "name", "the module")}'
+        assert ast.get_docstring(tree), name
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith('_'):
+                assert ast.get_docstring(node), f'{name}: {node.name}'
 
 
 @pytest.mark.parametrize('package', LAYERS)
