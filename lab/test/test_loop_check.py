@@ -13,7 +13,7 @@ TRUTH = Trajectory(
     np.arange(4) * NS, se3.exp(np.outer(np.arange(4), [0.0, 0.1, 0.0, 0.5, 0.0, 0.2]))
 )
 T_0_3 = se3.inverse(TRUTH.T_world_camera[0]) @ TRUTH.T_world_camera[3]
-NOT_USED = 0, 50, None  # place, points and correction
+NOT_USED = 0, 50, None, 1.0  # place, points, correction and found share
 
 
 @pytest.mark.parametrize(

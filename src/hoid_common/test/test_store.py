@@ -371,8 +371,8 @@ def test_a_file_with_any_damaged_bytes_is_read_or_refused(seed: int, tmp_path: P
         # The pages' headers and lengths lie at their beginnings.
         page = 16_384 * int(rng.integers(len(data) // 16_384))
         at = min(page + int(rng.exponential(200)), len(data) - 1)
-        data[at] = rng.choice([0, 255, rng.integers(256)])
-    del data[rng.choice([len(data), len(data), rng.integers(len(data))]) :]
+        data[at] = int(rng.choice([0, 255, int(rng.integers(256))]))
+    del data[int(rng.choice([len(data), len(data), int(rng.integers(len(data)))])) :]
     path.write_bytes(data)
     try:
         with Database.read(path, [THINGS]) as database:

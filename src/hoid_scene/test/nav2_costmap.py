@@ -22,7 +22,7 @@ class Costmap:
     def __init__(self) -> None:
         self.cost: NDArray[np.uint8] = np.zeros((0, 0), np.uint8)
         self._static: OccupancyGrid | None = None
-        self._cells = self.cost
+        self._cells: NDArray[np.int8] = np.zeros((0, 0), np.int8)
         self._keep_out: OccupancyGrid | None = None
         self._speed: OccupancyGrid | None = None
         self._window: tuple[int, int, int, int] | None = None  # left, top, right, bottom
@@ -83,8 +83,8 @@ class Costmap:
         assert self._static is not None
         info = self._keep_out.info
         center_m = origin_m + (cells + 0.5) * self._static.info.resolution
-        gap_m = center_m - getattr(info.origin.position, axis)
-        return np.floor(gap_m / info.resolution).astype(np.intp)
+        gap_m = center_m - float(getattr(info.origin.position, axis))
+        return np.asarray(np.floor(gap_m / info.resolution), np.intp)
 
     def _limit(self, x_m: float, y_m: float) -> None:
         if self._speed is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from hoid_common import se3
 from hoid_common.se3 import T_BODY_OPTICAL
@@ -15,12 +16,12 @@ SPACING_M = 0.03
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def rectangle(corner: FloatArray, side_a: FloatArray, side_b: FloatArray) -> FloatArray:
+def rectangle(corner: ArrayLike, side_a: ArrayLike, side_b: ArrayLike) -> FloatArray:
     """Return points (N, 3) on a rectangle, 3 cm apart."""
     a, b = np.array(side_a, float), np.array(side_b, float)
     s, t = (np.arange(0, 1, SPACING_M / np.linalg.norm(side)) for side in (a, b))
     S, T = np.meshgrid(s, t)
-    return np.array(corner) + S.reshape(-1, 1) * a + T.reshape(-1, 1) * b
+    return np.asarray(np.array(corner) + S.reshape(-1, 1) * a + T.reshape(-1, 1) * b)
 
 
 def noisy(points_m: FloatArray, seed: int) -> FloatArray:

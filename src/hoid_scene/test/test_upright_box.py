@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
@@ -12,7 +13,7 @@ from hoid_scene.level.upright_box import Level, extended_back, on_floor, upright
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def turned(angle_deg: float, axis: FloatArray) -> FloatArray:
+def turned(angle_deg: float, axis: ArrayLike) -> FloatArray:
     """Return a rotation (4, 4) about an axis (3,)."""
     return se3.exp(np.r_[np.deg2rad(angle_deg) * np.asarray(axis, float), 0, 0, 0])
 

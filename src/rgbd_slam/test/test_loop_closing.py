@@ -390,7 +390,8 @@ def test_a_wrong_loop_is_taken_back_with_the_points_that_it_has_fused(
 
     assert [edge[:2] for edge in atlas.loops] == [(uid[0], uid[-1])]
     assert _errors_m(atlas, rows, truth).max() < 0.03
-    common = np.intersect1d(*(keyframes.points_of(int(rows[n])) for n in (5, 30)))
+    first, second = (keyframes.points_of(int(rows[n])) for n in (5, 30))
+    common = np.intersect1d(first, second)
     assert (common == -1).all()
     assert keyframes.parent_uid[rows[31]] == uid[30]
 
@@ -401,7 +402,8 @@ def test_two_maps_that_were_joined_wrongly_are_separate_again() -> None:
     new = mapped(atlas, RingWorld(seed=3), truth[12:], truth[12:], map_id=1)
     keyframes, T_old = atlas.keyframes, atlas.keyframes.T_map_camera[old]
     c, i = int(old[3]), int(new[4])
-    atlas.loops = (_edge(*keyframes.uid[[c, i]].tolist(), np.eye(4))._replace(kind='merged'),)
+    ends = int(keyframes.uid[c]), int(keyframes.uid[i])
+    atlas.loops = (_edge(ends[0], ends[1], np.eye(4))._replace(kind='merged'),)
     merge_maps(atlas, i, c, np.eye(4))
     assert len(np.unique(keyframes.map_id[np.r_[old, new]])) == 1
 

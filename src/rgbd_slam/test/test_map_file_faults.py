@@ -108,9 +108,8 @@ def test_forged_files_are_refused(path: Path, name: str) -> None:
     ids=['negative', 'huge'],
 )
 def test_points_with_other_rows_are_refused(path: Path, rows: list[int], said: str) -> None:
-    points = PointRows(
-        np.array(rows, np.int32), *(np.zeros((1, 3)), *(np.zeros(1, np.int64) for _ in range(3)))
-    )
+    counts = np.zeros(1, np.int64)
+    points = PointRows(np.array(rows, np.int32), np.zeros((1, 3)), counts, counts, counts)
     with Database.open(path, []) as database, database.transaction():
         database.put(POINTS, [(500_000, points)])
     refused(path, said)
