@@ -25,7 +25,7 @@ OF_ROS = {'use_sim_time', 'start_type_description_service'}
 CHOSEN: dict[str, dict[str, Any]] = {
     'hoid_detector': {'score_threshold': 1, 'threads': 2, 'classes': ['']},
     'hoid_filter': {'depth_limit_m': 1, 'dynamic_classes': [''], 'strategy': 'none'},
-    'rgbd_slam': {'map_file': '', 'frames.base': ''},
+    'rgbd_slam': {'map_file': '', 'frames.planar': True},
     'hoid_scene': {'dense.grid.max_height_m': 2, 'objects.enabled': False},
 }
 FOR_EXPERTS: dict[str, dict[str, Any]] = {
@@ -131,7 +131,7 @@ def test_whole_numbers_and_empty_lists_are_accepted_at_run_time(node: str, launc
         'rgbd_slam': ('map_period_s', 3, 3.0),
         'hoid_scene': ('dense.grid.max_height_m', 3, 3.0),
     }[node]
-    client = launch({})
+    client = launch({'expert': node == 'rgbd_slam'})  # whose only user parameters are no numbers
     (result,) = client.set({name: value})
     assert result.successful, result.reason
     (found,) = client.get([name])
