@@ -355,9 +355,12 @@ class SceneMapper:
         grid again.
         """
         self._num_leveled = self._num_fused
+        cameras = self._cameras()
+        if len(cloud.points_m) == 0 or len(cameras) == 0:
+            return  # the map has just begun
         points = _sample(cloud).astype(np.float64)
         known_up = _UP if self._is_map_level else None
-        upright = find_upright(cloud.points_m.astype(np.float64), self._cameras(), known_up)
+        upright = find_upright(cloud.points_m.astype(np.float64), cameras, known_up)
         if upright is not None:
             self._level = Level(upright.up, upright.wall)
         if not self._is_map_level and not (upright is not None and upright.is_certain):
@@ -378,7 +381,7 @@ class SceneMapper:
         """Return the poses T_map_camera (K, 4, 4) of keyframes of the main map, at most 256."""
         keyframes = self.dense.keyframes
         poses = keyframes.T_map_camera[keyframes.is_main]
-        return poses[:: -(-len(poses) // _MAX_CAMERAS)]
+        return poses[:: max(1, -(-len(poses) // _MAX_CAMERAS))]
 
 
 def _sample(cloud: ColoredCloud) -> Float32Array:

@@ -9,7 +9,12 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import InputError, MapFileError
-from hoid_common.poses.keyframe_poses import KeyframePoses, LoadedKeyframes, SessionKeyframes
+from hoid_common.poses.keyframe_poses import (
+    NO_KEYFRAMES,
+    KeyframePoses,
+    LoadedKeyframes,
+    SessionKeyframes,
+)
 from hoid_common.store.database import SUFFIX, Database
 from hoid_common.store.table import Table
 from hoid_common.values import CameraModel, Float32Array, FloatArray
@@ -160,6 +165,13 @@ def test_keyframes_of_another_session_are_not_saved(tmp_path: Path) -> None:
     process.map(known('a', 5))
     with pytest.raises(InputError, match='of another map'):
         saved(process, path, known('b', 5))
+
+
+@pytest.mark.parametrize('is_level', [False, True])
+def test_before_the_first_keyframe_there_is_no_grid(tmp_path: Path, *, is_level: bool) -> None:
+    process = Process(tmp_path)
+    process.session.update(SessionKeyframes('a', CAMERA, is_level, NO_KEYFRAMES))
+    assert process.mapper.grid(process.mapper.cloud()) is None
 
 
 def test_two_nodes_cannot_have_one_store(tmp_path: Path) -> None:
