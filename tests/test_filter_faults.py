@@ -75,7 +75,7 @@ def serialized_crowd(header: Any, number: int) -> bytes:
 
 def test_invalid_images_are_refused(run_filter: FilterRunner) -> None:
     peer = run_filter(**{'detections.wait_s': 0.1})
-    peer.send_images(0, DEPTH_M[::2, ::2])
+    peer.send_images(0, DEPTH_M[:, ::2])
     peer.wait_for_count('matched images refused', 1)
     strange = conversions.color_to_msg(IMAGE, peer.header(1))
     strange.encoding = 'h264'
@@ -121,15 +121,15 @@ def test_scores_out_of_range_are_clipped_and_nan_is_refused(
 
 
 def test_a_camera_info_of_another_size_is_refused(run_filter: FilterRunner) -> None:
-    half = CameraModel(WIDTH // 2, HEIGHT // 2, 250.0, 250.0, 160.0, 120.0)
+    other = CameraModel(WIDTH // 2, HEIGHT, 250.0, 250.0, 160.0, 120.0)
     peer = run_filter()  # receives the right camera first
     # The cameras alternate, so that each change shows in the objects of the next image.
-    for i, camera in enumerate((half, CAMERA, half, CAMERA)):
+    for i, camera in enumerate((other, CAMERA, other, CAMERA)):
         peer.camera.publish(conversions.camera_to_msg(camera, peer.header(i)))
         peer.wait_for_count('camera infos received', i + 2)
         peer.show(i, PERSON)
         (person,) = peer.answer(i + 1)[1].objects
-        assert np.isnan([*person.center_camera_m, *person.size_m]).all() == (camera is half)
+        assert np.isnan([*person.center_camera_m, *person.size_m]).all() == (camera is other)
     peer.wait_for_count('camera infos refused', 2)
     assert peer.newest_diagnosis()[1]['camera infos refused'] == '2'
 
