@@ -82,6 +82,13 @@ def test_errors_are_the_same_in_run_and_nodes(text: str, message: str) -> None:
             read(text)
 
 
+def test_the_map_directory_is_that_of_both_nodes_that_have_one() -> None:
+    parameters = of_nodes('map_directory=/maps').parameters
+    assert parameters[SLAM] == parameters[SCENE] == {'map_directory': '/maps'}
+    parameters = of_nodes('map_directory=/maps', 'scene.map_directory=/other').parameters
+    assert parameters[SCENE] == {'map_directory': '/other'}
+
+
 def test_whole_numbers_and_lists_are_converted() -> None:
     config = of_run('dense.voxel_m=0.1', 'depth_limit_m=1', "classes=['']", 'providers=[]')
     assert config.changed() == {'filter.depth_limit_m': 1.0, 'scene.dense.voxel_m': 0.1}

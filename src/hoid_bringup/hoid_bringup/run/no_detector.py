@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hoid_bringup.run.parameter_names import full_name
+from hoid_bringup.run.parameter_names import full_names
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import NoModelError
 from hoid_detector.model.model_path import find_model
@@ -46,6 +46,6 @@ def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
         ModelError: As in `has_model`.
     """
     known = [p.name for p in config.params()]
-    full_names = {full_name(name, known) for name in given}
+    changed = {full for name in given for full in full_names(name, known)}
     uses_default_model = config.needs_detections and not config.detector.model
-    return uses_default_model and STRATEGY not in full_names and not has_model()
+    return uses_default_model and STRATEGY not in changed and not has_model()

@@ -5,7 +5,7 @@ There, a name begins with the short name of the node, as in `filter.strategy`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from hoid_common.config import did_you_mean
@@ -18,14 +18,17 @@ STAGES = {
     'scene': 'hoid_scene',
 }
 """Node of each stage, by the stage's short name."""
+SHARED = ('map_directory',)
+"""Parameters that have one value in all nodes that have them, unless a stage is named."""
 _SHORT = {node: stage for stage, node in STAGES.items()}
 
 
-def full_name(name: str, known: Collection[str]) -> str:
-    """Return the full name STAGE.PARAMETER of a parameter.
+def full_names(name: str, known: Collection[str]) -> Sequence[str]:
+    """Return the full name STAGE.PARAMETER of a parameter; of a shared one, that for each node.
 
     Args:
-        name: STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has.
+        name: STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has or is shared.
+        known: The full names of all parameters.
 
     Raises:
         ConfigError: No parameter has this name, or parameters of several nodes have it.
@@ -33,15 +36,15 @@ def full_name(name: str, known: Collection[str]) -> str:
     head, _, rest = name.partition('.')
     of_stage = f'{_SHORT.get(head, head)}.{rest}'
     if of_stage in known:
-        return of_stage
+        return [of_stage]
     found = [full for stage in STAGES if (full := f'{stage}.{name}') in known]
     if not found:
         spellings = (name, *(f'{stage}.{name}' for stage in STAGES))
         hint = next(filter(None, (did_you_mean(text, known) for text in spellings)), '')
         raise ConfigError(f'no parameter is called "{name}"{hint}')
-    if len(found) > 1:
+    if len(found) > 1 and name not in SHARED:
         raise ConfigError(f'several nodes have a parameter "{name}": write {" or ".join(found)}')
-    return found[0]
+    return found
 
 
 def by_node(values: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
-from hoid_bringup.run.parameter_names import by_node, full_name
+from hoid_bringup.run.parameter_names import by_node, full_names
 from hoid_common.config import Config, section
 from hoid_common.errors import ConfigError
 from hoid_detector.config import DetectorNodeConfig
@@ -66,13 +66,15 @@ class RunConfig(Config):
         """Return a copy in which some parameters have new values.
 
         Args:
-            values: New values by any name that `full_name` accepts.
+            values: New values by any name that `full_names` accepts.
 
         Raises:
             ConfigError: A name is unknown or ambiguous, or a value is invalid.
         """
         known = [p.name for p in self.params()]
-        return super().updated({full_name(name, known): v for name, v in values.items()})
+        return super().updated(
+            {full: v for name, v in values.items() for full in full_names(name, known)}
+        )
 
     def changed(self) -> dict[str, Any]:
         """Return the parameters that are not at their defaults, by dotted name."""
@@ -83,13 +85,13 @@ class RunConfig(Config):
         """Return the values of some parameters, by node and by the parameter's name in the node.
 
         Args:
-            names: Any names that `full_name` accepts.
+            names: Any names that `full_names` accepts.
 
         Raises:
             ConfigError: A name is unknown or ambiguous.
         """
         values = {p.name: p.value for p in self.params()}
-        return by_node({full: values[full] for full in (full_name(n, values) for n in names)})
+        return by_node({full: values[full] for n in names for full in full_names(n, values)})
 
     def summary_options(self) -> dict[str, Any]:
         """Return the options to write into a summary: strategy, seed, and changed parameters.
@@ -118,8 +120,8 @@ class RunConfig(Config):
         known = [p.name for p in cls().params()]
         for name, value in options.items():
             with suppress(ConfigError):
-                full = full_name(SHORT_NAMES.get(name, name), known)
-                values[full] = tuple(value) if isinstance(value, list) else value
+                for full in full_names(SHORT_NAMES.get(name, name), known):
+                    values[full] = tuple(value) if isinstance(value, list) else value
         return cls().updated(values)
 
 
