@@ -12,6 +12,7 @@ import hashlib
 import importlib.metadata
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -62,7 +63,7 @@ def make_underlay(prefix: Path) -> None:
     lines = ['export ROS_DISTRO=jazzy']
     for name, folders in paths.items():
         text = ':'.join(map(str, folders))
-        lines.append(f'export {name}={text}${{{name}:+:${name}}}')
+        lines.append(f'export {name}={shlex.quote(text)}${{{name}:+:${name}}}')
     (prefix / 'setup.bash').write_text('\n'.join(lines) + '\n')
 
 
