@@ -33,5 +33,10 @@ class AboveProgress(logging.Handler):
     """Writes log lines to stderr, above a progress bar that is being drawn."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        with tqdm.external_write_mode(sys.stderr):
-            sys.stderr.write(f'{self.format(record)}\n')
+        write_above(self.format(record))
+
+
+def write_above(line: str) -> None:
+    """Write a line to stderr, above a progress bar that is being drawn."""
+    with tqdm.external_write_mode(sys.stderr):
+        sys.stderr.write(f'{line}\n')

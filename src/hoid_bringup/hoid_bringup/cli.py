@@ -17,7 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 
-from hoid_bags.progress import AboveProgress
+from hoid_bags.progress import AboveProgress, write_above
 from hoid_bringup.arguments import Parser
 from hoid_common.config import did_you_mean
 from hoid_common.errors import HoidError, InputError
@@ -125,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(end='', flush=True)  # buffered output may fail to be written
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
-        sys.stderr.write(f'hoid {chosen}: {error}\n')
+        write_above(f'hoid {chosen}: {error}')
         return _FAILED
     except KeyboardInterrupt:
         sys.stderr.write(f'hoid {chosen}: interrupted\n')

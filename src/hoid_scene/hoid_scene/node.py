@@ -153,7 +153,12 @@ class SceneNode(ManagedNode):
             return
         T_map_base = request.T_map_camera @ known.T_camera_base
         if self._masks.update(tracks, T_map_base, request.stamp_ns):
-            self._outputs.publish_masks(self._masks, request.stamp_ns, self.resolve_topic_name)
+            self._publish_masks()
+
+    def _publish_masks(self) -> None:
+        if self._settings.config.navigation.enabled:
+            stamp_ns = self._session.stamp_ns
+            self._outputs.publish_masks(self._masks, stamp_ns, self.resolve_topic_name)
 
     def _on_timer(self) -> None:
         now_s = time.monotonic()
@@ -177,6 +182,7 @@ class SceneNode(ManagedNode):
             self._outputs.note_change()
         if self._outputs.due:
             self._outputs.publish_map(mapper, self._session.stamp_ns)
+            self._publish_masks()  # they have the extent of the grid
             self._report_floor(mapper)
         end_s = time.monotonic()
         self._rest_until_s = end_s + (end_s - start_s) / _WORK_PER_PAUSE
