@@ -46,6 +46,7 @@ class _Copied(NamedTuple):
 
     part: MapPart
     header: MapHeader
+    version: int  # of the map when it was copied
     copy_s: float  # time for which the tracker waited for the copy
 
 
@@ -78,7 +79,7 @@ class CheckpointThread:
         # Whether the session continues the map that is stored; otherwise, that one is kept.
         self.continues_stored = False
         self._writer: MapWriter | None = None
-        # Version of the map of which a checkpoint was written or is being written; None: none.
+        # Version of the map whose last checkpoint was committed; None: there is none.
         self._written: int | None = None
         self._lock = RLock()  # guards the database and its writer
         self._is_writing = Lock()  # held by the only thread besides the node's that may write
@@ -200,7 +201,7 @@ class CheckpointThread:
             return None
         if self._writer is None or self._writer.atlas is not atlas:
             return _Task(self._running.writer(atlas), None, keeps_stored=not self.continues_stored)
-        is_same = atlas.version == self._written
+        is_same = atlas.version == self._written and self._running.path.exists()
         return _Task(self._writer, _header(session) if is_same else None, keeps_stored=False)
 
     def _open(self, task: _Task) -> bool:
@@ -228,17 +229,16 @@ class CheckpointThread:
         if session.slam.map.atlas is not writer.atlas:
             return None
         start_s = time.perf_counter()
-        part = writer.copy()
-        if part.keyframes is not None:
-            self._written = session.slam.map.atlas.version
-        return _Copied(part, _header(session), time.perf_counter() - start_s)
+        part, version = writer.copy(), writer.atlas.version
+        return _Copied(part, _header(session), version, time.perf_counter() - start_s)
 
     def _append(self, writer: MapWriter, copied: _Copied) -> bool:
         """Write a part of the map; return False without writing if the map was discarded."""
         with self._lock:
             if writer is not self._writer or not writer.is_open:
                 return False
-            writer.append(copied.part, copied.header)
+            if writer.append(copied.part, copied.header):
+                self._written = copied.version  # only now: a full disk refuses the transaction
             return True
 
     def _report(self, num_keyframes: int, took_s: float, longest_s: float) -> None:
