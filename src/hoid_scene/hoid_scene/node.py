@@ -9,6 +9,7 @@ from hoid_msgs.msg import KeyframePoses as KeyframePosesMsg
 from rclpy.clock import Clock, ClockType
 
 from hoid_common import topics
+from hoid_common.errors import HoidError
 from hoid_common.io.untrusted import expand_home
 from hoid_common.poses.keyframe_poses import KeyframePoses, SessionKeyframes
 from hoid_common.ros import qos
@@ -84,7 +85,7 @@ class SceneNode(ManagedNode):
 
     def destroy_node(self) -> None:
         """End the node; after an error, the scene is kept for the next process."""
-        self._session.store_objects()
+        self._store_objects()
         self._store.close(keep=not is_end_asked_for())
         super().destroy_node()
 
@@ -167,8 +168,16 @@ class SceneNode(ManagedNode):
         self.diagnostics.report_problem('keyframes', text if is_late else '')
         if now_s - self._stored_s > _STORE_PERIOD_S:
             self._stored_s = now_s
-            self._session.store_objects()
+            self._store_objects()
         self._publish()
+
+    def _store_objects(self) -> None:
+        problem = ''
+        try:
+            self._session.store_objects()
+        except HoidError as error:  # a full disk must not end the node
+            problem = f'a crash would lose the object map: {error}'
+        self.diagnostics.report_problem('store', problem)
 
     def _publish(self) -> None:
         mapper = self._session.mapper

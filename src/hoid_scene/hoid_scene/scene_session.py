@@ -6,9 +6,10 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from hoid_common.errors import HoidError, InputError
+from hoid_common.errors import HoidError, InputError, MapFileError
 from hoid_common.poses.keyframe_poses import SessionKeyframes
 from hoid_scene.config.scene_config import SceneConfig
+from hoid_scene.dense.view_store import ViewStore
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.store import scene_file
 from hoid_scene.store.scene_file import SavedScene
@@ -26,7 +27,8 @@ class SceneSession:
     Attributes:
         mapper: The scene mapper; None: there is none yet, or all maps are off.
         stamp_ns: Stamp of the latest image that was used; 0: none yet.
-        problem: Why the scene of a loaded map was left out; '': it was not.
+        problem: Why the scene of a loaded map was left out, or why the scene is not stored; '':
+            neither is so.
 
     Args:
         config: Parameters of the scene.
@@ -45,13 +47,14 @@ class SceneSession:
         self.known: SessionKeyframes | None = None  # as of the last message
         self.mapper: SceneMapper | None = None
         self.stamp_ns = 0
+        self._num_loaded = 0  # number of map files whose scene is in the mapper
         self.problem = ''
 
     def update(self, known: SessionKeyframes) -> None:
         """Follow the keyframes of the SLAM node: correct the scene, load a map, or begin anew.
 
         Raises:
-            MapFileError: The store cannot be read or written.
+            MapFileError: The store cannot be read or written any more.
         """
         is_other = self.known is None or known.session != self.known.session
         self.known = known
@@ -90,8 +93,7 @@ class SceneSession:
     def _begin(self, known: SessionKeyframes) -> None:
         self.mapper, self.problem = None, ''
         if known.camera is not None:
-            is_stored = self._is_stored(known)
-            views = self._store.views() if is_stored else self._store.begin(known.session)
+            is_stored, views = self._stored_views(known)
             config = self._config
             self.mapper = SceneMapper(
                 known.camera,
@@ -102,10 +104,26 @@ class SceneSession:
                 views=views,
             )
             self.mapper.correct(known.keyframes)
+            stored = self._store.session
+            self._num_loaded = 0 if stored is None else stored.num_loaded
             if is_stored:
                 self._restore(self.mapper)
             self._load(known)
         self._on_begin(known)
+
+    def _stored_views(self, known: SessionKeyframes) -> tuple[bool, ViewStore | None]:
+        """Return whether the scene of a session is stored, and the store of its images.
+
+        On a disk that cannot be written, the images are in a temporary store (None).
+        """
+        try:
+            if self._is_stored(known):
+                return True, self._store.views()
+            return False, self._store.begin(known.session)
+        except MapFileError as error:
+            self.problem = f'a crash would lose the scene, which cannot be stored: {error}'
+            _LOG.warning('%s', self.problem)
+            return False, None
 
     def _is_stored(self, known: SessionKeyframes) -> bool:
         """Return whether the stored scene is that of this session, or is continued by it."""
@@ -123,8 +141,8 @@ class SceneSession:
 
     def _load(self, known: SessionKeyframes) -> None:
         """Add the scene of the map that was loaded last, unless it was added before."""
-        mapper, loaded, stored = self.mapper, known.loaded, self._store.session
-        if mapper is None or stored is None or loaded.number <= stored.num_loaded:
+        mapper, loaded = self.mapper, known.loaded
+        if mapper is None or loaded.number <= self._num_loaded:
             return
         scene, path = SavedScene(), Path(loaded.source)
         try:
@@ -135,4 +153,5 @@ class SceneSession:
         except HoidError as error:
             self.problem = f'the scene of the loaded map is left out: {error}'
             _LOG.warning('%s', self.problem)
+        self._num_loaded = loaded.number
         self._store.add_loaded(scene, loaded.number)

@@ -192,3 +192,17 @@ def test_a_damaged_store_is_replaced(tmp_path: Path) -> None:
     second = Process(tmp_path)
     second.session.update(known('a', 0))
     assert len(second.points_m) == 0
+
+
+def test_a_scene_whose_store_cannot_be_written_is_mapped_all_the_same(tmp_path: Path) -> None:
+    """As after a reset on a full disk. A folder has the name of the store here."""
+    (tmp_path / f'store{SUFFIX}').mkdir()
+    process = Process(tmp_path, **{'object_map.enabled': True})
+    process.map(known('a', 3, 4))
+    assert 'a crash would lose the scene, which cannot be stored: ' in process.session.problem
+    assert len(process.points_m) > 100
+    process.session.store_objects()
+    (tmp_path / f'store{SUFFIX}').rmdir()
+    process.map(known('b', 5, 6))
+    assert process.session.problem == ''
+    assert process.store.session is not None

@@ -6,6 +6,7 @@ files. The anchors in it are uids of keyframes of the session, which has a row o
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -52,11 +53,18 @@ class SceneStore:
             self._reopen()
 
     def begin(self, session: str) -> ViewStore:
-        """Discard the stored scene, and return the store of the images of another session."""
+        """Discard the stored scene, and return the store of the images of another session.
+
+        After an error, nothing is stored until the next session.
+        """
         self._discard()
-        self._database = Database.start(self._path, TABLES)
-        self._note(StoredSession(session, 0))
-        return ViewStore(self._database)
+        try:
+            self._database = Database.start(self._path, TABLES)
+            self._note(StoredSession(session, 0))
+            return ViewStore(self._database)
+        except MapFileError:
+            self._discard()
+            raise
 
     def views(self) -> ViewStore:
         """Return the store of the images of the present session."""
@@ -68,7 +76,9 @@ class SceneStore:
 
     def add_loaded(self, scene: SavedScene, num_loaded: int) -> None:
         """Store that a scene was loaded, whose anchors are uids of this session."""
-        database = self._require()
+        database = self._database
+        if database is None:
+            return
         first = database.count(SUBMAPS)
         states = [] if scene.dense is None else scene.dense.split()
         with database.transaction():
@@ -78,7 +88,9 @@ class SceneStore:
 
     def put_objects(self, objects: ObjectMapState | None) -> None:
         """Store the object map, whose anchors are uids."""
-        database = self._require()
+        database = self._database
+        if database is None:
+            return
         with database.transaction():
             database.clear(OBJECTS)
             if objects is not None:
@@ -136,4 +148,5 @@ class SceneStore:
             self._database.close()
         self._database, self.session = None, None
         for path in (self._path, *side_files(self._path)):
-            path.unlink(missing_ok=True)
+            with suppress(OSError):  # a disk that is read-only, as the next session reports
+                path.unlink(missing_ok=True)

@@ -63,7 +63,7 @@ def disk_cases(
                         complaint = saves.complaint(are_done=False)
                         for command in bags_of(harness.maps / 'bag'):
                             complaint = complaint or _bag_complaint(harness, command)
-                    return CaseResult(complaint or saves.complaint(are_done=True))
+                    return CaseResult(complaint or saves.first_complaint())
 
                 yield harness.outcome(kind, seed, trouble)
     finally:
@@ -121,7 +121,10 @@ class SaveChecks:
         )
 
     def first_complaint(self) -> str:
-        """Return `complaint(are_done=True)` once there is a map of which files can be written."""
+        """Return `complaint(are_done=True)` once there is a map of which files can be written.
+
+        After a reset, the scene begins some images later than the SLAM node.
+        """
         end_s = time.monotonic() + _CHECKPOINT_S
         while (complaint := self.complaint(are_done=True)) and time.monotonic() < end_s:
             self._sender.send()
