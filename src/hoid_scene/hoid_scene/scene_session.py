@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
-from hoid_common.errors import HoidError, InputError, MapFileError
+from hoid_common.errors import HoidError, InputError
 from hoid_common.poses.keyframe_poses import SessionKeyframes
 from hoid_scene.config.scene_config import SceneConfig
 from hoid_scene.dense.view_store import ViewStore
@@ -120,7 +120,7 @@ class SceneSession:
             if self._is_stored(known):
                 return True, self._store.views()
             return False, self._store.begin(known.session)
-        except MapFileError as error:
+        except HoidError as error:
             self.problem = f'a crash would lose the scene, which cannot be stored: {error}'
             _LOG.warning('%s', self.problem)
             return False, None

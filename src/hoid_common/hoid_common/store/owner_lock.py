@@ -34,8 +34,11 @@ class OwnerLock:
         self._descriptor: int | None = None
         with suppress(OSError):  # the database cannot be written either, which its writer reports
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            # Only read, so that the disk can be made read-only meanwhile.
+            flags = os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC
+            self._descriptor = os.open(path, flags, 0o644)
             self._lock(self._descriptor, path.parent, owner)
+            path.write_text(f'process {os.getpid()} on {socket.gethostname()}\n')
 
     def release(self) -> None:
         """Release the database."""
@@ -62,5 +65,3 @@ class OwnerLock:
                 f'stores its map in {folder}. End it, or give this node another namespace, '
                 'ROS_DOMAIN_ID or map_directory'
             ) from None
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f'process {os.getpid()} on {socket.gethostname()}\n'.encode(), 0)

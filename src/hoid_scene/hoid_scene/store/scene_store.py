@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from hoid_common.errors import MapFileError
+from hoid_common.errors import HoidError, MapFileError
 from hoid_common.store.database import Database, side_files
 from hoid_common.store.owner_lock import OwnerLock
 from hoid_common.store.table import Table
@@ -55,14 +55,15 @@ class SceneStore:
     def begin(self, session: str) -> ViewStore:
         """Discard the stored scene, and return the store of the images of another session.
 
-        After an error, nothing is stored until the next session.
+        After an error, such as InputError for a folder that cannot be written, nothing is stored
+        until the next session.
         """
         self._discard()
         try:
             self._database = Database.start(self._path, TABLES)
             self._note(StoredSession(session, 0))
             return ViewStore(self._database)
-        except MapFileError:
+        except HoidError:
             self._discard()
             raise
 
