@@ -17,6 +17,7 @@ from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 
 TWICE = CameraModel(1280, 960, 1050.0, 1050.0, 639.5, 479.5)
+WIDE = CameraModel(848, 480, 615.0, 615.0, 423.5, 239.5)  # no whole multiple of CAMERA
 
 
 class Peer(SlamPeer):
@@ -57,23 +58,44 @@ def peer(start: Start, probe: Probe) -> Peer:
     return Peer(probe)
 
 
-def test_the_right_camera_info_replaces_a_first_one_of_twice_the_size(peer: Peer) -> None:
+def test_the_right_camera_info_replaces_a_first_one_of_another_size(peer: Peer) -> None:
     header = conversions.header_to_msg(START_NS, OPTICAL)
-    peer.begin(conversions.camera_to_msg(TWICE, header))
+    peer.begin(conversions.camera_to_msg(WIDE, header))
     for i in range(3):
         stamp_ns = START_NS + i * PERIOD_NS
         peer.features.publish(features_msg(peer.world.features(np.eye(4), stamp_ns)))
-    peer.wait_for_problem('camera_info is of 1280x960 px, images are of 640x480 px')
-    peer.wait_for_count('features refused', 3)
+        peer.wait_for_count('features refused', i + 1)
+    peer.wait_for_problem('camera_info is of 848x480 px, images are of 640x480 px')
     peer.send_info(CAMERA)
     peer.wait_for_start()
+    check_tracking(peer)
+    peer.wait_for_no_problem('camera_info is of')
+
+
+def test_a_first_camera_info_of_twice_the_size_is_scaled_until_the_right_one_comes(
+    peer: Peer,
+) -> None:
+    header = conversions.header_to_msg(START_NS, OPTICAL)
+    peer.begin(conversions.camera_to_msg(TWICE, header))
+    peer.send(1)
+    peer.wait_for_problem('it is scaled to them')
+    peer.send_info(CAMERA)
+    peer.wait_for_no_problem('it is scaled to them')
+    check_tracking(peer)
+    assert 'features refused' not in peer.diagnosis()[1]
+
+
+def check_tracking(peer: Peer) -> None:
+    """Send 20 images, and check how far the camera has moved."""
+    first = peer.next
     peer.send(20)
     assert peer.status[-1].state == SlamStatus.TRACKING
-    expected = pose_after(19, turn_rad=0.004)
-    T_first, T_last = peer.pose(START_NS), peer.pose(START_NS + 19 * PERIOD_NS)
-    moved = np.linalg.norm((np.linalg.inv(T_first) @ T_last)[:3, 3])
-    assert moved == pytest.approx(np.linalg.norm(expected[:3, 3]), abs=0.004)
-    peer.wait_for_no_problem('camera_info is of')
+    stamps_ns = [START_NS + i * PERIOD_NS for i in (first, first + 19)]
+    T_first, T_last = (peer.pose(stamp_ns) for stamp_ns in stamps_ns)
+    expected_first, expected_last = (pose_after(i, turn_rad=0.004) for i in (first, first + 19))
+    expected_m = np.linalg.norm((np.linalg.inv(expected_first) @ expected_last)[:3, 3])
+    moved_m = np.linalg.norm((np.linalg.inv(T_first) @ T_last)[:3, 3])
+    assert moved_m == pytest.approx(expected_m, abs=0.004)
 
 
 def test_a_stray_camera_info_is_reported_until_the_right_one_returns(peer: Peer) -> None:

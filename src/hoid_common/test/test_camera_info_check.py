@@ -111,6 +111,17 @@ def test_a_calibration_of_the_right_size_replaces_a_scaled_one() -> None:
     assert (check.camera, check.problem) == (RIGHT, '')
 
 
+def test_the_calibration_that_a_scaled_one_equals_is_no_problem() -> None:
+    check = CameraInfoCheck(REMEDY)
+    check.update(TWICE)
+    check.check_image(SIZE)
+    assert check.camera is not None and check.problem
+    assert not check.update(check.camera)
+    assert check.problem == ''
+    assert not check.update(TWICE)
+    assert 'it is scaled to them' in check.problem
+
+
 def test_cameras_are_scaled_about_the_border_of_the_image() -> None:
     third = CameraModel(213, 160, 170.0, 171.0, 106.0, 79.5)
     assert third.scaled_to((639, 480)) == CameraModel(639, 480, 510.0, 513.0, 319.0, 239.5)

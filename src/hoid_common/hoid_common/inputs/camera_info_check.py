@@ -58,7 +58,7 @@ class CameraInfoCheck:
             camera, scaling = self._scaled(camera)
         self._size_problem = self.size_mismatch(camera)
         if camera == self.camera:
-            self._candidate, self.change = None, ''
+            self._candidate, self.change, self.scaling = None, '', scaling
             return False
         if self.camera is not None and self._num_images >= _TRIAL_IMAGES:
             self.change = self._change_text(self.camera, camera, 'since the map depends on it')

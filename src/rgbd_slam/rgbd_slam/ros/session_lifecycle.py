@@ -188,10 +188,9 @@ class SessionLifecycle:
 
         Called for each image too: a camera info may be published once, before the base is known.
         """
-        if self.session is None and self._last_camera is not None:
-            camera, header = self._last_camera
-            if camera == self._cameras.camera:
-                self.session = self._start(camera, header)
+        camera = self._cameras.camera  # perhaps scaled: not always that of the message
+        if self.session is None and camera is not None and self._last_camera is not None:
+            self.session = self._start(camera, self._last_camera[1])
 
     def _check_frame(self, what: str, frame: str) -> None:
         """Report messages of another frame than that of the camera info that began the session."""
