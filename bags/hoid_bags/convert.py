@@ -25,6 +25,7 @@ from hoid_bags.storage.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
 from hoid_bags.tum.tum_folder import ListedImage, TumFolder, open_tum_folder
 from hoid_common import topics
 from hoid_common.config import Config, param
+from hoid_common.io.tum_text import NumberTable
 from hoid_common.values import CameraModel
 
 
@@ -128,21 +129,21 @@ def _add_topics(
     writer.add_topic(depth.topic, depth.type_name)
     if source.ground_truth is not None:
         writer.add_topic(topics.GROUND_TRUTH, POSE_STAMPED)
-    if source.accelerometer is not None:
-        writer.add_topic(topics.ACCELEROMETER, IMU)
-    if source.gyro is not None:
-        writer.add_topic(topics.IMU, IMU)
+    for topic, _ in _imu_tables(source):
+        writer.add_topic(topic, IMU)
 
 
 def _num_messages(source: TumFolder) -> int:
-    truth, accelerometer = source.ground_truth, source.accelerometer
+    truth = source.ground_truth
     num_images = 2 * len(source.color) + len(source.depth)  # each color image has a camera_info
-    return (
-        num_images
-        + (0 if truth is None else len(truth))
-        + (0 if accelerometer is None else len(accelerometer.stamps_ns))
-        + (0 if source.gyro is None else len(source.gyro.stamps_ns))
-    )
+    num_samples = sum(len(table.stamps_ns) for _, table in _imu_tables(source))
+    return num_images + (0 if truth is None else len(truth)) + num_samples
+
+
+def _imu_tables(source: TumFolder) -> list[tuple[str, NumberTable]]:
+    """Return the samples of the sensors that the recording has, each with its topic."""
+    tables = ((topics.ACCELEROMETER, source.accelerometer), (topics.IMU, source.gyro))
+    return [(topic, table) for topic, table in tables if table is not None]
 
 
 def _in_order_of_time(
@@ -154,8 +155,7 @@ def _in_order_of_time(
         _image_stream(source.color, color),
         _image_stream(source.depth, depth),
         _truth_stream(source),
-        _accelerometer_stream(source),
-        _gyro_stream(source),
+        *(_imu_stream(topic, table) for topic, table in _imu_tables(source)),
     )
     return heapq.merge(*streams, key=attrgetter('stamp_ns'))
 
@@ -181,16 +181,8 @@ def _truth_stream(source: TumFolder) -> Iterator[_Stamped]:
             yield _Stamped(stamp_ns, topics.GROUND_TRUTH, message)
 
 
-def _accelerometer_stream(source: TumFolder) -> Iterator[_Stamped]:
-    table = source.accelerometer
-    if table is not None:
-        for stamp_ns, values in zip(table.stamps_ns.tolist(), table.values, strict=True):
-            yield _Stamped(stamp_ns, topics.ACCELEROMETER, bag_messages.imu(stamp_ns, values))
-
-
-def _gyro_stream(source: TumFolder) -> Iterator[_Stamped]:
-    table = source.gyro
-    if table is not None:
-        for stamp_ns, rates in zip(table.stamps_ns.tolist(), table.values, strict=True):
-            message = bag_messages.imu(stamp_ns, rate_radps=rates)
-            yield _Stamped(stamp_ns, topics.IMU, message)
+def _imu_stream(topic: str, table: NumberTable) -> Iterator[_Stamped]:
+    for stamp_ns, values in zip(table.stamps_ns.tolist(), table.values, strict=True):
+        is_gyro = topic == topics.IMU
+        sensors = (None, values) if is_gyro else (values, None)
+        yield _Stamped(stamp_ns, topic, bag_messages.imu(stamp_ns, *sensors))

@@ -14,7 +14,7 @@ from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError
-from hoid_common.topics import COMPRESSED_SUFFIXES
+from hoid_common.topics import image_base
 from hoid_common.values import NS_PER_S, CameraModel
 
 
@@ -37,30 +37,6 @@ def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that name the topics of a bag, or the driver that recorded it."""
-    _add_topic_names(parser)
-    parser.add_argument(
-        '--driver',
-        choices=tuple(CAMERA_TOPICS),
-        default='',
-        help='driver that recorded the bag, by whose names topics are found (default: any)',
-    )
-
-
-def add_recording_arguments(
-    parser: argparse.ArgumentParser, what: str = 'TUM folder or bag'
-) -> None:
-    """Declare the argument for a recording, and the options for its topics, camera and units.
-
-    Args:
-        parser: The parser.
-        what: Help text of the argument.
-    """
-    parser.add_argument('input', metavar='INPUT', type=Path, help=what)
-    add_folder_arguments(parser)
-    add_topic_arguments(parser)
-
-
-def _add_topic_names(parser: argparse.ArgumentParser) -> None:
     for option, what in (
         ('rgb', 'color images'),
         ('depth', 'depth images'),
@@ -80,6 +56,24 @@ def _add_topic_names(parser: argparse.ArgumentParser) -> None:
         help='time by which the stamps of depth images are later than those of the color images '
         'of the same instant in s (default: %(default)g)',
     )
+    parser.add_argument(
+        '--driver',
+        choices=tuple(CAMERA_TOPICS),
+        default='',
+        help='driver that recorded the bag, by whose names topics are found (default: any)',
+    )
+
+
+def add_recording_arguments(
+    parser: argparse.ArgumentParser, what: str = 'TUM folder or bag'
+) -> None:
+    """Declare the argument for a recording, and the options for its topics, camera and units.
+
+    `what` is the help text of the argument.
+    """
+    parser.add_argument('input', metavar='INPUT', type=Path, help=what)
+    add_folder_arguments(parser)
+    add_topic_arguments(parser)
 
 
 def depth_offset_ns(args: argparse.Namespace) -> int:
@@ -110,10 +104,7 @@ def open_recording(
 ) -> Sequence:
     """Open a recording with the options of the command line; print a bag's topics on stderr.
 
-    Args:
-        args: Parsed options.
-        path: The recording.
-        max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
+    A color and a depth image make a pair only if their stamps differ by less than `max_gap_ns`.
 
     Raises:
         InputError: The recording or the camera file cannot be read.
@@ -139,9 +130,7 @@ def open_recording(
 
 
 def _is_of_driver(topic: str, driver: str) -> bool:
-    for ending in COMPRESSED_SUFFIXES:
-        topic = topic.removesuffix(ending)
-    return f'/{topic}'.endswith(f'/{CAMERA_TOPICS[driver].rgb_image}')
+    return f'/{image_base(topic)}'.endswith(f'/{CAMERA_TOPICS[driver].rgb_image}')
 
 
 def chosen_camera(args: argparse.Namespace) -> CameraModel | None:

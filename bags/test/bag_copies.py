@@ -8,7 +8,8 @@ from pathlib import Path
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
-from hoid_bags.bag.bag_reader import BagMessage, BagReader
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.contents import BagMessage
 from hoid_bags.storage import bag_types
 
 

@@ -7,12 +7,12 @@ from contextlib import ExitStack, suppress
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple, Self
+from typing import Self
 
-from rosbags.interfaces import ConnectionExtRosbag2, Qos
+from rosbags.interfaces import ConnectionExtRosbag2
 
+from hoid_bags.bag.contents import BagMessage, BagTopic, PartReader, is_container, parts_of
 from hoid_bags.bag.metadata import METADATA, read_metadata
-from hoid_bags.bag.parts import PartReader, is_container, parts_of
 from hoid_bags.storage.chunks import DAMAGE, ZSTD_MAGIC, describe_damage, one_line, unpack_message
 from hoid_bags.storage.mcap_file import McapFile
 from hoid_bags.storage.packed_file import SUFFIX, unpack_file
@@ -26,27 +26,6 @@ from hoid_common.values import NS_PER_S
 _STORAGE_SUFFIXES = ('.mcap', '.db3', f'.mcap{SUFFIX}', f'.db3{SUFFIX}')
 _File = McapFile | SqliteFile | Ros1File
 _FIRST_WINDOW_NS = NS_PER_S  # chosen: contains the last message of most topics
-
-
-class BagTopic(NamedTuple):
-    """One topic of a bag."""
-
-    name: str  # absolute
-    type_name: str
-    num_messages: int
-    qos: Qos | None  # profile that its first publisher offered; None: unknown
-    is_readable: bool = True  # False: ROS 2 lacks the type of a topic of a ROS 1 bag
-    source: str = ''  # topic whose messages contain this one, as a video contains images
-    is_video: bool = False  # whether `source` is a video
-    video_px: tuple[int, int] | None = None  # size of its images, as far as it is known
-
-
-class BagMessage(NamedTuple):
-    """One message, still serialized."""
-
-    topic: str
-    log_ns: int  # time at which it was recorded
-    data: bytes  # serialized message (CDR)
 
 
 def is_bag(path: Path) -> bool:
@@ -142,19 +121,11 @@ class BagReader:
 
         Their messages are read under their names by `messages`. They are in no other list.
         """
-        found = []
-        for topic in self.topics:
-            first = None
-            if topic.is_readable and is_container(topic.type_name):
-                first = next(self.messages([topic.name]), None)
-            with suppress(MessageError):
-                for part in parts_of(topic.name, topic.type_name, first.data) if first else ():
-                    named = topic._replace(name=part.name, type_name=part.type_name)
-                    found.append(
-                        named._replace(
-                            source=topic.name, is_video=part.is_video, video_px=part.size_px
-                        )
-                    )
+        found: list[BagTopic] = []
+        for topic in filter(is_container, self.topics):
+            if (first := next(self.messages([topic.name]), None)) is not None:
+                with suppress(MessageError):
+                    found += parts_of(topic, first.data)
         return tuple(found)
 
     @property
@@ -219,17 +190,16 @@ class BagReader:
                 if topics is None or connection.topic in topics:
                     yield BagMessage(connection.topic, log_ns, data)
                 if (reader := readers.get(connection.topic)) is not None:
-                    yield from (BagMessage(*part) for part in reader.read(log_ns, data))
+                    yield from reader.read(log_ns, data)
         for reader in readers.values():
-            yield from (BagMessage(*part) for part in reader.flush())
+            yield from reader.flush()
 
     def _part_readers(self, topics: Collection[str] | None) -> dict[str, PartReader]:
-        names = {topic.name for topic in self.topics}
-        if topics is None or names.issuperset(topics):
+        by_name = {topic.name: topic for topic in self.topics}
+        if topics is None or by_name.keys() >= set(topics):
             return {}
-        kinds = {topic.name: topic.type_name for topic in self.topics}
         sources = {part.source for part in self.parts if part.name in topics}
-        return {source: PartReader(source, kinds[source], topics) for source in sources}
+        return {source: PartReader(by_name[source], topics) for source in sources}
 
     @property
     def _mcap_files(self) -> list[McapFile]:

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.bag.bag_reader import BagReader, BagTopic
+from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_topics import RecordedTopics, TopicChoice, find_topics
+from hoid_bags.bag.contents import BagTopic
 from hoid_bags.bag.image_messages import decode_color, decode_depth, image_head
 from hoid_bags.bag.stamps import header_stamp_ns, stamp_ns
 from hoid_bags.images import check_size

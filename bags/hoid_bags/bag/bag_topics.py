@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 from itertools import takewhile
 from typing import Any, NamedTuple
 
-from hoid_bags.bag.bag_reader import BagReader, BagTopic
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.contents import BagTopic
 from hoid_bags.bag.image_messages import ImageHead, image_head
 from hoid_bags.storage import bag_types as types
 from hoid_common import topics

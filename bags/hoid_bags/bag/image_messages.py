@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from hoid_bags.bag.bag_reader import BagTopic
+from hoid_bags.bag.contents import BagTopic
 from hoid_bags.images import check_complete
 from hoid_bags.storage.bag_types import IMAGE, deserialize
 from hoid_common.io import images
@@ -61,16 +61,17 @@ class ImageHead(NamedTuple):
 def image_head(data: bytes, topic: BagTopic) -> ImageHead:
     """Return kind and size of an image from its message, without decoding the image.
 
-    A raw mono16 image is depth only if the topic's name contains depth, stereo or disparity.
+    A mono16 image is depth only if the topic's name contains depth, stereo or disparity.
 
     Raises:
         MessageError: The data is no message of the topic's type.
     """
     message = deserialize(data, topic.type_name)
+    encoding: str
+    size_px: tuple[int, int] | None
     if topic.type_name == IMAGE:
-        is_gray = message.encoding == 'mono16' and not _DEPTH_NAME.search(topic.name)
-        is_depth = message.encoding in images.DEPTH_ENCODINGS and not is_gray
-        return ImageHead(is_depth, (message.width, message.height))
-    encoding, size_px = compressed_head(message.format, message.data)
+        encoding, size_px = message.encoding, (message.width, message.height)
+    else:
+        encoding, size_px = compressed_head(message.format, message.data)
     is_gray = encoding == 'mono16' and not _DEPTH_NAME.search(topic.name)
     return ImageHead(encoding in images.DEPTH_ENCODINGS and not is_gray, size_px)

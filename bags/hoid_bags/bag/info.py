@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from rosbags.interfaces import QosDurability
 
-from hoid_bags.bag.bag_reader import BagReader, BagTopic
+from hoid_bags.bag.bag_reader import BagReader
+from hoid_bags.bag.contents import BagTopic
 from hoid_common.io.stamps import format_stamp_s
 from hoid_common.values import NS_PER_S
 

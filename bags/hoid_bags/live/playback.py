@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from hoid_bags.bag.bag_reader import BagReader, BagTopic
+from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_topics import topics_to_play
+from hoid_bags.bag.contents import BagTopic
 from hoid_bags.bag.stamps import begins_with_header, shift_header_stamp
 from hoid_common.config import Config, param
 from hoid_common.errors import InputError

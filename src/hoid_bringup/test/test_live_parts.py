@@ -12,9 +12,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_topics import RecordedTopics
+from hoid_bags.bag.contents import BagTopic
 from hoid_bringup.live.live_metrics import LiveMetrics
 from hoid_bringup.live.node_specs import NodeOptions, node_specs, parameter_arguments
 from hoid_bringup.live.replay_plan import ReplayConfig, node_options, player_spec

@@ -9,8 +9,8 @@ from typing import Any
 
 from rosbags.interfaces import QosReliability
 
-from hoid_bags.bag.bag_reader import BagTopic
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_bags.bag.contents import BagTopic
 from hoid_bags.storage.bag_types import COMPRESSED_IMAGE
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec
