@@ -29,7 +29,7 @@ PACKAGES = """
 LAYERS = {
     'hoid_common': """
         errors log_throttle topics slam_status < camera_topics config values
-        < se3 process sync < io poses < inputs store < ros
+        < se3 process sync < io messages poses < inputs store < ros
     """,
     'hoid_detector': """
         drawing expected_objects newest_wins quarter_turn < model < config < onnx_detector < node

@@ -12,6 +12,7 @@ from tf2_msgs.msg import TFMessage
 
 from hoid_common import se3
 from hoid_common.errors import MessageError
+from hoid_common.messages import imu_from_msg
 from hoid_common.ros import conversions, qos
 from hoid_common.values import S_PER_NS, FloatArray
 from hoid_system_tests.frame_tree import OPTICAL
@@ -20,7 +21,6 @@ from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
 from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
 from rgbd_slam.robot_frames import camera_mount
-from rgbd_slam.ros.motion.imu_message import imu_from_msg
 
 IMU_FRAME = 'imu_frame'
 IMU_NS = 5_000_000

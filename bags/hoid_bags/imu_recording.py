@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from hoid_bags.bag.bag_messages import imu_values
 from hoid_bags.bag.bag_reader import BagReader, is_bag
-from hoid_bags.bag.stamps import stamp_ns
 from hoid_bags.storage import bag_types as types
 from hoid_bags.tum.layouts import TUM, find_layout
 from hoid_common import topics
@@ -18,6 +17,7 @@ from hoid_common.errors import InputError, MessageError
 from hoid_common.io.stamps import in_order
 from hoid_common.io.tum_text import NumberTable, read_numbers, read_rows
 from hoid_common.io.untrusted import read_text
+from hoid_common.messages import ImuSample, imu_from_msg
 
 # Chosen: unless names show which sensor it is, a sensor whose median vector has a length between
 # these is an accelerometer [m/s^2], and any other is a gyro. No camera turns at 7 rad/s for a
@@ -122,33 +122,32 @@ def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
             there is no sample of either sensor.
     """
     topic = f'/{topic.lstrip("/")}'
-    rates: list[list[float]] = []
-    accelerations: list[list[float]] = []
+    samples: list[ImuSample] = []
     with BagReader(bag) as reader:
         found = {item.name: item for item in reader.topics}.get(topic)
         if found is None or found.type_name != types.IMU:
             names = ', '.join(item.name for item in reader.topics if item.type_name == types.IMU)
             raise InputError(f'{bag}: no topic {topic} of {types.IMU}; it has {names or "none"}')
-        stamps: tuple[list[int], list[int]] = [], []
         for message in reader.messages([topic]):
             try:
                 msg = types.deserialize(message.data, types.IMU)
             except MessageError as error:
                 raise InputError(f'{bag}: {topic}: {error}') from error
-            for values, rows, times in zip(
-                imu_values(msg), (rates, accelerations), stamps, strict=True
-            ):
-                if values is not None:
-                    rows.append(values)
-                    times.append(stamp_ns(msg))
-    if not rates and not accelerations:
+            with suppress(MessageError):  # the message has neither sensor
+                samples.append(imu_from_msg(msg))
+    if not samples:
         raise InputError(f'{bag}: {topic} has no rates and no accelerations')
-    return ImuRecording(_table(stamps[0], rates), _table(stamps[1], accelerations))
+    return ImuRecording(
+        _table([(s.stamp_ns, s.rate_radps) for s in samples]),
+        _table([(s.stamp_ns, s.acceleration_mps2) for s in samples]),
+    )
 
 
-def _table(stamps_ns: list[int], values: list[list[float]]) -> NumberTable | None:
-    if not values:
+def _table(rows: list[tuple[int, tuple[float, float, float] | None]]) -> NumberTable | None:
+    known = [(stamp_ns, values) for stamp_ns, values in rows if values is not None]
+    if not known:
         return None
+    stamps_ns, values = zip(*known, strict=True)
     order = in_order(stamps_ns)
     return NumberTable(order.stamps_ns, np.array(values)[order.positions])
 

@@ -1,18 +1,19 @@
-"""Conversion of the suite's values to messages of a bag, and back."""
+"""Conversion of the suite's values to messages of a bag, and of some messages back."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoid_bags.bag.stamps import header
-from hoid_bags.bag.stamps import stamp_ns as message_stamp_ns
 from hoid_bags.storage import bag_types as types
 from hoid_bags.storage.bag_types import Message, new_message
 from hoid_common import se3
 from hoid_common.errors import MessageError
+from hoid_common.messages import transform_from_msg
 from hoid_common.values import CameraModel, Detections, FloatArray
 
 CAMERA_FRAME = 'camera_color_optical_frame'
@@ -20,7 +21,6 @@ CAMERA_FRAME = 'camera_color_optical_frame'
 IMU_FRAME = 'camera_imu_frame'
 WORLD_FRAME = 'world'
 """Fixed frame of the ground truth."""
-_MIN_QUATERNION_NORM = 0.5  # chosen: rotations have norm 1; unset orientations have norm 0
 
 
 def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
@@ -93,28 +93,13 @@ def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:
     return new_message(types.POSE_STAMPED, header=header(stamp_ns, WORLD_FRAME), pose=pose)
 
 
-def pose_from_message(message: Message) -> FloatArray:
-    """Return the (4, 4) pose of a geometry_msgs/PoseStamped in the frame of its header.
-
-    Raises:
-        MessageError: A number is not finite, or the norm of the quaternion is at most 0.5.
-    """
-    p, q = message.pose.position, message.pose.orientation
-    quat, place = np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z])
-    if not (np.isfinite([*quat, *place]).all() and np.linalg.norm(quat) > _MIN_QUATERNION_NORM):
-        raise MessageError(f'({p.x} {p.y} {p.z}), ({q.x} {q.y} {q.z} {q.w}) is no pose')
-    return se3.from_quat_translation(quat, place)
-
-
 def static_edges(message: Message) -> list[tuple[str, str, FloatArray]]:
-    """Return the edges (parent, child, T_parent_child) of a tf2_msgs/TFMessage."""
+    """Return the valid edges (parent, child, T_parent_child) of a tf2_msgs/TFMessage."""
     edges = []
     for edge in message.transforms:
-        q, p = edge.transform.rotation, edge.transform.translation
-        quat, place = np.array([q.x, q.y, q.z, q.w]), np.array([p.x, p.y, p.z])
-        if np.isfinite([*quat, *place]).all() and np.linalg.norm(quat) > _MIN_QUATERNION_NORM:
-            names = edge.header.frame_id.lstrip('/'), edge.child_frame_id.lstrip('/')
-            edges.append((*names, se3.from_quat_translation(quat, place)))
+        names = edge.header.frame_id.lstrip('/'), edge.child_frame_id.lstrip('/')
+        with suppress(MessageError):
+            edges.append((*names, transform_from_msg(edge)))
     return edges
 
 
@@ -155,22 +140,6 @@ def imu(
     )
 
 
-def imu_values(message: Message) -> tuple[list[float] | None, list[float] | None]:
-    """Return the angular velocity [rad/s] and the acceleration [m/s^2] of a sensor_msgs/Imu.
-
-    A value is None if it is marked as missing: the first entry of its covariance is negative. It
-    is None as well if all three entries are zero: drivers that publish the sensors apart leave
-    them zero, and no sensor measures that. The SLAM node reads the messages in the same way.
-    """
-    rate, force = message.angular_velocity, message.linear_acceleration
-    has_rate = message.angular_velocity_covariance[0] >= 0 and any((rate.x, rate.y, rate.z))
-    has_force = message.linear_acceleration_covariance[0] >= 0 and any((force.x, force.y, force.z))
-    return (
-        [rate.x, rate.y, rate.z] if has_rate else None,
-        [force.x, force.y, force.z] if has_force else None,
-    )
-
-
 def detection_array(detections: Detections, camera: CameraModel) -> Message:
     """Return the hoid_msgs/DetectionArray of ground-truth boxes in images of a camera."""
     boxes = detections.boxes_xyxy_px.tolist()
@@ -196,20 +165,4 @@ def detection_array(detections: Detections, camera: CameraModel) -> Message:
         image_height=camera.height_px,
         inference_ms=0.0,
         detections=entries,
-    )
-
-
-def detections_from_message(message: Message) -> Detections:
-    """Return the detections of a hoid_msgs/DetectionArray.
-
-    Raises:
-        MessageError: A class name is too long.
-    """
-    entries = message.detections
-    boxes = [(d.x_min, d.y_min, d.x_max, d.y_max) for d in entries]
-    return Detections(
-        message_stamp_ns(message),
-        np.array(boxes, np.float32).reshape(-1, 4),
-        tuple(d.class_name for d in entries),
-        np.array([d.score for d in entries], np.float32),
     )

@@ -15,7 +15,7 @@ from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_topics import RecordedTopics, TopicChoice, find_topics
 from hoid_bags.bag.contents import BagTopic
 from hoid_bags.bag.image_messages import decode_color, decode_depth, image_head
-from hoid_bags.bag.stamps import header_stamp_ns, stamp_ns
+from hoid_bags.bag.stamps import header_stamp_ns
 from hoid_bags.images import check_size
 from hoid_bags.storage import bag_types
 from hoid_bags.storage.bag_types import Message
@@ -27,6 +27,7 @@ from hoid_common.io.camera_info import camera_from_info, rectification_doubt
 from hoid_common.io.depth import DepthUnitWarning
 from hoid_common.io.images import UNIT_REMEDY
 from hoid_common.io.stamps import in_order, longest_pass
+from hoid_common.messages import detections_from_msg, pose_from_msg, stamp_from_msg
 from hoid_common.values import (
     CameraModel,
     Detections,
@@ -250,9 +251,10 @@ class _Index:
             return
         message = bag_types.deserialize(data, topic.type_name)
         if topic == self._found.ground_truth:
-            self._poses[stamp_ns(message)] = bag_messages.pose_from_message(message)
+            stamp_ns = stamp_from_msg(message.header.stamp)
+            self._poses[stamp_ns] = pose_from_msg(message.pose)
         elif topic == self._found.true_detections:
-            boxes = bag_messages.detections_from_message(message)
+            boxes = detections_from_msg(message)
             self._detections[boxes.stamp_ns] = boxes
         else:
             self._add_geometry(topic, message)

@@ -20,11 +20,6 @@ def header(stamp_ns: int, frame_id: str) -> Message:
     return new_message('std_msgs/msg/Header', stamp=stamp, frame_id=frame_id)
 
 
-def stamp_ns(message: Message) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
-
-
 def begins_with_header(type_name: str) -> bool:
     """Return whether messages of a type begin with a field `header`; False for unknown types.
 

@@ -15,7 +15,8 @@ from hoid_bags.storage.bag_types import (
     deserialize,
 )
 from hoid_common.errors import InputError
-from hoid_common.values import NS_PER_S, ByteArray
+from hoid_common.messages import stamp_from_msg
+from hoid_common.values import ByteArray
 
 VIDEO_TYPES = (FFMPEG_PACKET, COMPRESSED_VIDEO)
 """Message types that always carry video. A CompressedImage does so if its format says it."""
@@ -49,11 +50,10 @@ def video_packet(data: bytes, type_name: str) -> Packet:
         is_ffmpeg = type_name == FFMPEG_PACKET
         name = message.encoding.partition(';')[0] if is_ffmpeg else message.format
         size = (message.width, message.height) if is_ffmpeg else None
-    stamp_ns = int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
     known = [codec for part, codec in _CODECS.items() if part in name.lower()]
     is_image = type_name == COMPRESSED_IMAGE and not known
     codec = '' if is_image else known[0] if known else name
-    return Packet(stamp_ns, frame, codec, size, message.data.tobytes())
+    return Packet(stamp_from_msg(stamp), frame, codec, size, message.data.tobytes())
 
 
 class DecodedImage(NamedTuple):

@@ -5,8 +5,14 @@ is wrong. Functions `x_to_msg` for the results of an image take the Header of th
 """
 
 from hoid_common.io.camera_info import camera_from_info as camera_from_msg
+from hoid_common.messages import (
+    detections_from_msg,
+    pose_from_msg,
+    stamp_from_msg,
+    transform_from_msg,
+)
 from hoid_common.ros.conversions.clouds import Cloud, cloud_from_msg, cloud_to_msg
-from hoid_common.ros.conversions.detections import detections_from_msg, detections_to_msg
+from hoid_common.ros.conversions.detections import detections_to_msg
 from hoid_common.ros.conversions.detections_2d import (
     detections_2d_from_msg,
     detections_2d_to_msg,
@@ -21,10 +27,8 @@ from hoid_common.ros.conversions.features import (
 )
 from hoid_common.ros.conversions.geometry import (
     odometry_to_msg,
-    pose_from_msg,
     pose_to_msg,
     pose_with_sigmas_from_msg,
-    transform_from_msg,
     transform_to_msg,
     twist_from_msg,
     twist_to_msg,
@@ -32,7 +36,6 @@ from hoid_common.ros.conversions.geometry import (
 from hoid_common.ros.conversions.headers import (
     camera_frame,
     header_to_msg,
-    stamp_from_msg,
     stamp_to_msg,
 )
 from hoid_common.ros.conversions.images import (

@@ -4,34 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 from hoid_msgs.msg import Detection, DetectionArray
 from std_msgs.msg import Header
 
-from hoid_common.errors import MessageError
-from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import Detections
-
-MAX_DETECTIONS = 1000
-"""Largest number of boxes in a message. Chosen: COCO's evaluation uses 100."""
-
-
-def detections_from_msg(msg: DetectionArray) -> Detections:
-    """Return the boxes, class names and scores of a DetectionArray message.
-
-    Raises:
-        MessageError: There are more than MAX_DETECTIONS, or a class name is too long.
-    """
-    boxes = msg.detections
-    if len(boxes) > MAX_DETECTIONS:
-        raise MessageError(f'detections has {len(boxes)} elements, more than {MAX_DETECTIONS}')
-    xyxy = [(box.x_min, box.y_min, box.x_max, box.y_max) for box in boxes]
-    return Detections(
-        stamp_from_msg(msg.header.stamp),
-        np.array(xyxy, np.float32).reshape(-1, 4),
-        tuple(box.class_name for box in boxes),
-        np.array([box.score for box in boxes], np.float32),
-    )
 
 
 def detections_to_msg(

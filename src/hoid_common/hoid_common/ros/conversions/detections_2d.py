@@ -15,8 +15,7 @@ from vision_msgs.msg import (
 )
 
 from hoid_common.errors import MessageError
-from hoid_common.ros.conversions.detections import MAX_DETECTIONS
-from hoid_common.ros.conversions.headers import stamp_from_msg
+from hoid_common.messages import MAX_DETECTIONS, stamp_from_msg
 from hoid_common.values import Detections
 
 Row = tuple[float, float, float, float]

@@ -10,8 +10,8 @@ from hoid_msgs.msg import FeatureVerdicts as FeatureVerdictsMsg
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
+from hoid_common.messages import stamp_from_msg
 from hoid_common.ros.conversions.arrays import byte_array, bytes_field, float_array, floats_field
-from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import DESCRIPTOR_BYTES, Features, FeatureVerdicts
 
 # A FeatureVerdicts message with more elements is refused. Chosen: over three times the maximum of

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from math import sqrt
 from operator import itemgetter
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import (
@@ -23,22 +22,12 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from hoid_common import se3
 from hoid_common.errors import MessageError
+from hoid_common.messages import pose_from_msg
 from hoid_common.ros.conversions.headers import stamp_to_msg
 from hoid_common.values import FloatArray
 
 _ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # the permutation is its own inverse
-
-
-def pose_from_msg(msg: Pose) -> FloatArray:
-    """Return T_a_b (4, 4) of the pose of frame b in frame a; translation in m.
-
-    Raises:
-        MessageError: A value is not finite, or the norm of the quaternion is not near 1 (between
-            0.5 and 2).
-    """
-    return _transform(msg.orientation, msg.position, 'pose')
 
 
 def pose_to_msg(T_a_b: FloatArray) -> Pose:
@@ -58,16 +47,6 @@ def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, floa
         raise MessageError(f'pose has negative or infinite variances: {variances.tolist()}')
     sigma_m, sigma_rad = np.sqrt(variances.reshape(2, 3).max(axis=1)).tolist()
     return pose_from_msg(msg.pose), sigma_m, sigma_rad
-
-
-def transform_from_msg(msg: TransformStamped) -> FloatArray:
-    """Return T_parent_child (4, 4) of an edge of the frame tree, translation in m.
-
-    Raises:
-        MessageError: A value is not finite, or the norm of the quaternion is not near 1 (between
-            0.5 and 2).
-    """
-    return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
 
 
 def transform_to_msg(
@@ -121,19 +100,6 @@ def odometry_to_msg(
     msg.twist.twist = twist_to_msg(twist)
     msg.twist.covariance = twist_covariance[_ROS_ORDER].ravel()
     return msg
-
-
-def _transform(rotation: Quaternion, translation: Any, what: str) -> FloatArray:
-    """Return the transform (4, 4), translation in m; MessageError if it is not rigid."""
-    quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-    position_m = np.array([translation.x, translation.y, translation.z])
-    # Chosen limits: rounding leaves the norm of a quaternion near 1. Comparisons with NaN are
-    # False, so that NaN is refused.
-    if not (np.isfinite(position_m).all() and 0.5 < np.linalg.norm(quat) < 2.0):
-        raise MessageError(
-            f'{what} is no rigid transform: quaternion {quat.tolist()} at {position_m.tolist()}'
-        )
-    return se3.from_quat_translation(quat, position_m)
 
 
 def _quaternion(T: FloatArray) -> Quaternion:

@@ -9,10 +9,6 @@ from hoid_common.errors import MessageError
 from hoid_common.values import NS_PER_S
 
 
-def stamp_from_msg(stamp: Time) -> int:
-    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
-
-
 def stamp_to_msg(stamp_ns: int) -> Time:
     sec, nanosec = divmod(stamp_ns, NS_PER_S)
     return Time(sec=sec, nanosec=nanosec)

@@ -13,13 +13,13 @@ from std_msgs.msg import Header
 
 from hoid_common import se3
 from hoid_common.errors import ConfigError, MessageError
+from hoid_common.messages import stamp_from_msg
 from hoid_common.poses.keyframe_poses import (
     KeyframePoses,
     LoadedKeyframes,
     SessionKeyframes,
     TrackedImage,
 )
-from hoid_common.ros.conversions.headers import stamp_from_msg
 from hoid_common.values import CameraModel, FloatArray
 
 _ROWS = 12  # numbers of the first three rows of a transform

@@ -7,7 +7,7 @@ from hoid_msgs.msg import DynamicObjectArray
 from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
-from hoid_common.ros.conversions.detections import MAX_DETECTIONS
+from hoid_common.messages import MAX_DETECTIONS
 from hoid_common.values import MAX_NAME_LENGTH, DynamicObject, Reason
 
 _MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size

@@ -8,6 +8,7 @@ from sensor_msgs.msg import Imu as ImuMsg
 
 from hoid_common import topics
 from hoid_common.inputs.input_config import BEST_EFFORT
+from hoid_common.messages import imu_from_msg
 from hoid_common.poses.static_frames import StaticFrames
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs
@@ -15,7 +16,6 @@ from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import Mounting, kalibr_mounting
 from rgbd_slam.inertial.sample_buffer import Samples
-from rgbd_slam.ros.motion.imu_message import imu_from_msg
 
 # Chosen: messages that wait while an image is processed, 0.5 s at 400 Hz.
 _QUEUE_LENGTH = 200

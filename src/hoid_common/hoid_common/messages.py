@@ -1,0 +1,104 @@
+"""Values from the fields of messages, by the same rules live and in bags.
+
+The functions take messages of rclpy as well as those of rosbags, whose fields have the same names.
+`io.camera_info` and `io.images` do the same for cameras and images.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hoid_common import se3
+from hoid_common.errors import MessageError
+from hoid_common.values import NS_PER_S, Detections, FloatArray
+
+MAX_DETECTIONS = 1000
+"""Largest number of boxes in a message. Chosen: COCO's evaluation uses 100."""
+
+
+class ImuSample(NamedTuple):
+    """One message of an IMU; a sensor that the message lacks is None."""
+
+    stamp_ns: int
+    rate_radps: tuple[float, float, float] | None  # about the axes of the frame of the message
+    acceleration_mps2: tuple[float, float, float] | None  # along these axes
+
+
+def stamp_from_msg(stamp: Any) -> int:
+    """Return the time in ns of a builtin_interfaces/Time."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def pose_from_msg(msg: Any) -> FloatArray:
+    """Return T_a_b (4, 4) of a geometry_msgs/Pose of frame b in frame a; translation in m.
+
+    Raises:
+        MessageError: A value is not finite, or the norm of the quaternion is not near 1 (between
+            0.5 and 2).
+    """
+    return _transform(msg.orientation, msg.position, 'pose')
+
+
+def transform_from_msg(msg: Any) -> FloatArray:
+    """Return T_parent_child (4, 4) of a geometry_msgs/TransformStamped, translation in m.
+
+    Raises:
+        MessageError: As in `pose_from_msg`.
+    """
+    return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
+
+
+def imu_from_msg(msg: Any) -> ImuSample:
+    """Return the sample of a sensor_msgs/Imu.
+
+    A negative first covariance marks a sensor as missing (sensor_msgs/Imu uses -1). A sensor whose
+    three values are all zero counts as missing too: drivers that publish the sensors apart leave
+    them zero, and no sensor measures that.
+
+    Raises:
+        MessageError: The message has neither sensor.
+    """
+    rate, force = msg.angular_velocity, msg.linear_acceleration
+    has_rate = msg.angular_velocity_covariance[0] >= 0 and any((rate.x, rate.y, rate.z))
+    has_force = msg.linear_acceleration_covariance[0] >= 0 and any((force.x, force.y, force.z))
+    if not has_rate and not has_force:
+        raise MessageError(
+            'an IMU message has neither angular velocity nor acceleration; check its driver'
+        )
+    return ImuSample(
+        stamp_from_msg(msg.header.stamp),
+        (rate.x, rate.y, rate.z) if has_rate else None,
+        (force.x, force.y, force.z) if has_force else None,
+    )
+
+
+def detections_from_msg(msg: Any) -> Detections:
+    """Return the boxes, class names and scores of a hoid_msgs/DetectionArray.
+
+    Raises:
+        MessageError: There are more than MAX_DETECTIONS, or a class name is too long.
+    """
+    boxes = msg.detections
+    if len(boxes) > MAX_DETECTIONS:
+        raise MessageError(f'detections has {len(boxes)} elements, more than {MAX_DETECTIONS}')
+    xyxy = [(box.x_min, box.y_min, box.x_max, box.y_max) for box in boxes]
+    return Detections(
+        stamp_from_msg(msg.header.stamp),
+        np.array(xyxy, np.float32).reshape(-1, 4),
+        tuple(box.class_name for box in boxes),
+        np.array([box.score for box in boxes], np.float32),
+    )
+
+
+def _transform(rotation: Any, translation: Any, what: str) -> FloatArray:
+    quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
+    position_m = np.array([translation.x, translation.y, translation.z])
+    # Chosen limits: rounding leaves the norm of a quaternion near 1. Comparisons with NaN are
+    # False, so that NaN is refused.
+    if not (np.isfinite(position_m).all() and 0.5 < np.linalg.norm(quat) < 2.0):
+        raise MessageError(
+            f'{what} is no rigid transform: quaternion {quat.tolist()} at {position_m.tolist()}'
+        )
+    return se3.from_quat_translation(quat, position_m)
