@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hoid_common.errors import InputError, MessageError
 from hoid_common.io.compression.compressed_images import COLOR_READ_FLAGS, decode_image
+from hoid_common.io.image_size import is_jpeg, is_png
 from hoid_common.io.untrusted import read_bytes
 from hoid_common.values import ByteArray, CameraModel, Float32Array
 
@@ -18,9 +19,8 @@ DepthUnits = NDArray[np.uint16]
 
 _MAX_FILE_BYTES = 256_000_000  # chosen: over twice the largest image, which has 100 MB as BGR
 
-# First and last bytes of both formats (PNG specification, 5.2; ITU-T T.81, B.1.1.3).
-_PNG_START, _PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND\xaeB`\x82'
-_JPEG_START, _JPEG_END = b'\xff\xd8\xff', b'\xff\xd9'
+# Last bytes of both formats (PNG specification, 5.2; ITU-T T.81, B.1.1.3).
+_PNG_END, _JPEG_END = b'IEND\xaeB`\x82', b'\xff\xd9'
 # Programs append bytes after the end. Chosen: a few for PNG, a block of metadata for JPEG.
 _PNG_TAIL_BYTES, _JPEG_TAIL_BYTES = 64, 1024
 
@@ -32,14 +32,6 @@ def read_image_bytes(path: Path) -> bytes:
         InputError: The file cannot be read, is no regular file, or is larger than 256 MB.
     """
     return read_bytes(path, _MAX_FILE_BYTES)
-
-
-def is_png(data: bytes) -> bool:
-    return data.startswith(_PNG_START)
-
-
-def is_jpeg(data: bytes) -> bool:
-    return data.startswith(_JPEG_START)
 
 
 def check_complete(data: bytes, name: object) -> None:
@@ -56,10 +48,11 @@ def check_complete(data: bytes, name: object) -> None:
 
 
 def decode_color(data: bytes, name: object) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG; an error begins with `name`.
+    """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG file.
 
     Raises:
-        InputError: The data is truncated, no PNG or JPEG, too large, or cannot be decoded.
+        InputError: The data is truncated, no PNG or JPEG, too large, or cannot be decoded. The
+            text begins with `name`.
     """
     return cast('ByteArray', _decode(data, COLOR_READ_FLAGS, name))
 
@@ -67,10 +60,9 @@ def decode_color(data: bytes, name: object) -> ByteArray:
 def decode_depth(data: bytes, name: object) -> DepthUnits:
     """Return the (H, W) uint16 depth, in the units of the file, of a 16-bit gray PNG.
 
-    An error begins with `name`.
-
     Raises:
-        InputError: The data is truncated, no image, too large, or an image of another kind.
+        InputError: The data is truncated, no image, too large, or an image of another kind. The
+            text begins with `name`.
     """
     image = _decode(data, cv2.IMREAD_UNCHANGED, name)
     if image.dtype != np.uint16 or image.ndim != 2:
@@ -92,11 +84,6 @@ def check_size(
             f'{name}: image is {width}x{height}, the camera {camera.width_px}x{camera.height_px};'
             ' give the camera of this recording with --calibration'
         )
-
-
-def depth_m_from_units(depth: DepthUnits, units_per_m: float) -> Float32Array:
-    """Return (H, W) depth in m; `units_per_m` is the number of units of `depth` per meter."""
-    return np.divide(depth, np.float32(units_per_m), dtype=np.float32)
 
 
 def _decode(data: bytes, flags: int, name: object) -> NDArray[Any]:

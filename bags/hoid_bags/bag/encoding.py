@@ -16,9 +16,6 @@ from hoid_bags.images import (
     check_size,
     decode_color,
     decode_depth,
-    depth_m_from_units,
-    is_jpeg,
-    is_png,
     read_image_bytes,
 )
 from hoid_bags.storage.bag_types import COMPRESSED_IMAGE, IMAGE, Message
@@ -27,6 +24,7 @@ from hoid_common import topics
 from hoid_common.errors import InputError, MessageError
 from hoid_common.inputs.registration import check_multiple
 from hoid_common.io import images
+from hoid_common.io.image_size import is_jpeg, is_png
 from hoid_common.values import CameraModel
 
 RAW, PNG, JPEG = 'raw', 'png', 'jpeg'
@@ -110,7 +108,7 @@ class DepthEncoder:
         except MessageError as error:
             raise InputError(f'{listed.path}: {error}') from error
         if not self.in_mm:
-            depth_m = depth_m_from_units(units, self.units_per_m)
+            depth_m = images.depth_m_from_units(units, self.units_per_m)
             return bag_messages.image(listed.stamp_ns, depth_m, '32FC1')
         if self.encoding == RAW:
             depth_mm = mm_from_units(units, self.units_per_m)

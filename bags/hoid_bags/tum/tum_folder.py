@@ -16,7 +16,6 @@ from hoid_bags.images import (
     check_size,
     decode_color,
     decode_depth,
-    depth_m_from_units,
     read_image_bytes,
 )
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
@@ -24,6 +23,7 @@ from hoid_bags.tum.layouts import TUM, Layout, find_layout, numbered_stamp_ns
 from hoid_common.errors import ConfigError, InputError, MessageError
 from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
+from hoid_common.io.images import depth_m_from_units
 from hoid_common.io.tum_text import NumberTable, read_numbers, sorted_rows
 from hoid_common.io.untrusted import check_path_name
 from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hoid_bags.images import decode_depth, depth_m_from_units, read_image_bytes
+from hoid_bags.images import decode_depth, read_image_bytes
 from hoid_bags.tum.tum_folder import TumFolder
+from hoid_common.io.images import depth_m_from_units
 from hoid_common.values import BoolArray, Detections, RgbdFrame
 from hoid_synth.acting.stage import Stage, set_stage
 from hoid_synth.config import SceneConfig

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hoid_bags.images import decode_color, decode_depth, depth_m_from_units, read_image_bytes
+from hoid_bags.images import decode_color, decode_depth, read_image_bytes
 from hoid_benchmarks.plan.sequences import Store
 from hoid_common.errors import InputError
+from hoid_common.io.images import depth_m_from_units
 from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import BoolArray, CameraModel
 from hoid_filter.config import ExtractionConfig, MotionConfig

@@ -115,7 +115,8 @@ def test_the_calibration_that_a_scaled_one_equals_is_no_problem() -> None:
     check = CameraInfoCheck(REMEDY)
     check.update(TWICE)
     check.check_image(SIZE)
-    assert check.camera is not None and check.problem
+    assert check.camera is not None
+    assert check.problem
     assert not check.update(check.camera)
     assert check.problem == ''
     assert not check.update(TWICE)

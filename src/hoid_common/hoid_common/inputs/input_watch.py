@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hoid_common.inputs.input_config import BEST_EFFORT
+from hoid_common.process.shared_memory import PROFILE_VARIABLE
 
 _TIMEOUT_S = 2.0  # chosen: silence after which an input counts as missing; 60 images at 30 Hz
 _MIN_SERIES_S = 1.0  # chosen: shorter losses are counted, but are no problem
@@ -66,7 +67,7 @@ class InputWatch:
         if is_own:
             remedy = 'reduce the load of the computer'
         elif self._losing_reliability == BEST_EFFORT:
-            setting = f'FASTRTPS_DEFAULT_PROFILES_FILE={profile} or ' if profile else ''
+            setting = f'{PROFILE_VARIABLE}={profile} or ' if profile else ''
             remedy = f'start their publisher with {setting}reliable QoS, or {remedy}'
         return (
             f'{arrived} of {arrived + self._num_losing} {self.what} on {self.topic} have arrived '

@@ -23,7 +23,7 @@ _PNG_SIZE = struct.Struct('>4x4sII')  # first chunk: length, name, width, height
 _TIFF_LITTLE: Final = b'II*\0'
 _TIFF_BIG: Final = b'MM\0*'
 _TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_SHORT = 256, 257, 3  # tags, and the type of 16-bit numbers
-_JPEG_START: Final = b'\xff\xd8'
+_JPEG_START: Final = b'\xff\xd8\xff'  # the last byte begins the first segment
 _JPEG_SCAN: Final = b'\xff\xda'
 # Chosen: a JPEG with more scans is refused. Progressive JPEGs have about ten. Decoding each scan
 # takes time in proportion to the image size, however short the scan is.
@@ -34,6 +34,14 @@ _JPEG_FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # SOF m
 _JPEG_WITHOUT_LENGTH: Final = frozenset({0x01, *range(0xD0, 0xD8)})  # TEM and RST markers
 
 
+def is_png(data: bytes | memoryview) -> bool:
+    return data[: len(_PNG_START)] == _PNG_START
+
+
+def is_jpeg(data: bytes | memoryview) -> bool:
+    return data[: len(_JPEG_START)] == _JPEG_START
+
+
 def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
     """Return (width, height) from the header of a PNG, JPEG or TIFF.
 
@@ -42,10 +50,10 @@ def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
     try:
         if data[: len(_TIFF_LITTLE)] in (_TIFF_LITTLE, _TIFF_BIG):
             return _tiff_size(data)
-        if data[: len(_PNG_START)] == _PNG_START:
+        if is_png(data):
             name, width, height = _PNG_SIZE.unpack_from(data, len(_PNG_START))
             return (width, height) if name == b'IHDR' else None
-        return _jpeg_size(data) if data[: len(_JPEG_START)] == _JPEG_START else None
+        return _jpeg_size(data) if is_jpeg(data) else None
     except struct.error:  # the data ends within the header
         return None
 
@@ -57,7 +65,7 @@ def is_safe_to_decode(data: bytes | memoryview) -> bool:
     claims; it may have at most 100,000 chunks, and eight of them with compressed text. A JPEG or
     TIFF may have at most 100 scans.
     """
-    if data[: len(_PNG_START)] != _PNG_START:
+    if not is_png(data):
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
     at, num_compressed = len(_PNG_START), 0
     for _ in range(_MAX_CHUNKS):
@@ -108,7 +116,7 @@ def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:
 
     Struct.error if data ends there.
     """
-    at = len(_JPEG_START)
+    at = len(_JPEG_START) - 1
     while True:
         start, marker, length = _JPEG_SEGMENT.unpack_from(data, at)
         if start != 0xFF:

@@ -172,7 +172,7 @@ def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
     if depth_mm.max(initial=0) > np.iinfo(np.uint16).max:
         return None
     whole = depth_mm.astype(np.uint16)
-    return whole if np.array_equal(_meters(whole), depth_m) else None
+    return whole if np.array_equal(depth_m_from_units(whole), depth_m) else None
 
 
 def _pixels(
@@ -207,21 +207,24 @@ def _pixels(
     return pixels.reshape(height, width, channels) if channels > 1 else pixels
 
 
-def depth_in_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
-    """Return float32 depth in m, 0 = no measurement; MessageError for a wrong unit."""
-    depth_m = _meters(depth, units_per_m)
-    check_depth_unit(
-        depth_m,
-        f'{encoding}, which is in {"m" if depth.dtype.kind == "f" else "mm"}; {UNIT_REMEDY}',
-    )
-    return readings_m(depth_m)
+def depth_m_from_units(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
+    """Return (H, W) float32 depth in m of pixels in units of which `units_per_m` make a meter.
 
-
-def _meters(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
-    """Return float32 depth in m of pixels in mm (whole numbers), m (floats), or given units."""
+    With 0 units per meter, whole numbers are in mm and floats in m.
+    """
     if depth.dtype == np.int16:
         depth = np.maximum(depth, 0).astype(np.uint16)
     units_per_m = units_per_m or (MM_PER_M if depth.dtype == np.uint16 else 1.0)
     if units_per_m == 1.0:
         return cast('Float32Array', depth.astype(np.float32, copy=False))
     return cast('Float32Array', np.divide(depth, np.float32(units_per_m), dtype=np.float32))
+
+
+def depth_in_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
+    """Return float32 depth in m, 0 = no measurement; MessageError for a wrong unit."""
+    depth_m = depth_m_from_units(depth, units_per_m)
+    check_depth_unit(
+        depth_m,
+        f'{encoding}, which is in {"m" if depth.dtype.kind == "f" else "mm"}; {UNIT_REMEDY}',
+    )
+    return readings_m(depth_m)

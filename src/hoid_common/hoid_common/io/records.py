@@ -1,6 +1,6 @@
 """Records: frozen dataclasses of parallel arrays, whose types and shapes are declared once.
 
-Reading a file and checking it, writing it and comparing it all use the same declaration.
+Maps are written, read and checked, and copies in shared memory made, by the same declaration.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple, Self, get_args, get_type_hints
 
 import numpy as np
@@ -69,19 +68,6 @@ class Record:
             for axis, length in zip(column.axes, getattr(self, name).shape, strict=True)
             if isinstance(axis, str)
         }
-
-    def write(self, path: Path) -> None:
-        """Write the record to a file ('.npz'), which is replaced if it exists.
-
-        OSError if it cannot.
-        """
-        np.savez(path, allow_pickle=False, **self.arrays())
-
-    @classmethod
-    def read(cls, path: Path) -> Self:
-        """Return the record in a file that `write` made; OSError if it cannot be read."""
-        with np.load(path) as arrays:
-            return cls.of(arrays)
 
     def digest(self) -> str:
         """Return the SHA-256 of all names, shapes and values, in hexadecimal."""

@@ -12,7 +12,8 @@ from hoid_common.sync import RESTART_NS
 from hoid_common.values import NS_PER_S, IntArray
 
 _MAX_EXPONENT = 9  # 2^31 s < 10^10 s; "1e999999999" would fill the memory with digits
-_MAX_STAMP_NS = 2**31 * NS_PER_S  # the seconds of builtin_interfaces/Time are int32
+END_STAMP_NS = 2**31 * NS_PER_S
+"""First stamp beyond the range of ROS: the seconds of builtin_interfaces/Time are int32."""
 
 
 def parse_stamp_ns(text: str) -> int:
@@ -29,7 +30,7 @@ def parse_stamp_ns(text: str) -> int:
         stamp_ns = int((stamp_s * NS_PER_S).to_integral_value()) if is_in_range else -1
     except InvalidOperation as error:
         raise ValueError(f'"{text}" is not a time in seconds') from error
-    if not 0 <= stamp_ns < _MAX_STAMP_NS:
+    if not 0 <= stamp_ns < END_STAMP_NS:
         raise ValueError(f'"{text}" s is outside the range of a ROS stamp (0 to 2^31 s)')
     return stamp_ns
 

@@ -16,6 +16,8 @@ from pathlib import Path
 
 from hoid_common.errors import InputError
 
+PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+"""Environment variable with the path of the profile of Fast DDS."""
 _FOLDER = '/dev/shm'  # noqa: S108 - Fast DDS's own choice
 _SEGMENT_SIZE = re.compile(
     r'<type>SHM</type>(?:(?!</transport_descriptor>).)*?<segment_size>\s*(\d+)', re.DOTALL
@@ -24,6 +26,11 @@ _LOCK_FILE = re.compile(rf'{_FOLDER}/fastrtps_[0-9a-f]+_el')
 _FILE_SIZE_RATIO = 1.06  # measured: size of a segment's file / configured segment size
 _BYTES_PER_MB = 2**20
 _REMEDY = 'a container needs --shm-size=1g or --ipc=host'
+
+
+def uses_fast_dds() -> bool:
+    """Return whether Fast DDS is the middleware of this process, as it is by default in Jazzy."""
+    return 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
 
 
 def check_shared_memory(num_processes: int) -> None:
@@ -77,10 +84,10 @@ def clean_shared_memory() -> None:
 
 def _segment_mb() -> float:
     """Return the segment size [2^20 bytes] in the profile of Fast DDS; 0 if there is none."""
-    if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
+    if not uses_fast_dds():
         return 0.0
     try:
-        profile = Path(os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']).read_text(encoding='utf-8')
+        profile = Path(os.environ[PROFILE_VARIABLE]).read_text(encoding='utf-8')
     except (KeyError, OSError, UnicodeDecodeError):
         return 0.0
     found = _SEGMENT_SIZE.search(profile)

@@ -51,10 +51,7 @@ class MaskedImages:
         return any(p.get_subscription_count() for p in (self._mask, self._depth))
 
     def publish(self, mask: ByteArray, depth_m: Float32Array, header: Header) -> None:
-        """Publish the mask (H, W.
-
-        255 = static) and the depth of static pixels (m), if anybody subscribes.
-        """
+        """Publish the mask (H, W), 255 = static, and the depth (H, W) of static pixels in m."""
         if self._mask.get_subscription_count():
             self._mask.publish(conversions.mask_to_msg(mask, header))
         if self._depth.get_subscription_count():

@@ -22,6 +22,7 @@ from hoid_common.errors import HoidError
 from hoid_common.inputs.input_log import InputLog
 from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.log_throttle import Backoff, LogThrottle
+from hoid_common.process.shared_memory import PROFILE_VARIABLE, uses_fast_dds
 from hoid_common.ros import qos
 
 _PERIOD_S = 1.0  # of the messages; diagnostic_updater's default
@@ -30,7 +31,6 @@ _MAX_LOG_PERIOD_S = 300.0  # chosen: longest time between two log lines about on
 # Chosen: longer than the 20 s after which a killed node leaves the graph (lease of the profile).
 _NAMESAKE_S = 25.0
 _NAMESAKE = 'namesake'  # name of a problem
-_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 _FILTER = 'hoid_filter'
 _SUITE = ('hoid_detector', _FILTER, 'rgbd_slam')  # names of nodes, which a remap may change
 
@@ -58,9 +58,7 @@ class Diagnostics:
         self._backoffs: dict[str, Backoff] = {}  # of the problems that come and go, by name
         self._input_log = InputLog(node.get_logger(), self._is_cause, time.monotonic())
         self._profile = _transport_profile()
-        self._alone_s = (
-            time.monotonic()
-        )  # when the graph had one node of this name for the last time
+        self._alone_s = time.monotonic()  # last time with no other node of this name
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, qos.OUTPUT)
         # The timer uses steady time. With use_sim_time and no /clock, a timer of ROS time would
         # never run, so that the missing /clock would not be reported.
@@ -116,10 +114,10 @@ class Diagnostics:
                 self._node.get_logger().warning(text)
         self._problems[name] = _Problem(level, text)
 
-    def report_problem(self, name: str, text: str) -> None:
+    def report_problem(self, name: str, text: str, *, severe: bool = False) -> None:
         """Set a problem, or clear it if the text is empty."""
         if text:
-            self.set_problem(name, text)
+            self.set_problem(name, text, severe=severe)
         else:
             self.clear_problem(name)
 
@@ -240,13 +238,13 @@ class Diagnostics:
 
 
 def _transport_profile() -> str:
-    """Return the path of the Fast DDS profile to use.
+    """Return the path of the profile that Fast DDS uses, or else of the suite's.
 
-    '' with another middleware or without one.
+    The result is '' with another middleware, or if the suite's profile is not installed.
     """
-    if 'fastrtps' not in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp'):
+    if not uses_fast_dds():
         return ''
-    if given := os.environ.get(_PROFILE):
+    if given := os.environ.get(PROFILE_VARIABLE):
         return given
     try:
         share = get_package_share_directory('hoid_common')

@@ -26,8 +26,6 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.values import NS_PER_S, CameraModel
 
-__all__ = ['InputConfig', 'Inputs', 'checked_callback']
-
 Callback = Callable[[Any], None]
 
 _LARGE = (Image, CompressedImage, KeyframePoses)  # types that are read in no time at any size

@@ -56,7 +56,4 @@ class Synchronizer:
         counts = self._matcher.counts[name]
         dropped = counts.unmatched + counts.overflowed + counts.late
         self._diagnostics.set_count(f'{name} dropped', dropped)
-        if mismatch := self._matcher.mismatch:
-            self._diagnostics.set_problem('stamps', mismatch)
-        else:
-            self._diagnostics.clear_problem('stamps')
+        self._diagnostics.report_problem('stamps', self._matcher.mismatch)

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from hoid_common import se3
 from hoid_common.errors import MapFileError
-from hoid_common.values import NS_PER_S, FloatArray
+from hoid_common.values import FloatArray
 
 MAX_POSITION_M = 1e5  # chosen: no map is larger, and squares of positions keep their precision
-MAX_STAMP_NS = 2**31 * NS_PER_S  # ROS stores seconds in 32 bits
 MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
 # Chosen: range of weights, so that no product with a color or a coordinate overflows.
 MIN_WEIGHT, MAX_WEIGHT = 1e-30, 1e30

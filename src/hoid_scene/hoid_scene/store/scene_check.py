@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common.io.stamps import END_STAMP_NS
 from hoid_common.store.checks import (
     MAX_COUNT,
     MAX_POSITION_M,
-    MAX_STAMP_NS,
     MAX_WEIGHT,
     MIN_WEIGHT,
     are_poses,
@@ -48,7 +48,7 @@ def check_objects(state: ObjectMapState) -> None:
     for name in ('num_sightings', 'num_visible'):
         require(within(getattr(state, name), 1, MAX_COUNT), f"an object's {name} is invalid")
     for name in ('first_ns', 'last_ns', 'left_ns', 'moved_ns'):
-        require(within(getattr(state, name), 0, MAX_STAMP_NS), 'a time stamp is out of range')
+        require(within(getattr(state, name), 0, END_STAMP_NS), 'a time stamp is out of range')
     require(within(state.num_through, 0, MAX_COUNT), "an object's num_through is invalid")
     require(within(state.probability, 0, 1 + _ROUNDING), 'a probability is invalid')
     require(within(state.distance_m, 0, MAX_POSITION_M), "an object's distance is invalid")

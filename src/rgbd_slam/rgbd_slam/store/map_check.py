@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from hoid_common.io.depth import is_reading
+from hoid_common.io.stamps import END_STAMP_NS
 from hoid_common.store.checks import (
     MAX_COUNT,
     MAX_POSITION_M,
-    MAX_STAMP_NS,
     MAX_WEIGHT,
     are_poses,
     require,
@@ -59,7 +59,7 @@ def check_loops(loops: Sequence[LoopEdge]) -> None:
 
 
 def _check_keyframes(state: MapState) -> None:
-    require(within(state.stamp_ns, 0, MAX_STAMP_NS), 'a time stamp is out of range')
+    require(within(state.stamp_ns, 0, END_STAMP_NS), 'a time stamp is out of range')
     require(are_poses(state.T_map_camera), "a keyframe's pose is invalid")
     require((state.num_features >= 0).all(), 'a number of features is negative')
     total = int(state.num_features.sum(dtype=np.int64))

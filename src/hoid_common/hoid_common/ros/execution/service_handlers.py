@@ -15,13 +15,7 @@ _FAILURES = 'requests that failed by a fault of this program'
 
 
 class ServiceHandlers:
-    """Offers services whose handlers return a line of text for success, or raise.
-
-    Args:
-        node: The node that offers the services.
-        diagnostics: Diagnostics of the node, in which faults are counted.
-        group: Callback group of the services; None: the default group of the node.
-    """
+    """Offers services whose handlers return a line of text for success, or raise."""
 
     def __init__(
         self, node: Node, diagnostics: Diagnostics, group: CallbackGroup | None = None
@@ -32,27 +26,18 @@ class ServiceHandlers:
         diagnostics.count(_FAILURES, 0)
 
     def add(self, type_: type[Any], topic: str, handle: Callable[[Any], str]) -> None:
-        """Offer a service.
+        """Offer a service, whose response has the fields `success` and `message`.
 
-        Args:
-            type_: Type of the service, whose response has the fields `success` and `message`.
-            topic: Name of the service.
-            handle: Called with the request; returns the message of a successful response. If it
-                raises a HoidError, the response has no success, and the text of the error as its
-                message. Any other error is reported as a fault as well.
+        `handle` is called with the request and returns the message of a successful response. If it
+        raises a HoidError, `success` is False and the message is the text of the error. Any other
+        error is also counted and logged as a fault.
         """
         self.add_with_response(type_, topic, lambda request, _: handle(request))
 
     def add_with_response(
         self, type_: type[Any], topic: str, handle: Callable[[Any, Any], str]
     ) -> None:
-        """Offer a service whose handler fills further fields of the response.
-
-        Args:
-            type_: As in `add`.
-            topic: Name of the service.
-            handle: As in `add`, but called with the request and the response.
-        """
+        """Offer a service as `add` does, whose handler also fills fields of the response."""
 
         def respond(request: Any, response: Any) -> Any:
             try:
@@ -61,7 +46,7 @@ class ServiceHandlers:
                 text, response.success = str(error), False
             except Exception as error:  # noqa: BLE001 - every request gets a response
                 self.report_fault(error)
-                text = f'failed, which is a fault of rgbd_slam: {_one_line(error)}'
+                text = f'failed by a fault of {self._node.get_name()}: {_one_line(error)}'
                 response.success = False
             # A path may not be UTF-8, which a message must be.
             response.message = text.encode(errors='replace').decode()
