@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.values import NS_PER_S, BoolArray, Detections, Float32Array, IntArray
+from hoid_native import intersections_over_union
 
 _MIN_IOU = 0.5  # of a weak box and an expected one; as in a trial on six rendered rooms
 # Chosen: boxes of older images are not used, because the camera has moved since.
@@ -30,9 +31,11 @@ def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -
         return np.empty(0, np.int64)
     boxes_xyxy_px = expected.boxes_xyxy_px + np.tile(_shift_px(expected, strong), 2)
     is_seen = np.any(
-        _overlaps(boxes_xyxy_px, strong.boxes_xyxy_px) >= _MIN_IOU, axis=1, keepdims=True
+        intersections_over_union(boxes_xyxy_px, strong.boxes_xyxy_px) >= _MIN_IOU,
+        axis=1,
+        keepdims=True,
     )
-    fits = _overlaps(boxes_xyxy_px, weak.boxes_xyxy_px) >= _MIN_IOU
+    fits = intersections_over_union(boxes_xyxy_px, weak.boxes_xyxy_px) >= _MIN_IOU
     fits &= _are_alike(expected, weak) & ~is_seen
     best = np.argmax(np.where(fits, weak.scores, -1.0), axis=1)
     return np.unique(best[fits.any(axis=1)])
@@ -40,7 +43,7 @@ def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -
 
 def _shift_px(expected: Detections, strong: Detections) -> Float32Array:
     """Return the median motion (2,) of the expected boxes that were detected; 0 without any."""
-    overlaps = _overlaps(expected.boxes_xyxy_px, strong.boxes_xyxy_px)
+    overlaps = intersections_over_union(expected.boxes_xyxy_px, strong.boxes_xyxy_px)
     overlaps = np.where(_are_alike(expected, strong), overlaps, 0)
     rows = np.flatnonzero((overlaps >= _MIN_IOU_SHIFTED).any(axis=1))
     if len(rows) == 0:
@@ -53,12 +56,3 @@ def _are_alike(first: Detections, second: Detections) -> BoolArray:
     """Return (N, M) flags: whether two boxes have the same class."""
     names = np.array(first.class_names, str)[:, None] == np.array(second.class_names, str)
     return np.asarray(names)
-
-
-def _overlaps(first_xyxy_px: Float32Array, second_xyxy_px: Float32Array) -> Float32Array:
-    """Return the intersections over unions (N, M) of boxes (N, 4) with boxes (M, 4)."""
-    a, b = first_xyxy_px[:, None], second_xyxy_px[None]
-    low, high = np.maximum(a[..., :2], b[..., :2]), np.minimum(a[..., 2:], b[..., 2:])
-    shared = np.maximum(high - low, 0).prod(axis=2)
-    areas_a, areas_b = ((box[..., 2:] - box[..., :2]).prod(axis=2) for box in (a, b))
-    return np.asarray(shared / np.maximum(areas_a + areas_b - shared, 1e-6), np.float32)

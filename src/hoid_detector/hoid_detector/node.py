@@ -157,10 +157,8 @@ class DetectorNode(ManagedNode):
         assert self._detector is not None
         number = self._detector.num_non_finite
         self.diagnostics.set_count('images with non-finite network outputs', number)
-        if self._detector.has_finite_outputs:
-            self.diagnostics.clear_problem('outputs')
-        else:
-            self.diagnostics.set_problem('outputs', self._detector.non_finite_warning, severe=True)
+        warning = '' if self._detector.has_finite_outputs else self._detector.non_finite_warning
+        self.diagnostics.report_problem('outputs', warning, severe=True)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-from hoid_common.errors import HoidError
 from hoid_common.values import CameraModel, FilterResult, Float32Array, RgbdFrame
 from hoid_filter.feature_filter import FinalVerdict
 
@@ -48,9 +47,6 @@ class LiveDiagnostics(Protocol):
 
     def set_count(self, name: str, number: int) -> None:
         """Set the counter `name` to `number`."""
-
-    def report(self, error: HoidError, what: str) -> None:
-        """Log an error, and count it under the name `what`."""
 
     def note(self, text: str, what: str) -> None:
         """Log an event that is no error, and count it under the name `what`."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import Float32Array, FloatArray
-from hoid_filter.motion.downscaled_camera import DownscaledCamera
+from hoid_filter.motion.downscaled_camera import DownscaledCamera, rays_of
 from hoid_filter.motion.downscaled_view import DownscaledView
 from hoid_filter.motion.shutter_shift import shift_px
 from hoid_native import depth_ranges_3x3, occlusion_log_odds
@@ -71,17 +71,10 @@ class DepthHistory:
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
         self._past: list[_PastDepth] = []
-        pinhole, (height, width) = camera.depth_pinhole, camera.shape_hw
+        height, width = camera.shape_hw
         v, u = np.mgrid[:height:_STEP_PX, :width:_STEP_PX]
         # (M, 3) rays of the compared pixels, with z = 1
-        self._rays = np.stack(
-            [
-                (u.ravel() - pinhole.cx_px) / pinhole.fx_px,
-                (v.ravel() - pinhole.cy_px) / pinhole.fy_px,
-                np.ones(u.size),
-            ],
-            axis=1,
-        )
+        self._rays = rays_of(camera.depth_pinhole, u.ravel(), v.ravel())
 
     def add(
         self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray

@@ -82,7 +82,7 @@ class DownscaledCamera:
 
         Zero without depth.
         """
-        rays = _rays(self.gray_pinhole, observed_px[:, 0], observed_px[:, 1])
+        rays = rays_of(self.gray_pinhole, observed_px[:, 0], observed_px[:, 1])
         return rays * depth_m[:, None]
 
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
@@ -93,7 +93,7 @@ class DownscaledCamera:
         """
         left_top, size = boxes_xywh_px[:, None, :2], boxes_xywh_px[:, None, 2:]
         at_px = left_top + size * _BOX_POINTS - 0.5  # (N, 9, 2)
-        rays = _rays(self.depth_pinhole, at_px[..., 0].ravel(), at_px[..., 1].ravel())
+        rays = rays_of(self.depth_pinhole, at_px[..., 0].ravel(), at_px[..., 1].ravel())
         imaged_px = self.camera.project_px(rays).reshape(at_px.shape) + 0.5
         edges_px = np.concatenate([imaged_px.min(axis=1), imaged_px.max(axis=1)], axis=1)
         boxes_px: FloatArray = np.clip(edges_px, 0, (*self.camera.size_px, *self.camera.size_px))
@@ -106,7 +106,7 @@ class DownscaledCamera:
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
-        rays = _rays(self.depth_pinhole, u.ravel(), v.ravel())
+        rays = rays_of(self.depth_pinhole, u.ravel(), v.ravel())
         imaged_px = self.camera.project_px(rays)
         column, row = np.rint(imaged_px).astype(np.int64).T
         full_width, full_height = self.camera.size_px
@@ -158,7 +158,7 @@ def _shape_hw(camera: CameraModel, width_px: int) -> tuple[int, int]:
     return max(round(camera.height_px * width_px / camera.width_px), 1), width_px
 
 
-def _rays(pinhole: Pinhole, u_px: FloatArray, v_px: FloatArray) -> FloatArray:
+def rays_of(pinhole: Pinhole, u_px: FloatArray, v_px: FloatArray) -> FloatArray:
     """Return the (N, 3) points at a depth of 1 m on the rays of pixels."""
     rays = np.empty((len(u_px), 3))
     rays[:, 0] = (u_px - pinhole.cx_px) / pinhole.fx_px
