@@ -10,7 +10,6 @@ import pytest
 
 from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_writer import BagWriter
-from hoid_bags.bag.stamps import header
 from hoid_bags.sequence import open_sequence
 from hoid_bags.storage.bag_types import (
     CAMERA_INFO,
@@ -20,10 +19,11 @@ from hoid_bags.storage.bag_types import (
     Message,
     new_message,
 )
+from hoid_bags.storage.static_transforms import static_transforms, transform
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.inputs.registration import Registration
-from hoid_common.values import CameraModel, FloatArray
+from hoid_common.values import CameraModel
 
 from .ros1_bags import ros1_copy
 
@@ -40,30 +40,6 @@ DEPTH_FRAME, BODY = 'camera_depth_optical_frame', 'camera_link'
 def with_frame(message: Message, frame: str) -> Message:
     message.header.frame_id = frame
     return message
-
-
-def transform(T: FloatArray, type_name: str = 'geometry_msgs/msg/Transform') -> Message:
-    """Return a geometry_msgs/Transform."""
-    pose = bag_messages.pose_stamped(0, T).pose
-    x, y, z = pose.position.x, pose.position.y, pose.position.z
-    translation = new_message('geometry_msgs/msg/Vector3', x=x, y=y, z=z)
-    return new_message(type_name, translation=translation, rotation=pose.orientation)
-
-
-def static_frames(*edges: tuple[str, str, FloatArray]) -> Message:
-    """Return a tf2_msgs/TFMessage."""
-    return new_message(
-        TF_MESSAGE,
-        transforms=[
-            new_message(
-                'geometry_msgs/msg/TransformStamped',
-                header=header(0, parent),
-                child_frame_id=child,
-                transform=transform(T),
-            )
-            for parent, child, T in edges
-        ],
-    )
 
 
 def write(path: Path, *, place: str, info: bool = True, small: bool = False) -> Path:
@@ -88,7 +64,7 @@ def write(path: Path, *, place: str, info: bool = True, small: bool = False) -> 
         messages.append(('/camera/camera/depth/camera_info', CAMERA_INFO, message))
     if place == 'tf':
         T_body_color = se3.from_quat_translation(np.array([0.5, -0.5, 0.5, -0.5]), np.ones(3))
-        frames = static_frames(
+        frames = static_transforms(
             (BODY, bag_messages.CAMERA_FRAME, T_body_color),
             (f'/{BODY}', DEPTH_FRAME, T_body_color @ T_COLOR_DEPTH),
         )

@@ -25,6 +25,7 @@ from hoid_bags.storage.bag_types import (
     Message,
     new_message,
 )
+from hoid_bags.storage.static_transforms import static_transforms
 from hoid_common import se3
 from hoid_common.inputs.registration import Registration
 from hoid_common.io import images
@@ -154,20 +155,7 @@ def rvl(pixels: NDArray[Any]) -> bytes:
 
 
 def static_frames(_: int) -> Message:
-    """Return the place of the depth camera as /tf_static."""
-    x, y, z = T_COLOR_DEPTH[:3, 3].tolist()
-    qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_COLOR_DEPTH[:3, :3]).tolist()
-    edge = new_message(
-        'geometry_msgs/msg/TransformStamped',
-        header=bag_messages.image(0, COLOR, 'bgr8').header,
-        child_frame_id=OWN_FRAME,
-        transform=new_message(
-            'geometry_msgs/msg/Transform',
-            translation=new_message('geometry_msgs/msg/Vector3', x=x, y=y, z=z),
-            rotation=new_message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
-        ),
-    )
-    return new_message(TF_MESSAGE, transforms=[edge])
+    return static_transforms((bag_messages.CAMERA_FRAME, OWN_FRAME, T_COLOR_DEPTH))
 
 
 def extrinsics(_: int) -> Message:

@@ -17,9 +17,10 @@ from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.image_messages import decode_depth
-from hoid_bags.bag.stamps import header, header_stamp_ns
-from hoid_bags.storage.bag_types import CAMERA_INFO, TF_MESSAGE, Message, new_message
+from hoid_bags.bag.stamps import header_stamp_ns
+from hoid_bags.storage.bag_types import CAMERA_INFO, TF_MESSAGE
 from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.static_transforms import static_transforms
 from hoid_common import se3, topics
 from hoid_common.inputs.registration import Registration
 from hoid_common.values import CameraModel
@@ -29,23 +30,6 @@ FRAME = 'depth_frame'
 T_COLOR_DEPTH = se3.from_quat_translation(
     np.array([0.004, -0.006, 0.003, 1.0]), np.array([0.015, -0.001, 0.002])
 )
-
-
-def static_frames() -> Message:
-    """Return the place of the depth camera as a tf2_msgs/TFMessage."""
-    x, y, z = T_COLOR_DEPTH[:3, 3].tolist()
-    qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_COLOR_DEPTH[:3, :3]).tolist()
-    edge = new_message(
-        'geometry_msgs/msg/TransformStamped',
-        header=header(0, bag_messages.CAMERA_FRAME),
-        child_frame_id=FRAME,
-        transform=new_message(
-            'geometry_msgs/msg/Transform',
-            translation=new_message('geometry_msgs/msg/Vector3', x=x, y=y, z=z),
-            rotation=new_message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
-        ),
-    )
-    return new_message(TF_MESSAGE, transforms=[edge])
 
 
 def main() -> None:
@@ -59,7 +43,8 @@ def main() -> None:
             writer.add_topic(topic.name, topic.type_name, topic.qos)
         writer.add_topic(info, CAMERA_INFO)
         writer.add_topic(topics.TF_STATIC, TF_MESSAGE, reliable_qos(latched=True))
-        writer.write(topics.TF_STATIC, reader.span_ns[0], static_frames())
+        edge = (bag_messages.CAMERA_FRAME, FRAME, T_COLOR_DEPTH)
+        writer.write(topics.TF_STATIC, reader.span_ns[0], static_transforms(edge))
         for message in reader.messages():
             if message.topic != depth.name:
                 writer.write_serialized(message.topic, message.log_ns, message.data)

@@ -21,10 +21,10 @@ from hoid_bags.storage.bag_types import (
     TF_MESSAGE,
     Message,
     deserialize,
-    new_message,
     serialize,
     shared_typestore,
 )
+from hoid_bags.storage.static_transforms import static_transforms
 from hoid_common import se3, topics
 
 _STREAM = re.compile(r'/(?P<device>device_\d+)/sensor_\d+/(?P<stream>[^/]+)/.*')
@@ -106,17 +106,4 @@ def _static_transform(data: bytes, parent: str, child: str) -> memoryview:
     T_parent_child = se3.inverse(
         se3.from_quat_translation(np.array([q.x, q.y, q.z, q.w]), np.array([t.x, t.y, t.z]))
     )
-    x, y, z = T_parent_child[:3, 3].tolist()
-    qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_parent_child[:3, :3]).tolist()
-    stamp = new_message('builtin_interfaces/msg/Time', sec=0, nanosec=0)
-    edge = new_message(
-        'geometry_msgs/msg/TransformStamped',
-        header=new_message('std_msgs/msg/Header', stamp=stamp, frame_id=parent),
-        child_frame_id=child,
-        transform=new_message(
-            _TRANSFORM,
-            translation=new_message('geometry_msgs/msg/Vector3', x=x, y=y, z=z),
-            rotation=new_message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
-        ),
-    )
-    return serialize(new_message(TF_MESSAGE, transforms=[edge]), TF_MESSAGE)
+    return serialize(static_transforms((parent, child, T_parent_child)), TF_MESSAGE)
