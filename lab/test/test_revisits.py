@@ -44,7 +44,7 @@ def test_the_same_place_on_another_floor_is_no_revisit() -> None:
 
 def test_a_tour_has_its_length_on_all_floors() -> None:
     building = Building(floors=2)
-    T = tour_route(building, 600).poses()
+    T = tour_route(building, 300).poses()
 
     assert 600 < length_m(T) < 1200
     for floor in range(2):

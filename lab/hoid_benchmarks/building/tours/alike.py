@@ -7,7 +7,6 @@ The camera comes back to places it has seen on the same floor and in the same co
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from hoid_benchmarks.building.drive import Drive
 from hoid_benchmarks.building.report import Outcome
 from hoid_benchmarks.building.tours.revisits import revisits
-from hoid_benchmarks.building.tours.tour import is_connected, length_m
+from hoid_benchmarks.building.tours.tour import is_connected, length_m, tour_route
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import Building
 from hoid_benchmarks.building.world.route import Route
@@ -50,19 +49,6 @@ def alike(seed: int, worlds: Sequence[str] = WORLDS) -> Outcome:
     )
 
 
-def floors_route(building: Building, way_m: float = _FLOOR_M) -> Route:
-    """Return rounds on each floor, the same on all of them."""
-    route = Route(building, speed_mps=_SPEED_MPS)
-    for floor in range(building.floors):
-        rounds, end_m = cycle(_ROUNDS), length_m(route.poses()) + way_m
-        while length_m(route.poses()) < end_m:
-            route.around(*next(rounds), rooms=1, every=2)
-        if floor + 1 < building.floors:
-            route.to_junction(0, floor)
-            route.climb()
-    return route
-
-
 def corridor_building(seed: int) -> Building:
     """Return a ring of corridors, of which the long ones look the same every 4 m."""
     return Building(1, 1, seed=seed, block_m=(CORRIDOR_M, 12.0), period_m=PERIOD_M)
@@ -76,7 +62,7 @@ def floors_building(seed: int, own: float = OWN) -> Building:
 def _drive(world: str, seed: int) -> dict[str, Any]:
     if world == 'floors':
         building = floors_building(seed)
-        route = floors_route(building)
+        route = tour_route(building, _FLOOR_M, _ROUNDS, _SPEED_MPS)
     else:
         building = corridor_building(seed)
         route = Route(building, speed_mps=_SPEED_MPS)

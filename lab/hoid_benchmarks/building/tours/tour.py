@@ -6,6 +6,7 @@ the way shows a place again, the keyframes should be connected with the earlier 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
 
@@ -17,14 +18,13 @@ from hoid_benchmarks.building.tours.revisits import MIN_ELAPSED_S, Revisit, revi
 from hoid_benchmarks.building.virtual_mapper import Delay
 from hoid_benchmarks.building.world.camera import FeatureCamera
 from hoid_benchmarks.building.world.floors import STOREY_M, Building
-from hoid_benchmarks.building.world.route import Route
+from hoid_benchmarks.building.world.route import SPEED_MPS, Route
 from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_common.values import NS_PER_S, FloatArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
 
 DEFAULT_WAY_M = 240.0
-# Rounds of each floor: columns and rows of blocks, repeated until the floor has its share of the
-# way. Each round follows a part of those before it.
+# Columns and rows of blocks. Each round has a part in common with those before it.
 _ROUNDS = ((3, 2), (1, 1), (5, 3), (2, 2), (7, 5), (4, 1), (8, 6), (3, 3))
 _ABOVE_GROUND_M = 1.6  # chosen: more than the height of the camera and less than a storey
 _SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: points that connect two keyframes
@@ -55,7 +55,7 @@ def tour(seed: int, num_floors: int = 1, way_m: float = DEFAULT_WAY_M) -> Outcom
         way_m: Least length of the way.
     """
     building = Building(seed=seed, floors=num_floors)
-    truth = tour_route(building, way_m).trajectory(seed)
+    truth = tour_route(building, way_m / num_floors).trajectory(seed)
     with Drive(FeatureCamera(building, seed), truth, Delay(cpu_factor=1.0)) as drive:
         drive.run()
         drive.session.slam.map.finish()
@@ -85,14 +85,26 @@ def tour(seed: int, num_floors: int = 1, way_m: float = DEFAULT_WAY_M) -> Outcom
     return Outcome('tour', 'A tour through look-alike rooms', _COLUMNS, [row])
 
 
-def tour_route(building: Building, way_m: float) -> Route:
-    """Return rounds on each floor of a building until each has its share of the way."""
-    route = Route(building)
+def tour_route(
+    building: Building,
+    floor_m: float,
+    rounds: Sequence[tuple[int, int]] = _ROUNDS,
+    speed_mps: float = SPEED_MPS,
+) -> Route:
+    """Return a route that repeats the same rounds on each floor of a building.
+
+    Args:
+        building: The building.
+        floor_m: Least distance travelled on each floor.
+        rounds: Columns and rows of blocks of each round.
+        speed_mps: Speed between the turns.
+    """
+    route = Route(building, speed_mps=speed_mps)
     for floor in range(building.floors):
-        rounds = cycle(_ROUNDS)
-        end_m = length_m(route.poses()) + way_m / building.floors
+        sizes = cycle(rounds)
+        end_m = length_m(route.poses()) + floor_m
         while length_m(route.poses()) < end_m:
-            route.around(*next(rounds), rooms=1, every=2)
+            route.around(*next(sizes), rooms=1, every=2)
         if floor + 1 < building.floors:
             route.to_junction(0, floor)
             route.climb()
@@ -100,7 +112,7 @@ def tour_route(building: Building, way_m: float) -> Route:
 
 
 def length_m(T_world_camera: FloatArray) -> float:
-    """Return the length of the way of poses (N, 4, 4)."""
+    """Return the distance travelled along poses (N, 4, 4), without the changes of height."""
     steps = np.diff(T_world_camera[:, :2, 3], axis=0)
     return float(np.linalg.norm(steps, axis=1).sum())
 
