@@ -52,10 +52,17 @@ _OUT = Path('out/bench')
 
 def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the experiments."""
-    add = parser.add_argument
-    plans = ', '.join(name for name in plan_names() if name != OFFICIAL)
     experiments = '; '.join(f'{n}: {", ".join(experiment_ids(n))}' for n in plan_names())
     parser.epilog = f'experiments for --only, by WHAT: {experiments}'
+    _add_selection(parser)
+    _add_sizes(parser)
+    _add_execution(parser)
+
+
+def _add_selection(parser: argparse.ArgumentParser) -> None:
+    """Declare what to run."""
+    add = parser.add_argument
+    plans = ', '.join(name for name in plan_names() if name != OFFICIAL)
     add(
         'what',
         nargs='?',
@@ -87,6 +94,11 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='ID',
         help='run only this experiment or scenario, and print its table; may be repeated',
     )
+
+
+def _add_sizes(parser: argparse.ArgumentParser) -> None:
+    """Declare the sizes and seeds of generated experiments."""
+    add = parser.add_argument
     add(
         '--seed',
         type=int,
@@ -129,6 +141,11 @@ def add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         '--rooms', type=int, default=SMALL, metavar='N',
         help='building: number of rooms of the rendered floor (default: %(default)s)',
     )  # fmt: skip
+
+
+def _add_execution(parser: argparse.ArgumentParser) -> None:
+    """Declare where and how to run, and what to do with the results."""
+    add = parser.add_argument
     add('--job', metavar='KEY', help='repeat the run with this key, which the report lists')
     add(
         '--report',
@@ -227,7 +244,7 @@ def _building(args: argparse.Namespace) -> None:
             args.only, args.seed, folder,
             quick=args.quick, delays_s=args.delay, sizes=args.keyframes,
             num_floors=args.floors, way_m=args.way, num_rooms=args.rooms,
-        )
+        ),
     )  # fmt: skip
 
 

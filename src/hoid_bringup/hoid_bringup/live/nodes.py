@@ -36,9 +36,12 @@ _ALL = (DETECTOR, FILTER, SLAM, SCENE)
 
 def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of `hoid nodes`."""
-    parser.add_argument(
-        '--params', type=Path, metavar='YAML', help='ROS parameter file for the nodes'
-    )
+    _add_topic_options(parser)
+    _add_parameter_options(parser)
+    _add_process_options(parser)
+
+
+def _add_topic_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--namespace', default='', metavar='NS', help='namespace of nodes, topics and frame tree'
     )
@@ -62,6 +65,20 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         help="namespace of the camera driver (default: the driver's own default)",
     )
     parser.add_argument(
+        '--compressed',
+        action='store_true',
+        help='subscribe to .../compressed and .../compressedDepth',
+    )
+    parser.add_argument(
+        '--imu', metavar='TOPIC', help='topic of an IMU (default: imu, which need not exist)'
+    )
+
+
+def _add_parameter_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--params', type=Path, metavar='YAML', help='ROS parameter file for the nodes'
+    )
+    parser.add_argument(
         '--filter',
         choices=STRATEGIES,
         help='strategy that identifies dynamic objects (default: '
@@ -76,9 +93,9 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--base', metavar='FRAME', help='base frame of the robot; /tf_static places the camera'
     )
-    parser.add_argument(
-        '--imu', metavar='TOPIC', help='topic of an IMU (default: imu, which need not exist)'
-    )
+
+
+def _add_process_options(parser: argparse.ArgumentParser) -> None:
     selection = parser.add_mutually_exclusive_group()
     selection.add_argument(
         '--no-detector',
@@ -94,11 +111,6 @@ def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
         '--no-scene',
         action='store_true',
         help='do not start the scene node: no dense map, grid, people and objects',
-    )
-    parser.add_argument(
-        '--compressed',
-        action='store_true',
-        help='subscribe to .../compressed and .../compressedDepth',
     )
     parser.add_argument(
         '--restart',
