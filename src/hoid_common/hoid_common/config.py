@@ -51,7 +51,7 @@ class Param(NamedTuple):
 
 def param(
     default: Any,
-    description: str,
+    description: str = '',
     *,
     minimum: float | None = None,
     maximum: float | None = None,
@@ -66,7 +66,8 @@ def param(
         default: A bool, int, float, str or tuple of strings; values must have the same type, but
             an int is accepted for a float.
         description: Text of `ros2 param describe` and of the reference page: what the parameter
-            does, its unit and, for a user parameter, when to change it.
+            does, its unit and, for a user parameter, when to change it. An internal parameter has
+            a comment instead.
         choices: The only values of a string; empty: any string.
         read_only: False lets the parameter change while the node runs.
         expert: True hides the parameter from users who do not know the method: a node declares it

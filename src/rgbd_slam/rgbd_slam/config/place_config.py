@@ -19,20 +19,12 @@ class IndexConfig(Config):
         'package.',
         expert=True,
     )
-    num_tables: int = param(
-        4,  # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words
-        'Number of hash tables. More tables find more matches and take more time and memory.',
-        minimum=1,
-        maximum=16,
-        internal=True,
-    )
-    key_bits: int = param(
-        20,  # places_and_loops.md, as above
-        'Number of descriptor bits in a hash key. Longer keys find fewer and better matches.',
-        minimum=8,
-        maximum=30,
-        internal=True,
-    )
+    # Number of hash tables. More tables find more matches and take more time and memory.
+    # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words.
+    num_tables: int = param(4, internal=True)
+    # Number of descriptor bits in a hash key. Longer keys find fewer and better matches.
+    # places_and_loops.md, as above.
+    key_bits: int = param(20, internal=True)
     # Not tuned: largest number of features of a keyframe or image that are indexed or looked up.
     max_features: ClassVar[int] = 400
     # Not tuned: number of descriptors with the same key in one segment of the index beyond which

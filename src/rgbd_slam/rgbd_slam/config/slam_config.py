@@ -26,13 +26,10 @@ class CameraConfig(Config):
         minimum=0.01,
         maximum=10.0,
     )
-    joint_noise: bool = param(
-        default=False,  # decision 021: the rule of ORB-SLAM3
-        description='Gives u_right, the column in the right image of the virtual stereo camera, '
-        'the same noise as u and v, and applies one robust kernel to all three, as ORB-SLAM3 '
-        'does. When it is off, depth has its own noise and robust kernel.',
-        internal=True,
-    )
+    # Gives u_right, the column in the right image of the virtual stereo camera, the same noise as
+    # u and v, and applies one robust kernel to all three, as ORB-SLAM3 does. When it is off,
+    # depth has its own noise and robust kernel. Decision 021: the rule of ORB-SLAM3.
+    joint_noise: bool = param(default=False, internal=True)
     rolling_shutter: bool = param(
         default=True,  # decision 033; ablation: fr1_xyz by `motion` 0.0098 m without it, 0.0066 m
         description='Whether to estimate the readout time of the image rows and to compensate '
@@ -76,58 +73,31 @@ class CameraConfig(Config):
 class TrackingConfig(Config):
     """Estimation of the pose of one image from its features."""
 
-    few_matches: int = param(
-        40,  # not tuned; ORB-SLAM3 has 20 (Tracking.cc, TrackWithMotionModel)
-        'Number of matches with the last frame below which the search is repeated in wider '
-        'windows. A larger number repeats it more often, which takes time.',
-        minimum=4,
-        maximum=1000,
-        internal=True,
-    )
-    few_points: int = param(
-        100,  # ORB-SLAM3, in localization (Tracking.cc, UpdateLastFrame)
-        'If the last frame observed fewer map points than this, its other features with depth '
-        'are matched as well from the first search on; otherwise only if map points alone give no '
-        'convincing pose. A larger number uses these features more often; some of them may be on '
-        'a moving object that is not in the map.',
-        minimum=0,
-        maximum=5000,
-        internal=True,
-    )
-    convincing_share: float = param(
-        0.5,  # not tuned
-        'A pose is accepted at once if its inliers are more than this share of the matches, or '
-        'more than this share of the points of the last frame; otherwise further pose hypotheses '
-        'are tried. A larger share tries them more often, which takes time.',
-        minimum=0.0,
-        maximum=1.0,
-        internal=True,
-    )
-    max_local_keyframes: int = param(
-        24,  # chosen: ORB-SLAM3 has 80, which takes longer
-        'Number of keyframes whose points make up the local map. A larger number matches more '
-        'points and takes more time.',
-        minimum=2,
-        maximum=500,
-        internal=True,
-    )
-    reference_max_hamming: int = param(
-        60,  # not tuned; ORB-SLAM3 has 50 (ORBmatcher.cc, TH_LOW)
-        'Largest descriptor distance of a match with the reference keyframe (bits). A larger one '
-        'gives more matches, of which more are wrong.',
-        minimum=1,
-        maximum=256,
-        internal=True,
-    )
-    reference_ratio: float = param(
-        0.8,  # not tuned; ORB-SLAM3 has 0.7 (Tracking.cc, TrackReferenceKeyFrame)
-        'A match with the reference keyframe is accepted if its descriptor distance is at most '
-        'this share of that of the second best match. A larger share gives more matches, of '
-        'which more are wrong.',
-        minimum=0.1,
-        maximum=1.0,
-        internal=True,
-    )
+    # Number of matches with the last frame below which the search is repeated in wider windows. A
+    # larger number repeats it more often, which takes time. Not tuned; ORB-SLAM3 has 20
+    # (Tracking.cc, TrackWithMotionModel).
+    few_matches: int = param(40, internal=True)
+    # If the last frame observed fewer map points than this, its other features with depth are
+    # matched as well from the first search on; otherwise only if map points alone give no
+    # convincing pose. A larger number uses these features more often; some of them may be on a
+    # moving object that is not in the map. ORB-SLAM3, in localization (Tracking.cc,
+    # UpdateLastFrame).
+    few_points: int = param(100, internal=True)
+    # A pose is accepted at once if its inliers are more than this share of the matches, or more
+    # than this share of the points of the last frame; otherwise further pose hypotheses are
+    # tried. A larger share tries them more often, which takes time. Not tuned.
+    convincing_share: float = param(0.5, internal=True)
+    # Number of keyframes whose points make up the local map. A larger number matches more points
+    # and takes more time. Chosen: ORB-SLAM3 has 80, which takes longer.
+    max_local_keyframes: int = param(24, internal=True)
+    # Largest descriptor distance of a match with the reference keyframe (bits). A larger one
+    # gives more matches, of which more are wrong. Not tuned; ORB-SLAM3 has 50 (ORBmatcher.cc,
+    # TH_LOW).
+    reference_max_hamming: int = param(60, internal=True)
+    # A match with the reference keyframe is accepted if its descriptor distance is at most this
+    # share of that of the second best match. A larger share gives more matches, of which more are
+    # wrong. Not tuned; ORB-SLAM3 has 0.7 (Tracking.cc, TrackReferenceKeyFrame).
+    reference_ratio: float = param(0.8, internal=True)
     consensus: ConsensusConfig = section(ConsensusConfig)
 
     # ORB-SLAM3, Tracking.cc, TrackWithMotionModel: half side of the search windows in octave 0,
@@ -171,14 +141,10 @@ class KeyframeConfig(Config):
         maximum=1.0,
         read_only=False,
     )
-    min_close_tracked: int = param(
-        60,  # not tuned; ORB-SLAM3 has 100 (Tracking.cc, NeedNewKeyFrame)
-        'A frame becomes a keyframe if it tracks fewer near points than this, and has many near '
-        'features from which new points can be created. A larger number makes more keyframes.',
-        minimum=0,
-        maximum=5000,
-        internal=True,
-    )
+    # A frame becomes a keyframe if it tracks fewer near points than this, and has many near
+    # features from which new points can be created. A larger number makes more keyframes. Not
+    # tuned; ORB-SLAM3 has 100 (Tracking.cc, NeedNewKeyFrame).
+    min_close_tracked: int = param(60, internal=True)
     min_gap_s: float = param(
         0.2,  # not tuned; ORB-SLAM3 has 0
         'Shortest time between two keyframes while tracking is good and the mapper is in time '
@@ -188,24 +154,14 @@ class KeyframeConfig(Config):
         maximum=10.0,
         read_only=False,
     )
-    fewer_share: float = param(
-        0.85,  # decision 004
-        'A frame whose view no keyframe has becomes a keyframe if it tracks fewer points than '
-        'this share of the most that a frame has tracked since the last keyframe. A larger share '
-        'makes more keyframes.',
-        minimum=0.0,
-        maximum=1.0,
-        internal=True,
-    )
-    fallen_share: float = param(
-        0.6,  # not tuned
-        'A frame becomes a keyframe at once, even if a keyframe has the same view, if it tracks '
-        'fewer points than this share of the most that a frame has tracked since the last '
-        'keyframe. A larger share makes more keyframes.',
-        minimum=0.0,
-        maximum=1.0,
-        internal=True,
-    )
+    # A frame whose view no keyframe has becomes a keyframe if it tracks fewer points than this
+    # share of the most that a frame has tracked since the last keyframe. A larger share makes
+    # more keyframes. Decision 004.
+    fewer_share: float = param(0.85, internal=True)
+    # A frame becomes a keyframe at once, even if a keyframe has the same view, if it tracks fewer
+    # points than this share of the most that a frame has tracked since the last keyframe. A
+    # larger share makes more keyframes. Not tuned.
+    fallen_share: float = param(0.6, internal=True)
     skip_known_views: bool = param(
         default=True,  # decision 004: 39 keyframes after one pass over a path, 43 after 136 passes
         description='Whether to skip a keyframe where an older keyframe already has the same '
@@ -214,22 +170,15 @@ class KeyframeConfig(Config):
         'if the view changes while a keyframe waits for the mapper. Set it to false to make '
         'keyframes in known views as well, as ORB-SLAM3 does.',
     )
-    keep_outliers: bool = param(
-        default=False,  # decision 021: the rule of ORB-SLAM3
-        description='Stores matches that are outliers of the pose in the keyframe as well, and '
-        'leaves their rejection to bundle adjustment, as ORB-SLAM3 does. When it is off, a '
-        'keyframe stores inliers only.',
-        internal=True,
-    )
-    min_new_points: int = param(
-        400,  # not tuned; ORB-SLAM3 has 100 (Tracking.cc, CreateNewKeyFrame)
-        'Number of near points up to which a keyframe is filled with points from depth. If there '
-        'are too few features within 3 m, more distant ones are used, whose points are noisier. '
-        'A larger number makes a denser map with more distant points.',
-        minimum=0,
-        maximum=5000,
-        internal=True,
-    )
+    # Stores matches that are outliers of the pose in the keyframe as well, and leaves their
+    # rejection to bundle adjustment, as ORB-SLAM3 does. When it is off, a keyframe stores inliers
+    # only. Decision 021: the rule of ORB-SLAM3.
+    keep_outliers: bool = param(default=False, internal=True)
+    # Number of near points up to which a keyframe is filled with points from depth. If there are
+    # too few features within 3 m, more distant ones are used, whose points are noisier. A larger
+    # number makes a denser map with more distant points. Not tuned; ORB-SLAM3 has 100
+    # (Tracking.cc, CreateNewKeyFrame).
+    min_new_points: int = param(400, internal=True)
 
     # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: a keyframe can add many points if it has more near
     # features without a map point than this number.
@@ -240,39 +189,21 @@ class KeyframeConfig(Config):
 class TriangulationConfig(Config):
     """Creation of points from two keyframes (decision 009)."""
 
-    neighbors: int = param(
-        6,  # decision 009
-        'Number of neighboring keyframes with which a new keyframe is triangulated. A larger '
-        'number creates more points and takes more time; 0 creates points from depth readings '
-        'only.',
-        minimum=0,
-        maximum=50,
-        internal=True,
-    )
-    min_baseline_m: float = param(
-        0.03,  # not tuned; ORB-SLAM3 asks for a stereo baseline
-        'Shortest distance between two keyframes from which points are triangulated (m). A longer '
-        'distance creates fewer and more accurate points.',
-        minimum=0.0,
-        maximum=10.0,
-        internal=True,
-    )
-    min_parallax_deg: float = param(
-        0.6,  # not tuned; ORB-SLAM3 asks for 1.15 degrees (cosine of 0.9998)
-        'Smallest angle between the two rays to a new point (degrees). A larger angle creates '
-        'fewer and more accurate points.',
-        minimum=0.01,
-        maximum=30.0,
-        internal=True,
-    )
-    ratio: float = param(
-        0.9,  # not tuned; ORB-SLAM3 has 0.6 (LocalMapping.cc, CreateNewMapPoints)
-        'A match is triangulated if its descriptor distance is at most this share of that of the '
-        'second best match. A larger share creates more points, of which more are wrong.',
-        minimum=0.1,
-        maximum=1.0,
-        internal=True,
-    )
+    # Number of neighboring keyframes with which a new keyframe is triangulated. A larger number
+    # creates more points and takes more time; 0 creates points from depth readings only. Decision
+    # 009.
+    neighbors: int = param(6, internal=True)
+    # Shortest distance between two keyframes from which points are triangulated (m). A longer
+    # distance creates fewer and more accurate points. Not tuned; ORB-SLAM3 asks for a stereo
+    # baseline.
+    min_baseline_m: float = param(0.03, internal=True)
+    # Smallest angle between the two rays to a new point (degrees). A larger angle creates fewer
+    # and more accurate points. Not tuned; ORB-SLAM3 asks for 1.15 degrees (cosine of 0.9998).
+    min_parallax_deg: float = param(0.6, internal=True)
+    # A match is triangulated if its descriptor distance is at most this share of that of the
+    # second best match. A larger share creates more points, of which more are wrong. Not tuned;
+    # ORB-SLAM3 has 0.6 (LocalMapping.cc, CreateNewMapPoints).
+    ratio: float = param(0.9, internal=True)
 
     min_depth_m: ClassVar[float] = 0.4  # the shortest range of depth cameras (decision 009)
     max_hamming: ClassVar[int] = 50  # ORB-SLAM3, ORBmatcher.cc, TH_LOW [bits]
@@ -282,47 +213,24 @@ class TriangulationConfig(Config):
 class MappingConfig(Config):
     """Local mapping after the insertion of a keyframe: new points, adjustment and culling."""
 
-    window: int = param(
-        8,  # chosen: ORB-SLAM3 moves all covisible keyframes, which takes longer
-        'Number of keyframes that local bundle adjustment moves. A larger number spreads '
-        'corrections over more keyframes and takes more time.',
-        minimum=2,
-        maximum=100,
-        internal=True,
-    )
-    fixed_window: int = param(
-        12,  # chosen: ORB-SLAM3 takes all keyframes that see the points
-        'Number of further keyframes that see the same points and that local bundle adjustment '
-        'keeps fixed. A larger number connects the adjusted keyframes to more of the map and '
-        'takes more time.',
-        minimum=1,
-        maximum=200,
-        internal=True,
-    )
-    rounds: int = param(
-        2,  # not tuned; ORB-SLAM3 has one
-        'Number of rounds of local bundle adjustment; outliers of a round are left out of the '
-        'next one. A larger number rejects outliers better and takes more time.',
-        minimum=1,
-        maximum=5,
-        internal=True,
-    )
-    iterations: int = param(
-        5,  # ORB-SLAM's first round (Optimizer.cc); ORB-SLAM3 has ten in one round
-        'Largest number of iterations in each round. A larger number converges further and takes '
-        'more time.',
-        minimum=1,
-        maximum=50,
-        internal=True,
-    )
-    redundant_share: float = param(
-        0.8,  # not tuned; ORB-SLAM3 has 0.9 (LocalMapping.cc, KeyFrameCulling)
-        'A keyframe is removed if three others see at least this share of its points. A larger '
-        'share keeps more keyframes.',
-        minimum=0.5,
-        maximum=1.0,
-        internal=True,
-    )
+    # Number of keyframes that local bundle adjustment moves. A larger number spreads corrections
+    # over more keyframes and takes more time. Chosen: ORB-SLAM3 moves all covisible keyframes,
+    # which takes longer.
+    window: int = param(8, internal=True)
+    # Number of further keyframes that see the same points and that local bundle adjustment keeps
+    # fixed. A larger number connects the adjusted keyframes to more of the map and takes more
+    # time. Chosen: ORB-SLAM3 takes all keyframes that see the points.
+    fixed_window: int = param(12, internal=True)
+    # Number of rounds of local bundle adjustment; outliers of a round are left out of the next
+    # one. A larger number rejects outliers better and takes more time. Not tuned; ORB-SLAM3 has
+    # one.
+    rounds: int = param(2, internal=True)
+    # Largest number of iterations in each round. A larger number converges further and takes more
+    # time. ORB-SLAM's first round (Optimizer.cc); ORB-SLAM3 has ten in one round.
+    iterations: int = param(5, internal=True)
+    # A keyframe is removed if three others see at least this share of its points. A larger share
+    # keeps more keyframes. Not tuned; ORB-SLAM3 has 0.9 (LocalMapping.cc, KeyFrameCulling).
+    redundant_share: float = param(0.8, internal=True)
     triangulation: TriangulationConfig = section(TriangulationConfig)
 
     fuse_radius_px: ClassVar[float] = 3.0  # ORB-SLAM3, ORBmatcher.h, Fuse
