@@ -133,10 +133,9 @@ class RobotMap:
         `path_of` and `cameras_of` convert the copy, in any thread.
         """
         keyframes = self._slam.map.atlas.keyframes
-        map_id, rows = main_map(keyframes), keyframes.indices()
+        map_id, rows = main_map(keyframes), keyframes.indices_by_uid()
         is_main = keyframes.map_id[rows] == map_id
         rows = rows[is_main]
-        rows = rows[np.argsort(keyframes.uid[rows])]
         return MapPoses(
             None if is_main.all() else map_id,
             keyframes.stamp_ns[rows],

@@ -134,9 +134,10 @@ def _links(
     """
     keyframes = atlas.keyframes
     for loop in loops:
-        a, b = keyframes.index_of(loop.first_uid), keyframes.index_of(loop.second_uid)
-        if a is None or b is None or not loop.is_used:
+        ends = keyframes.ends_of(loop)
+        if ends is None or not loop.is_used:
             continue
+        a, b = ends
         g, h = int(group_of[a]), int(group_of[b])
         if min(g, h) < 0 or g == h:
             continue

@@ -168,9 +168,9 @@ def _moved(
 
 def _still_in_map(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
     """Return the rows of the elements that a table still has, and their positions in `uids`."""
-    rows = table.indices()
-    _, in_table, in_uids = np.intersect1d(table.uid[rows], uids, return_indices=True)
-    return rows[in_table], in_uids
+    rows = table.rows_of(uids)
+    known = np.flatnonzero(rows >= 0)
+    return rows[known], known
 
 
 def _descendants(atlas: Atlas, rows: IntArray, first_uid: int) -> list[tuple[int, int]]:
@@ -294,10 +294,10 @@ class GlobalAdjuster:
         self._stop()
         if solution is not None:
             apply_solution(self._atlas, running.problem, solution, running.moves)
-        around = [self._atlas.keyframes.index_of(uid) for uid in self._next_uids.tolist()]
+        rows, _ = _still_in_map(self._atlas.keyframes, self._next_uids)
         self._next_uids = self._next_uids[:0]
-        if rows := [row for row in around if row is not None]:
-            self.start(np.array(rows))
+        if len(rows):
+            self.start(rows)
         return solution is not None
 
     def close(self) -> None:

@@ -161,12 +161,11 @@ class LoopCloser:
         keyframes, uids = self._atlas.keyframes, self._atlas.loops[number][:2]
         open_loop(self._atlas, self._camera, number, self._config.essential_shared)
         for edge in self._atlas.loops:
-            a, b = keyframes.index_of(edge.first_uid), keyframes.index_of(edge.second_uid)
-            if a is not None and b is not None and keyframes.map_id[a] == keyframes.map_id[b]:
-                self._fuse(b, a)
-        ends = [i for i in map(keyframes.index_of, uids) if i is not None]
-        if ends:
-            self._adjust(np.array(ends))
+            if ends := keyframes.ends_of(edge):
+                self._fuse(ends[1], ends[0])
+        rows = keyframes.rows_of(np.array(uids))
+        if (rows >= 0).any():
+            self._adjust(rows[rows >= 0])
 
     def index_places(self) -> None:
         """Index the places of all keyframes now, if closing loops is switched on.

@@ -66,8 +66,5 @@ def _deviation(atlas: Atlas, edge: LoopEdge, poses: FloatArray) -> tuple[float, 
 
     They are 0 if the loop is between different maps.
     """
-    keyframes = atlas.keyframes
-    a, b = keyframes.index_of(edge.first_uid), keyframes.index_of(edge.second_uid)
-    if a is None or b is None or keyframes.map_id[a] != keyframes.map_id[b]:
-        return 0.0, 0.0
-    return motion_size(edge.residual(poses[a], poses[b]))
+    ends = atlas.keyframes.ends_of(edge)
+    return (0.0, 0.0) if ends is None else motion_size(edge.residual(*poses[list(ends)]))

@@ -68,11 +68,12 @@ def open_loop(atlas: Atlas, camera: StereoCamera, number: int, min_shared: int) 
 def _sides(atlas: Atlas, edge: LoopEdge) -> _Sides | None:
     """Return the two sides of a loop; None if a keyframe at its ends is gone."""
     keyframes = atlas.keyframes
-    a, b = keyframes.index_of(edge.first_uid), keyframes.index_of(edge.second_uid)
-    if a is None or b is None or keyframes.map_id[a] != keyframes.map_id[b]:
+    ends = keyframes.ends_of(edge)
+    if ends is None:
         return None
-    rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == keyframes.map_id[a]))
-    rows = rows[np.argsort(keyframes.uid[rows])]
+    a, b = ends
+    rows = keyframes.indices_by_uid()
+    rows = rows[keyframes.map_id[rows] == keyframes.map_id[a]]
     rank, is_new = np.zeros(keyframes.capacity, np.int64), np.zeros(keyframes.capacity, np.bool_)
     rank[rows] = np.arange(len(rows))
     parents = atlas.parents()
@@ -145,11 +146,9 @@ def _unbent_poses(
     for a, b, T_a_b, *sigmas in constraints(pairs, keyframes.T_map_camera):
         graph.add_constraint(a, b, _measured_motion(atlas, camera, a, b, T_a_b), *sigmas)
     for edge in atlas.loops:
-        first, second = (keyframes.index_of(uid) for uid in edge[:2])
-        if first is None or second is None or not edge.is_used:
-            continue
-        if np.isin([first, second], rows).all():
-            graph.add_measurement(first, second, edge.T_first_second, edge.covariance)
+        ends = keyframes.ends_of(edge)
+        if ends is not None and edge.is_used and ends[0] in rows:
+            graph.add_measurement(*ends, edge.T_first_second, edge.covariance)
     return graph.optimize()
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
+from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.records.disk_array import DiskArray
 from rgbd_slam.records.soa_table import DEAD, Column, SoaTable, SoaTableRows
 
@@ -224,6 +225,13 @@ class KeyframeTable(SoaTable):
     def children(self, i: int) -> IntArray:
         """Return the rows of the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
+
+    def ends_of(self, edge: LoopEdge) -> tuple[int, int] | None:
+        """Return the rows of a loop's first and second keyframe; None unless one map has both."""
+        a, b = self.index_of(edge.first_uid), self.index_of(edge.second_uid)
+        if a is None or b is None or self.map_id[a] != self.map_id[b]:
+            return None
+        return a, b
 
     def rows_since(self, version: int, *, with_features: bool = True) -> SoaTableRows:
         """Return copies of the rows that changed after a version.

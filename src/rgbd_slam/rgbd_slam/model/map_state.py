@@ -116,8 +116,7 @@ def snapshot(atlas: Atlas) -> MapState:
     It takes 0.04 ms per keyframe, little more than copying the bytes.
     """
     keyframes, points = atlas.keyframes, atlas.points
-    i = keyframes.indices()
-    i = i[np.argsort(keyframes.uid[i])]
+    i = keyframes.indices_by_uid()
     j = points.indices()
     num_features = keyframes.num_features[i]
     features = list(zip(i.tolist(), num_features.tolist(), strict=True))

@@ -125,12 +125,8 @@ class MapTables:
     def parents(self) -> IntArray:
         """Return the (capacity,) row of each keyframe's parent; -1 for roots and empty rows."""
         kf = self.keyframes
-        rows = kf.indices()
-        order = rows[np.argsort(kf.uid[rows])]
-        uids, wanted = kf.uid[order], kf.parent_uid[rows]
-        at = np.minimum(np.searchsorted(uids, wanted), max(len(rows) - 1, 0))
-        parents = np.full(kf.capacity, -1, np.int64)
-        parents[rows] = np.where(uids[at] == wanted, order[at], -1)
+        rows, parents = kf.indices(), np.full(kf.capacity, -1, np.int64)
+        parents[rows] = kf.rows_of(kf.parent_uid[rows])
         return parents
 
     def anchor(self, uid: int) -> Anchor | None:
@@ -262,10 +258,9 @@ class MapTables:
     def _apply_move(self, move: Move) -> BoolArray:
         """Move keyframes with their points; return the (capacity,) mask of the moved points."""
         kf, points = self.keyframes, self.points
-        rows = kf.indices()
-        rows = rows[np.isin(kf.uid[rows], move.uids)]
-        order = np.argsort(move.uids)
-        n = order[np.searchsorted(move.uids, kf.uid[rows], sorter=order)]
+        rows = kf.rows_of(move.uids)
+        n = np.flatnonzero(rows >= 0)
+        rows = rows[n]
         kf.T_map_camera[rows] = move.T_new_old[n] @ kf.T_map_camera[rows]
         which_of_uid = np.full(int(move.uids.max(initial=0)) + 1, -1, np.int64)
         which_of_uid[move.uids] = np.arange(len(move.uids))

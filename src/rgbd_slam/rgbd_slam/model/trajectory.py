@@ -222,9 +222,8 @@ class TrajectoryRecorder:
     def keyframes(self) -> Trajectory:
         """Return the poses of this session's keyframes in the main map, in order of insertion."""
         keyframes = self._keyframes
-        rows = keyframes.indices()
+        rows = keyframes.indices_by_uid()
         rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
-        rows = rows[np.argsort(keyframes.uid[rows])]
         return Trajectory(keyframes.stamp_ns[rows], keyframes.T_map_camera[rows])
 
     def _final(self) -> Iterator[Trajectory]:
@@ -273,8 +272,7 @@ class _PoseSnapshot:
     """
 
     def __init__(self, keyframes: KeyframeTable) -> None:
-        rows = keyframes.indices()
-        rows = rows[np.argsort(keyframes.uid[rows])]
+        rows = keyframes.indices_by_uid()
         self._uids = np.append(DEAD, keyframes.uid[rows])
         self._T_map_camera = np.concatenate([np.eye(4)[None], keyframes.T_map_camera[rows]])
         self.map_id, self._main = np.append(_NO_MAP, keyframes.map_id[rows]), main_map(keyframes)
@@ -382,8 +380,7 @@ def main_map(keyframes: KeyframeTable) -> int:
 def keyframe_poses(atlas: Atlas) -> KeyframePoses:
     """Return a snapshot of the keyframe poses of all maps."""
     keyframes = atlas.keyframes
-    rows = keyframes.indices()
-    rows = rows[np.argsort(keyframes.uid[rows])]
+    rows = keyframes.indices_by_uid()
     return KeyframePoses(
         atlas.version,
         keyframes.uid[rows],

@@ -66,8 +66,7 @@ class HashIndex:
         than `max_features`, evenly spaced ones. Later observations are not added.
         """
         keyframes = atlas.keyframes
-        rows = keyframes.indices()
-        rows = rows[np.argsort(keyframes.uid[rows])]
+        rows = keyframes.indices_by_uid()
         uids = keyframes.uid[rows]
         for uid in np.setdiff1d(self._members, uids, assume_unique=True).tolist():
             self.remove(uid)

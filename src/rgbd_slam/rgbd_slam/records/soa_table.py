@@ -64,6 +64,11 @@ class SoaTable:
         """Return the (N,) rows that hold an element, in ascending order."""
         return np.flatnonzero(self.uid != DEAD)
 
+    def indices_by_uid(self) -> IntArray:
+        """Return the (N,) rows that hold an element, in the order of their uids."""
+        rows = self.indices()
+        return rows[np.argsort(self.uid[rows])]
+
     def __len__(self) -> int:
         return self._num_alive
 
@@ -71,6 +76,14 @@ class SoaTable:
         """Return the row of an element, or None if the table does not hold it (any more)."""
         rows = np.flatnonzero(self.uid == uid)
         return int(rows[0]) if uid != DEAD and len(rows) else None
+
+    def rows_of(self, uids: IntArray) -> IntArray:
+        """Return the (M,) rows of elements by uid; -1 for those that the table does not hold."""
+        rows = self.indices_by_uid()
+        if len(rows) == 0:
+            return np.full(len(uids), -1, np.int64)
+        found = rows[np.minimum(np.searchsorted(self.uid[rows], uids), len(rows) - 1)]
+        return np.where(self.uid[found] == uids, found, -1)
 
     def allocate(self, count: int, version: int, first_uid: int | None = None) -> IntArray:
         """Give uids to the lowest empty rows, and return these (count,) rows in ascending order.

@@ -120,7 +120,7 @@ class MapParts:
             np.maximum(points.version, points.shifted), np.arange(0, points.capacity, CHUNK)
         )
         self._grow(len(last_change))
-        rows = kf.indices()
+        rows = kf.indices_by_uid()
         is_new = self._uid[rows] != kf.uid[rows]
         left = rows[is_new | (kf.reobserved[rows] > self._state_version[rows])]
         chunks = np.flatnonzero(last_change > self._chunk_version)
@@ -176,7 +176,6 @@ class MapParts:
 
     def _keyframes(self, rows: IntArray) -> KeyframeCopy:
         kf = self.atlas.keyframes
-        rows = rows[np.argsort(kf.uid[rows])]
         return KeyframeCopy(
             kf.uid[rows],
             kf.stamp_ns[rows],
