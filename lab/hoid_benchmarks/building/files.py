@@ -88,7 +88,8 @@ def _write(drive: Drive, writer: MapWriter) -> Written:
     while not is_complete:
         part, copy_s = _timed(writer.copy)
         longest_s = max(longest_s, copy_s)
-        is_complete = writer.append(part, drive.session.robot_map.header())
+        session = drive.session
+        is_complete = writer.append(part, session.robot_map.header(session.stamp_ns))
     cpu_s = time.process_time() - start_s
     return Written(cpu_s, _MS * longest_s, _written_bytes() - before)
 

@@ -228,11 +228,10 @@ class RobotMap:
         loops = renumbered(atlas.loops, {uid: uid for uid in uids.tolist()})
         return MapFile(self._camera, *octaves, state, uids, loops, self.session)
 
-    def header(self) -> MapHeader:
-        """Return the header of a checkpoint: camera, octaves, and the core's frame in the map."""
-        config = self._config
-        octaves = config.scale_factor, config.num_octaves
-        return MapHeader(self._camera, *octaves, self.frames.T_map_core, self.session)
+    def header(self, stamp_ns: int) -> MapHeader:
+        """Return the header of the map for a file; `stamp_ns` is that of the latest image."""
+        octaves = self._config.scale_factor, self._config.num_octaves
+        return MapHeader(self._camera, *octaves, self.frames.T_map_core, self.session, stamp_ns)
 
     def prepare_load(
         self, content: MapFile, *, keep: bool = False, extend: bool = True

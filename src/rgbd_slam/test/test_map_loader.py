@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from threading import Event
 from typing import Any
 
@@ -16,6 +15,7 @@ from rgbd_slam.ros import map_loader
 from rgbd_slam.ros.map_loader import MapLoader
 from rgbd_slam.session import SlamSession
 
+from .direct_calls import DirectCalls
 from .world import CAMERA, PERIOD_NS, World, sway
 
 
@@ -32,16 +32,6 @@ class FakeNode:
     def warning(self, text: str) -> None:
         self.warnings.append(text)
         self.has_warned.set()
-
-
-class DirectCalls:
-    """Calls functions in the thread that asks for it."""
-
-    def __init__(self, _: object) -> None:
-        pass
-
-    def call(self, function: Callable[[], object]) -> object:
-        return function()
 
 
 class Keyframes:

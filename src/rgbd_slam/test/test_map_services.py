@@ -16,6 +16,8 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.ros import map_services
 from rgbd_slam.ros.map_services import MapServices
 
+from .direct_calls import DirectCalls
+
 
 class FakeNode:
     """A node, its log, its diagnostics and the thread of its services."""
@@ -42,9 +44,6 @@ class FakeNode:
     def start(self, *_: object) -> None:
         pass
 
-    def call(self, function: Callable[[], object]) -> object:
-        return function()
-
 
 @pytest.mark.parametrize(
     ('is_settled', 'message'),
@@ -56,7 +55,7 @@ class FakeNode:
 def test_a_mode_that_was_switched_is_a_success(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_settled: bool, message: str
 ) -> None:
-    monkeypatch.setattr(map_services, 'NodeThread', FakeNode)
+    monkeypatch.setattr(map_services, 'NodeThread', DirectCalls)
     monkeypatch.setattr(map_services, 'ServiceThread', FakeNode)
     monkeypatch.setattr(map_services, '_SETTLE_S', 0.0)
     modes: list[SlamMode] = []

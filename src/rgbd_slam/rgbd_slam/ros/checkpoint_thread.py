@@ -202,7 +202,8 @@ class CheckpointThread:
         if self._writer is None or self._writer.atlas is not atlas:
             return _Task(self._running.writer(atlas), None, keeps_stored=not self.continues_stored)
         is_same = atlas.version == self._written and self._running.path.exists()
-        return _Task(self._writer, _header(session) if is_same else None, keeps_stored=False)
+        header = session.robot_map.header(session.stamp_ns)
+        return _Task(self._writer, header if is_same else None, keeps_stored=False)
 
     def _open(self, task: _Task) -> bool:
         """Begin the transaction of a task; return False if there is none."""
@@ -230,7 +231,8 @@ class CheckpointThread:
             return None
         start_s = time.perf_counter()
         part, version = writer.copy(), writer.atlas.version
-        return _Copied(part, _header(session), version, time.perf_counter() - start_s)
+        header = session.robot_map.header(session.stamp_ns)
+        return _Copied(part, header, version, time.perf_counter() - start_s)
 
     def _append(self, writer: MapWriter, copied: _Copied) -> bool:
         """Write a part of the map; return False without writing if the map was discarded."""
@@ -256,7 +258,3 @@ class CheckpointThread:
             f'the map cannot be stored to resume it after a crash: {" ".join(str(error).split())}'
         )
         self._diagnostics.set_problem(_FAILED, text)
-
-
-def _header(session: SlamSession) -> MapHeader:
-    return session.robot_map.header()._replace(stamp_ns=session.stamp_ns)

@@ -29,8 +29,6 @@ T = TypeVar('T')
 _QUEUE_S = 40.0
 # Time limit for loading. Chosen: many times the duration for the largest map, for a busy machine.
 _LOAD_S = 600.0
-# Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
-_POLL_S = 0.05
 # Chosen: how long a new session waits for its map. A map of some hundred keyframes is loaded
 # within this time, so that the first image is relocalized in it.
 _PATIENCE_S, _SHORT_POLL_S = 2.0, 0.002
@@ -201,8 +199,6 @@ class MapLoader:
     ) -> T:
         """Call a function in the node's thread until it returns a value, and return this value.
 
-        As long as the function returns None, it is called again every 50 ms.
-
         Raises:
             InputError: There is no value within the limit (with the message `late`), the node is
                 too busy, or the session has ended.
@@ -214,9 +210,7 @@ class MapLoader:
                 raise InputError('the map was discarded meanwhile')
             return function()
 
-        end_s = time.monotonic() + limit_s
-        while (value := self._node_thread.call(checked)) is None:
-            if time.monotonic() > end_s:
-                raise InputError(late)
-            time.sleep(_POLL_S)
+        value = self._node_thread.poll(checked, time.monotonic() + limit_s)
+        if value is None:
+            raise InputError(late)
         return value

@@ -77,7 +77,7 @@ class MapOutputs:
         self._node_thread, self._context = NodeThread(node), node.context
         self._logger = node.get_logger()
         self._makers: dict[OnDemandPublisher, Callable[[_Snapshot], ByteArray]] = {
-            OnDemandPublisher(node, type_, topic, qos.LATCHED, self._on_subscribers): make
+            OnDemandPublisher(node, type_, topic, qos.LATCHED, self._publish): make
             for type_, topic, make in (
                 (Path, topics.PATH, _path),
                 (PointCloud2, topics.MAP_POINTS, self._points),
@@ -106,9 +106,6 @@ class MapOutputs:
     def _on_timer(self) -> None:
         if time.monotonic() >= self._rest_until_s:
             self._publish()
-
-    def _on_subscribers(self) -> None:
-        self._publish()
 
     def _publish(self) -> None:
         """Request messages for all topics that have subscribers and are not up to date.

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
@@ -45,14 +44,11 @@ from rgbd_slam.store.map_parts import MapPart
 from rgbd_slam.store.map_writer import MapWriter
 from rgbd_slam.store.tables import TABLES, MapHeader
 
-T = TypeVar('T')
-
 _MODES = {mode.name.lower(): mode for mode in SlamMode}
 # Time limit for the end of mapping and global adjustment. Chosen: twice the limit of the mapping
 # process for a global adjustment.
 _SETTLE_S = 40.0
-# Chosen: time between two checks whether the mapper has finished; tracking continues meanwhile.
-_POLL_S = 0.05
+_MAX_PAUSE_S = 0.05  # chosen: longest time for which writing waits between two parts of a map
 _MB = 1e6
 
 
@@ -151,7 +147,7 @@ class MapServices:
         def copy() -> tuple[MapPart, MapHeader]:
             if self._session() is not session:
                 raise InputError('the map was discarded meanwhile: there is nothing to save')
-            return writer.copy(), session.robot_map.header()._replace(stamp_ns=session.stamp_ns)
+            return writer.copy(), session.robot_map.header(session.stamp_ns)
 
         writer.begin()
         is_complete = False
@@ -160,7 +156,7 @@ class MapServices:
             part, header = self._node_thread.call(copy)
             copy_s = time.perf_counter() - start_s
             is_complete = writer.append(part, header)
-            time.sleep(min(copy_s, _POLL_S))  # so that tracking has about half of the time
+            time.sleep(min(copy_s, _MAX_PAUSE_S))  # so that tracking has about half of the time
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
@@ -197,17 +193,7 @@ class MapServices:
             slam_map.update()
             return slam_map.mapper.is_settled or None
 
-        return self._poll(settled, end_s) is not None
-
-    def _poll(self, function: Callable[[], T | None], end_s: float) -> T | None:
-        """Call a function in the node's thread until it returns a value, and return this value.
-
-        It is called at least once. None is returned if there is no value by the time `end_s`
-        (monotonic clock).
-        """
-        while (value := self._node_thread.call(function)) is None and time.monotonic() < end_s:
-            time.sleep(_POLL_S)
-        return value
+        return self._node_thread.poll(settled, end_s) is not None
 
     def _load(self, request: LoadMap.Request) -> str:
         path = existing_map(self._config.map_directory, request.name)

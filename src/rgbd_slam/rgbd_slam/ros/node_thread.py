@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from queue import SimpleQueue
@@ -14,6 +15,8 @@ from hoid_common.errors import InputError
 T = TypeVar('T')
 
 _LIMIT_S = 60.0  # chosen: the time limit of the mapping process for one request
+# Chosen: time between two calls of a polled function; tracking continues meanwhile.
+_POLL_S = 0.05
 
 
 class NodeThread:
@@ -41,6 +44,16 @@ class NodeThread:
             if not done.cancel():  # the call has begun: wait for its result
                 return done.result()  # type: ignore[return-value]
             raise InputError(f'the node has been busy for {_LIMIT_S:g} s; try again') from None
+
+    def poll(self, function: Callable[[], T | None], end_s: float) -> T | None:
+        """Call a function in the node's thread until it returns a value, and return this value.
+
+        It is called at least once, then every 50 ms. None is returned if it has returned no value
+        by the time `end_s` of the monotonic clock. Errors are those of `call`.
+        """
+        while (value := self.call(function)) is None and time.monotonic() < end_s:
+            time.sleep(_POLL_S)
+        return value
 
     def _run_calls(self) -> None:
         while not self._calls.empty():
