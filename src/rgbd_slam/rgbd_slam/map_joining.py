@@ -24,11 +24,14 @@ _LINK_EVERY = 10
 
 
 class MapJoin(NamedTuple):
-    """What became of one map: the maps that it was joined with, and the evidence."""
+    """The result for one saved map: the maps that it was joined with, and the evidence."""
 
-    joined_with: tuple[int, ...]  # numbers of the maps that it is one map with now, by any places
-    fits: tuple[MapFit, ...]  # to the other maps whose places its keyframes show, joined or not
-    # Recognized places after its first join; they show how well the maps agree.
+    # Numbers of the saved maps that are in one map with it now, possibly by way of a third one.
+    joined_with: tuple[int, ...]
+    # One for each other map whose places its keyframes show, whether or not the two were joined.
+    fits: tuple[MapFit, ...]
+    # Places of other maps that its keyframes show, searched after it was joined. They measure how
+    # well the maps agree.
     links: tuple[Join, ...]
 
     @property
@@ -38,21 +41,21 @@ class MapJoin(NamedTuple):
 
     @property
     def disagreement_m(self) -> float | None:
-        """Return the median distance [m] of the links from the joined map.
+        """Return the median distance [m] between keyframe poses in the joined map and by a link.
 
-        It is the distance between a keyframe's pose in the map and its pose by the link. None is
-        returned if there are no links.
+        None is returned if there are no links.
         """
         distances = [link.correction[0] for link in self.links if link.correction is not None]
         return float(np.median(distances)) if distances else None
 
 
 class JoinedMaps(NamedTuple):
-    """The map that `join_maps` has made of several maps, and what became of each of them."""
+    """The result of `join_maps`."""
 
     content: MapFile  # maps that were not joined are separate maps in it
     joins: tuple[MapJoin, ...]  # one for each map except the first
-    # For each map, the uids (K,) that its keyframes have in the result, in its order.
+    # One array for each saved map: the uids in `content` of its K keyframes, in the order of the
+    # saved map.
     uids: tuple[IntArray, ...]
 
 
@@ -65,14 +68,15 @@ def join_maps(
 ) -> JoinedMaps:
     """Join saved maps; the result is in the map frame of the first one.
 
-    Two maps are joined if several places fit, and if hardly any of the points expected there are
-    missing (`MapFit.doubt`).
+    Two maps are joined if keyframes of one show several places of the other from consistent
+    poses, and if most of the map points expected there are found (`MapFit.doubt`).
 
     Args:
         contents: At least two maps; their cameras may differ.
         config: Parameters of the core.
-        same: Numbers of pairs of maps that show the same places: one place is enough for these.
-        apart: Numbers of pairs of maps that are never joined.
+        same: Pairs of maps, by number, that are known to show the same places, so that they are
+            joined at the first place that fits.
+        apart: Pairs of maps, by number, that are never joined.
 
     Raises:
         MapFileError: The maps differ in the number or the scale of the octaves of their features.
@@ -83,8 +87,8 @@ def join_maps(
     atlas = Atlas(*octaves)
     rows = list(_restored(atlas, camera, contents))[::-1]
     joiner = _Joiner(atlas, LoopCloser(atlas, camera, config), rows, same, apart)
-    found = [joiner.join(n) for n in range(1, len(rows))]
-    joins = [join._replace(joined_with=joiner.group(n)) for n, join in enumerate(found, 1)]
+    evidence = [joiner.join(n) for n in range(1, len(rows))]
+    joins = [MapJoin(joiner.others(n), *found) for n, found in enumerate(evidence, 1)]
     uids = [atlas.keyframes.uid[own] for own in rows]
     content = MapFile(first.camera, *octaves, snapshot(atlas), np.sort(np.concatenate(uids)))
     return JoinedMaps(content, tuple(joins), tuple(uids))
@@ -116,9 +120,10 @@ def without_loop(content: MapFile, number: int, config: SlamConfig) -> MapFile:
 def _restored(
     atlas: Atlas, camera: StereoCamera, contents: Sequence[MapFile]
 ) -> Iterator[IntArray]:
-    """Load the maps, the last one first, and yield the (K,) rows of the keyframes of each.
+    """Load the saved maps, the last one first, and yield the (K,) rows of the keyframes of each.
 
-    Of two maps that are joined, the one that was restored later keeps its frame.
+    The first map is loaded last, because of two maps that are joined, the one that was loaded
+    later keeps its frame.
     """
     first = contents[0]
     for n, content in enumerate(reversed(contents)):
@@ -127,14 +132,14 @@ def _restored(
 
 
 class _Joiner:
-    """Joins the maps in an atlas; see `join_maps`.
+    """Joins the maps in an atlas; see `join_maps`. Saved maps have numbers, here `n` and `m`.
 
     Args:
         atlas: The maps.
         closer: Finds places and joins maps.
-        rows: The (K,) rows of the keyframes of each map.
-        same: Pairs of maps that show the same places.
-        apart: Pairs of maps that are never joined.
+        rows: For each saved map, the (K,) rows of its keyframes.
+        same: As in `join_maps`.
+        apart: As in `join_maps`.
     """
 
     def __init__(
@@ -149,40 +154,47 @@ class _Joiner:
         self._atlas = atlas
         self._same, self._apart = same, apart
 
-    def group(self, n: int) -> tuple[int, ...]:
-        """Return the numbers of the other maps that are one map with map `n` by now."""
-        return tuple(m for m in self._maps(self._map_id[self._rows[n]]) if m != n)
+    def others(self, n: int) -> tuple[int, ...]:
+        """Return the numbers of the other saved maps that are in one map with map `n` by now."""
+        return tuple(m for m in self._joined(n) if m != n)
 
-    def join(self, n: int) -> MapJoin:
-        """Join map `n` with all others that it fits to; `joined_with` is still empty."""
-        own, numbers = self._rows[n], range(len(self._rows))
-        group = self._maps(self._map_id[own])
-        excluded = [m for m in numbers if m in group or self._is_forbidden(n, m)]
+    def join(self, n: int) -> tuple[tuple[MapFit, ...], tuple[Join, ...]]:
+        """Join map `n` with all others that it fits; return its fits and links (`MapJoin`)."""
+        own, joined = self._rows[n], self._joined(n)
+        numbers = range(len(self._rows))
+        excluded = [m for m in numbers if m in joined or self._is_forbidden(n, m)]
         fits = map_fits(
             self._atlas, self._closer, own, np.concatenate([self._rows[m] for m in excluded])
         )
         links: list[Join] = []
         for fit in fits:
-            others = self._maps(self._map_id[[fit.place.keyframe]])
-            is_told = any({n, m} == {*pair} for m in others for pair in self._same)
-            if (is_told or not fit.doubt) and not self._is_forbidden(n, min(others)):
+            others = self._within(self._map_id[[fit.place.keyframe]])
+            is_known = any({n, m} == {*pair} for m in others for pair in self._same)
+            if (is_known or not fit.doubt) and not self._is_forbidden(n, min(others)):
                 self._closer.close_at(fit.i, fit.place)
                 links += self._links(own)
-        return MapJoin((), tuple(fits), tuple(links))
+        return tuple(fits), tuple(links)
 
-    def _maps(self, map_ids: IntArray) -> set[int]:
-        """Return the numbers of the maps of which a part has one of the ids (N,) by now."""
+    def _joined(self, n: int) -> set[int]:
+        """Return `n` and the numbers of the saved maps that are in one map with it by now."""
+        return self._within(self._map_id[self._rows[n]])
+
+    def _within(self, map_ids: IntArray) -> set[int]:
+        """Return the numbers of the saved maps with keyframes in any of the maps by id (N,)."""
         return {
             m for m, rows in enumerate(self._rows) if np.isin(self._map_id[rows], map_ids).any()
         }
 
     def _is_forbidden(self, n: int, m: int) -> bool:
-        """Return whether two maps that must stay apart would be one if `n` and `m` were joined."""
-        both = self._maps(self._map_id[np.concatenate([self._rows[n], self._rows[m]])])
+        """Return whether joining maps `n` and `m` would join two maps that must stay apart."""
+        both = self._joined(n) | self._joined(m)
         return any(both.issuperset(pair) for pair in self._apart)
 
     def _links(self, own: IntArray) -> Iterator[Join]:
-        """Close loops at every tenth keyframe of a joined map, and yield those to other maps."""
+        """Close loops at every tenth keyframe of a joined saved map; yield those to other maps.
+
+        `own` (K,) are the rows of its keyframes.
+        """
         uids = set(self._atlas.keyframes.uid[own].tolist())
         for i in own[::_LINK_EVERY].tolist():
             place = self._closer.find(i, np.flatnonzero(self._map_id != self._map_id[i]))
