@@ -84,8 +84,7 @@ def _loop(
 ) -> dict[str, Any]:
     """Close a loop and adjust the map around it."""
     keyframes = atlas.keyframes
-    rows = keyframes.indices()
-    rows = rows[np.argsort(keyframes.uid[rows])]
+    rows = keyframes.indices_by_uid()
     ends = rows[[int((1 - _SPAN) * (len(rows) - 1)), -1]]
     first, last = ends.tolist()
     T_first_last = se3.inverse(keyframes.T_map_camera[first]) @ keyframes.T_map_camera[last]
@@ -99,7 +98,7 @@ def _loop(
         loop = LoopEdge(
             *uids, T_first_last, covariance, 100, 1.0, 'closed', residual_m=0.0, is_used=True
         )
-        move_map(atlas, *closed_poses(atlas, region, [loop], shared))
+        move_map(atlas, region.rows, closed_poses(atlas, region, [loop], shared))
 
     _, correction_s = _timed(correct)
     sent_mb, gap_s, version = _sent(atlas, copy, version)

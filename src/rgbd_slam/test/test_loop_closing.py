@@ -213,7 +213,7 @@ def test_a_wrong_loop_is_taken_back_with_the_points_that_it_has_fused() -> None:
     atlas.refresh(seen[:count])
     atlas.update_connections(int(rows[30]))
     region = region_around(atlas, rows[[5, 30]], len(rows))
-    move_map(atlas, *closed_poses(atlas, region, atlas.loops, 100))
+    move_map(atlas, region.rows, closed_poses(atlas, region, atlas.loops, 100))
     atlas.set_parent(int(rows[31]), int(rows[6]))  # tracked from the wrong place
     assert errors_m(atlas, rows, truth).max() > 0.5
 

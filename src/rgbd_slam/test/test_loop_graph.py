@@ -62,11 +62,11 @@ def test_a_loop_edge_moves_the_end_to_where_it_was_measured() -> None:
     loop = loop_edge(int(uid[rows[0]]), int(uid[rows[-1]]), T_first_last)
     region = region_around(atlas, rows[[0, -1]], len(rows))
     assert len(region.border) == 0
-    keyframes, T = closed_poses(atlas, region, [loop], 100)
-    assert keyframes.tolist() == sorted(rows.tolist())
-    last = T[keyframes.tolist().index(int(rows[-1]))]
+    T = closed_poses(atlas, region, [loop], 100)
+    assert region.rows.tolist() == sorted(rows.tolist())
+    last = T[region.rows.tolist().index(int(rows[-1]))]
     np.testing.assert_allclose(last[:3, 3], truth[-1, :3, 3], atol=0.01)
-    np.testing.assert_allclose(T[keyframes.tolist().index(int(rows[0]))], truth[0], atol=1e-9)
+    np.testing.assert_allclose(T[region.rows.tolist().index(int(rows[0]))], truth[0], atol=1e-9)
 
 
 def test_the_uncertainty_of_a_loop_is_that_of_its_end_and_not_of_the_head_of_a_group(
@@ -82,8 +82,8 @@ def test_the_uncertainty_of_a_loop_is_that_of_its_end_and_not_of_the_head_of_a_g
         int(uid[rows[0]]), int(uid[rows[-1]]), se3.inverse(truth[0]) @ turned, covariance
     )
     region = region_around(atlas, rows[[0, -1]], len(rows))
-    keyframes, T = closed_poses(atlas, region, [loop], 100)
-    last = T[keyframes.tolist().index(int(rows[-1]))]
+    T = closed_poses(atlas, region, [loop], 100)
+    last = T[region.rows.tolist().index(int(rows[-1]))]
     np.testing.assert_allclose(last[:3, 3], truth[-1, :3, 3], atol=0.02)
 
 
@@ -136,9 +136,9 @@ def test_a_loop_in_a_large_map_corrects_the_keyframes_around_it() -> None:
     assert not np.isin(region.border, region.rows).any()
     uid = atlas.keyframes.uid[rows]
     loop = loop_edge(int(uid[0]), int(uid[-1]), se3.inverse(truth[0]) @ truth[-1])
-    keyframes, T = closed_poses(atlas, region, [loop], 100)
-    assert keyframes.tolist() == region.rows.tolist()
+    T = closed_poses(atlas, region, [loop], 100)
+    assert len(T) == len(region.rows)
     before = atlas.keyframes.T_map_camera[rows[-1]]
-    after = T[keyframes.tolist().index(int(rows[-1]))]
+    after = T[region.rows.tolist().index(int(rows[-1]))]
     drift_m = np.linalg.norm(before[:3, 3] - truth[-1, :3, 3])
     assert np.linalg.norm(after[:3, 3] - truth[-1, :3, 3]) < 0.8 * drift_m

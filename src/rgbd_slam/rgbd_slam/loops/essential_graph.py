@@ -66,10 +66,10 @@ def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
 
 def closed_poses(
     atlas: Atlas, region: Region, loops: Sequence[LoopEdge], min_shared: int
-) -> tuple[IntArray, FloatArray]:
-    """Return the rows (N,) of the keyframes of a region, and their poses after closing loops.
+) -> FloatArray:
+    """Return the poses T_map_camera (N, 4, 4) of a region's keyframes after closing loops.
 
-    The poses are T_map_camera (N, 4, 4); the map itself is not changed. The keyframes at the
+    They are in the order of `region.rows`; the map itself is not changed. The keyframes at the
     border of the region and the first keyframe of the map keep their poses. The pose graph has
     two kinds of edges: the present relative poses of connected keyframes, and the relative poses
     that were measured for the loops.
@@ -104,7 +104,7 @@ def closed_poses(
     for link in _links(atlas, loops, group_of, T_map_head):
         graph.add_measurement(*link)
     corrected = spread_corrections(groups, poses, graph.optimize(), pairs.first, pairs.second)
-    return region.rows, corrected[: len(region.rows)]
+    return corrected[: len(region.rows)]
 
 
 def constraints(

@@ -127,26 +127,25 @@ class LoopCloser:
         found = self.find(i) if self._config.enabled else None
         return LoopEvent.NOTHING if found is None else self.close_at(i, found)
 
-    def find(self, i: int, excluded: IntArray | None = None) -> FoundPlace | None:
+    def find(self, i: int, excluded: IntArray = _NOTHING) -> FoundPlace | None:
         """Return the known place that the keyframe in row `i` shows; None if there is none.
 
-        Args:
-            i: Row of the keyframe.
-            excluded: (N,) rows of keyframes whose places are not searched; None: none.
+        Keyframes in the rows `excluded` (N,) are no candidates.
         """
-        return self._detector.detect(i, _NOTHING if excluded is None else excluded)
+        return self._detector.detect(i, excluded)
 
     def close_at(self, i: int, place: FoundPlace) -> LoopEvent:
         """Correct the map by a place that `find` has found; store the join in `last_join`."""
         c, match, found_share = place
-        keyframes, correction = self._atlas.keyframes, None
+        keyframes = self._atlas.keyframes
+        correction: tuple[float, float] | None = None
         stamp_ns, place_stamp_ns = keyframes.stamp_ns[[i, c]].tolist()
         place_uid = int(keyframes.uid[c])
         T_c_i = se3.inverse(keyframes.T_map_camera[c]) @ match.T_map_camera
         if keyframes.map_id[i] == keyframes.map_id[c]:
             turn_rad, distance_m = self._detector.correction(i, match)
             correction = distance_m, turn_rad
-            event = self._close(i, place, T_c_i)
+            event = self._close(i, place, T_c_i, *correction)
         else:
             event = self._merge(i, place, T_c_i)
         if event is LoopEvent.NOTHING:
@@ -157,7 +156,7 @@ class LoopCloser:
         return event
 
     def open(self, number: int) -> None:
-        """Take back a loop or join of the map by its number, and adjust the map again."""
+        """Remove a loop or join, given by its number in the map, and adjust the map again."""
         keyframes, uids = self._atlas.keyframes, self._atlas.loops[number][:2]
         open_loop(self._atlas, self._camera, number, self._config.essential_shared)
         for edge in self._atlas.loops:
@@ -207,7 +206,9 @@ class LoopCloser:
         """Stop the global adjustment in the background without applying it."""
         self._adjuster.close()
 
-    def _close(self, i: int, place: FoundPlace, T_c_i: FloatArray) -> LoopEvent:
+    def _close(
+        self, i: int, place: FoundPlace, T_c_i: FloatArray, distance_m: float, turn_rad: float
+    ) -> LoopEvent:
         """Close a loop from keyframe `i` to a place of its map by pose graph optimization.
 
         The map points around both keyframes are fused. A global adjustment follows unless the loop
@@ -217,9 +218,10 @@ class LoopCloser:
             i: Row of the new keyframe.
             place: The verified place.
             T_c_i: (4, 4) pose of the keyframe, relative to the keyframe of the place.
+            distance_m: Distance by which the loop would move the new keyframe.
+            turn_rad: Angle by which the loop would turn it.
         """
         keyframes, config, c = self._atlas.keyframes, self._config, place.keyframe
-        turn_rad, distance_m = self._detector.correction(i, place.match)
         path_m = path_length_m(self._atlas, c, i)
         is_small = distance_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
         is_small &= path_m < config.long_path_m

@@ -1,7 +1,7 @@
-"""Optimizes the pose graph with the loops of a map, without those that contradict the rest.
+"""Optimizes the pose graph of a map, leaving out loops that contradict the others.
 
 As in RTAB-Map (RGBD/OptimizeMaxError), a loop is left out if the optimized map deviates from it by
-more than its error explains: one of the others is wrong then, or itself.
+more than the error of a measured loop: either this loop or one of the others is wrong then.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ _logger = logging.getLogger(__name__)
 
 
 class OptimizedGraph(NamedTuple):
-    """The poses of a region after optimization, and all loops of the map with their residuals."""
+    """The result of `optimized`."""
 
     T_map_camera: FloatArray  # (N, 4, 4) of the region's keyframes
+    # All loops of the map, with their residuals; those left out have `is_used` set to False.
     loops: tuple[LoopEdge, ...]
 
 
 def optimized(atlas: Atlas, region: Region, min_shared: int) -> OptimizedGraph:
     """Return the optimized poses of a region; the map itself is not changed.
 
-    As long as the poses deviate from a loop by more than 0.25 m or 5 degrees, the loop from which
-    they deviate most is left out, the newest one of equals, and the graph is optimized again.
+    If the optimized poses deviate from a loop by more than 0.25 m or 5 degrees, the loop with the
+    largest deviation is left out (the newest of several), and the graph is optimized again.
 
     Args:
         atlas: The map, whose last loop is the new one.
@@ -45,9 +46,9 @@ def optimized(atlas: Atlas, region: Region, min_shared: int) -> OptimizedGraph:
     """
     loops = list(atlas.loops)
     while True:
-        rows, T_map_camera = closed_poses(atlas, region, loops, min_shared)
+        T_map_camera = closed_poses(atlas, region, loops, min_shared)
         poses = atlas.keyframes.T_map_camera.copy()
-        poses[rows] = T_map_camera
+        poses[region.rows] = T_map_camera
         deviations = np.array([_deviation(atlas, edge, poses) for edge in loops])
         loops = [
             e._replace(residual_m=m) for e, m in zip(loops, deviations[:, 1].tolist(), strict=True)
