@@ -53,7 +53,7 @@ class MapPoses(NamedTuple):
     T_core_camera: FloatArray  # (K, 4, 4)
 
 
-class PointRows(NamedTuple):
+class CopiedPoints(NamedTuple):
     """Copied positions of R successive rows of the table of map points, in the core's map frame.
 
     `RobotFrames.T_map_core` leads from the core's map frame to the robot's map frame.
@@ -143,7 +143,7 @@ class RobotMap:
             keyframes.T_map_camera[rows],
         )
 
-    def copy_points(self, map_id: int | None, first: int, count: int) -> PointRows:
+    def copy_points(self, map_id: int | None, first: int, count: int) -> CopiedPoints:
         """Copy `count` rows of the table of points, without those after the last shown point.
 
         A large map is copied part by part between images, because copying it at once would delay
@@ -159,7 +159,7 @@ class RobotMap:
         if map_id is not None:
             is_shown &= points.map_id[rows] == map_id
         num_used = len(is_shown) - int(is_shown[::-1].argmax()) if is_shown.any() else 0
-        return PointRows(
+        return CopiedPoints(
             points.position_m[first : first + num_used].astype(np.float32),
             is_shown[:num_used],
             first + count >= points.capacity,
@@ -178,7 +178,7 @@ class RobotMap:
         """Return the copied keyframe poses as T_map_camera (K, 4, 4), in the robot's map frame."""
         return self.frames.T_map_core @ poses.T_core_camera
 
-    def shown_points_m(self, rows: PointRows) -> Float32Array:
+    def shown_points_m(self, rows: CopiedPoints) -> Float32Array:
         """Return the (N, 3) shown points [m] of copied rows, in the robot's map frame."""
         T_map_core = self.frames.T_map_core.astype(np.float32)
         shown_m = rows.position_m.take(np.flatnonzero(rows.is_shown), axis=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import tracemalloc
@@ -83,6 +84,8 @@ def test_what_no_file_takes_stays_in_memory_and_is_said_once(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def full(descriptor: int, data: bytes, offset: int) -> int:
+        if len(data) < BLOCK * TYPE.itemsize:  # the rest of a block
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return write(descriptor, data[:100], offset)
 
     write = os.pwrite

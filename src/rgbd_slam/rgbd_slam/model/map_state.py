@@ -84,7 +84,7 @@ class MapState(Record):
             num_octaves: Number of octaves.
         """
         rays = (self.uv_px - _center_px(old)) / _focal_px(old)
-        size_px = np.array([new.width_px, new.height_px])
+        size_px = np.array(new.size_px)
         uv_px = np.clip(
             rays * _focal_px(new) + _center_px(new), -_OUTSIDE * size_px, (1 + _OUTSIDE) * size_px
         )
@@ -195,7 +195,7 @@ def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
         },
         np.where(state.parent == NONE, DEAD, state.parent),
         {
-            'measurement_px': measurement_px(state, camera),
+            'measurement_px': _measurement_px(state, camera),
             **{name: getattr(state, name) for name in _COPIED},
         },
     )
@@ -214,7 +214,7 @@ def _saved_points(state: MapState) -> dict[str, Array]:
     }
 
 
-def measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
+def _measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
     """Return the (F, 3) u, v, u_right of all features; u_right is NaN without depth."""
     out = np.full((len(state.uv_px), 3), np.nan, np.float32)
     out[:, :2] = state.uv_px

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.io.files import write_error
-from rgbd_slam.records.record_store import temporary_folder
+from rgbd_slam.records.record_store import temporary_folder, write_at
 
 _logger = logging.getLogger(__name__)
 
@@ -103,14 +103,3 @@ def _owner(array: Array) -> object:
     while isinstance(owner, np.ndarray) and owner.base is not None:
         owner = owner.base
     return owner
-
-
-def write_at(descriptor: int, data: memoryview[Any], start: int) -> None:
-    """Write all bytes of `data` to an open file, beginning at byte `start` of the file.
-
-    Raises:
-        OSError: The bytes cannot be written.
-    """
-    done = 0
-    while done < len(data):
-        done += os.pwrite(descriptor, data[done:], start + done)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import tempfile
@@ -28,6 +27,17 @@ _logger = logging.getLogger(__name__)
 def temporary_folder() -> Path:
     """Return the folder for temporary files: `TMPDIR`, or else /var/tmp."""
     return Path(os.environ.get('TMPDIR') or _FOLDER)
+
+
+def write_at(descriptor: int, data: memoryview[Any], start: int) -> None:
+    """Write all bytes of `data` to an open file, beginning at byte `start` of the file.
+
+    Raises:
+        OSError: The bytes cannot be written.
+    """
+    done = 0
+    while done < len(data):
+        done += os.pwrite(descriptor, data[done:], start + done)
 
 
 class RecordStore:
@@ -147,8 +157,7 @@ class RecordStore:
             self._file = tempfile.TemporaryFile(dir=self._folder, buffering=0)  # noqa: SIM115
             weakref.finalize(self, self._file.close).atexit = False
         data = self._held[number].view(np.uint8).data
-        if os.pwrite(self._file.fileno(), data, number * len(data)) < len(data):
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write_at(self._file.fileno(), data, number * len(data))
 
     def _log_failure(self, error: OSError) -> None:
         if not self._has_failed:

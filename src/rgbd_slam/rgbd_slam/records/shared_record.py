@@ -12,10 +12,9 @@ from typing import IO, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from hoid_common.io.records import Record
-from rgbd_slam.records.record_store import temporary_folder
+from rgbd_slam.records.record_store import temporary_folder, write_at
 
 R = TypeVar('R', bound=Record)
-_PIECE_BYTES = 1 << 22  # written at once
 _ALIGNMENT = 64  # bytes; chosen: a cache line
 
 
@@ -57,14 +56,12 @@ class SharedRecord(Generic[R]):
         self._file: IO[bytes] = tempfile.TemporaryFile(  # noqa: SIM115
             dir=temporary_folder(), buffering=0
         )
+        start = 0
         for array in record.arrays().values():
             data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-            for start in range(0, len(data), _PIECE_BYTES):
-                piece = data[start : start + _PIECE_BYTES]
-                if self._file.write(piece) != len(piece):
-                    raise OSError(28, os.strerror(28))
-            self._file.write(bytes(_aligned(len(data)) - len(data)))
-        self._file.write(bytes(_ALIGNMENT))  # an empty file cannot be mapped
+            write_at(self._file.fileno(), data, start)
+            start += _aligned(len(data))
+        self._file.truncate(start + _ALIGNMENT)  # an empty file cannot be mapped
         # Another process of this user finds the file by the descriptor of this one.
         path = f'/proc/{os.getpid()}/fd/{self._file.fileno()}'
         self.location = RecordLocation(path, type(record), record.lengths())

@@ -85,7 +85,7 @@ def _check_tree(state: MapState) -> None:
 
 
 def _check_features(state: MapState, camera: CameraModel, num_octaves: int) -> None:
-    for pixels, size_px in zip(state.uv_px.T, (camera.width_px, camera.height_px), strict=True):
+    for pixels, size_px in zip(state.uv_px.T, camera.size_px, strict=True):
         low, end = (0.5 - _MAX_IMAGES) * size_px, (0.5 + _MAX_IMAGES) * size_px
         require(within(pixels, low, end), "a feature's pixel is out of range")
     is_depth = (state.depth_m == 0) | is_reading(state.depth_m)

@@ -91,18 +91,16 @@ class MapFile(NamedTuple):
 
     def _is_of(self, camera: CameraModel) -> bool:
         """Return whether a camera has the image size and the intrinsics of the map's camera."""
-        is_size = _size_px(self.camera) == _size_px(camera)
+        is_size = self.camera.size_px == camera.size_px
         return is_size and bool(
             (np.abs(_intrinsics(camera) - _intrinsics(self.camera)) < _SAME).all()
         )
 
 
 def check_extendable(made_with: CameraModel, camera: CameraModel) -> None:
-    """Raise MapFileError if a camera must not extend a map, as focal lengths differ by over 10 %.
+    """Raise MapFileError if a camera cannot extend a map that was made with another camera.
 
-    Args:
-        made_with: The camera with which the map was made.
-        camera: The camera that is to extend the map.
+    This is the case if their focal lengths differ by more than 10 %.
     """
     zoom = np.sqrt(camera.fx_px * camera.fy_px / made_with.fx_px / made_with.fy_px)
     if abs(np.log(zoom)) > np.log(_MAX_ZOOM):
@@ -111,10 +109,6 @@ def check_extendable(made_with: CameraModel, camera: CameraModel) -> None:
             f'{_listed(camera)}, differs too much to extend it: localize in it (mode '
             'localization, ./hoid run --localize), or make a new map'
         )
-
-
-def _size_px(camera: CameraModel) -> tuple[int, int]:
-    return camera.width_px, camera.height_px
 
 
 def _intrinsics(camera: CameraModel) -> FloatArray:
