@@ -14,6 +14,7 @@ from rgbd_slam.matching.local_map import visible_points
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.map_tables import NEAR_SHARED
 
 # ORB-SLAM3, LocalMapping.cc, MapPointCulling. A point is new up to the age _NEW_AGE. From the age
 # _MIN_AGE on, it needs more than _MIN_WEIGHT observations, of which one with depth counts twice.
@@ -21,7 +22,6 @@ from rgbd_slam.model.keyframes import NO_POINT
 _NEW_AGE = 3
 _MIN_AGE = 2
 _MIN_WEIGHT = 3
-_MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: shared points of neighbors
 _MIN_OBSERVERS = 3  # ORB-SLAM3, KeyFrameCulling: other keyframes that observe a redundant point
 _MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe are considered
 
@@ -72,7 +72,7 @@ def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: f
     itself observes the point. If hardly any point is close, as in a hall, all points are
     considered. The root of a map stays, because it defines the frame of the map.
     """
-    for neighbor in atlas.covisible(i, _MIN_SHARED).tolist():
+    for neighbor in atlas.covisible(i, NEAR_SHARED).tolist():
         if _is_redundant(atlas, neighbor, config.redundant_share, close_limit_m):
             atlas.remove_keyframe(neighbor)
 

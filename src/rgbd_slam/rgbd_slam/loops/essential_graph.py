@@ -18,10 +18,9 @@ from rgbd_slam.loops.region import Region
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_change import Move
+from rgbd_slam.model.map_tables import NEAR_SHARED
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
-# ORB-SLAM3, KeyFrame.cc, UpdateConnections: number of shared points that connects two keyframes.
-_MIN_SHARED = 15
 # Not tuned: standard deviations of the translation of an edge (a constant [m], plus a share of its
 # length) and of its rotation [rad], as good visual odometry has. Long edges and edges with few
 # shared points absorb most of a correction. How far a loop is closed depends on their size in
@@ -61,7 +60,7 @@ def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
         start: Row of one keyframe.
         goal: Row of the other keyframe.
     """
-    return atlas.path_length_m(start, goal, _MIN_SHARED, _DRIFT_M_PER_RAD)
+    return atlas.path_length_m(start, goal, NEAR_SHARED, _DRIFT_M_PER_RAD)
 
 
 def closed_poses(
@@ -116,7 +115,7 @@ def constraints(
     deviations of its rotation and of its translation.
     """
     T_a_b = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
-    weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, _MIN_SHARED, _STRONG_SHARED))
+    weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, NEAR_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
     sigma_rad = _SIGMA_RAD * weak
     for n, (a, b) in enumerate(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)):

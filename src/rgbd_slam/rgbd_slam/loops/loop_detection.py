@@ -21,8 +21,9 @@ from rgbd_slam.loops.surroundings import Present, Surroundings
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.map_tables import NEAR_SHARED
 from rgbd_slam.places.geometric_verification import PlaceMatch
-from rgbd_slam.places.place_finder import NEAR_SHARED, FoundPlace, PlaceFinder
+from rgbd_slam.places.place_finder import FoundPlace, PlaceFinder
 
 # Not tuned; places_and_loops.md: no false loop with all checks together.
 _AROUND = 10  # neighbors of the place whose points are searched in the confirming keyframes

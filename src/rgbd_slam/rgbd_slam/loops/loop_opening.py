@@ -166,11 +166,8 @@ def _measured_motion(
     k_a, k_b = k_a[keep], k_b[keep]
     if len(k_a) < _MIN_COMMON:
         return T_a_b
-    problem = PoseProblem(
-        camera.back_project(keyframes.measurement_px[a, k_a, :2], keyframes.depth_m[a, k_a]),
-        keyframes.measurement_px[b, k_b].astype(np.float64),
-        atlas.octave_scale[keyframes.octave[b, k_b]] ** -2.0,
-    )
+    points_m = camera.back_project(keyframes.measurement_px[a, k_a, :2], keyframes.depth_m[a, k_a])
+    problem = PoseProblem.of(keyframes.frame(b), k_b, points_m, atlas.octave_scale)
     estimate = optimize_pose(camera, problem, se3.inverse(T_a_b))
     if np.count_nonzero(estimate.inliers) < _MIN_COMMON:
         return T_a_b

@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_common.values import IntArray
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.places.place_finder import NEAR_SHARED
+from rgbd_slam.model.map_tables import NEAR_SHARED
 
 
 class Region(NamedTuple):

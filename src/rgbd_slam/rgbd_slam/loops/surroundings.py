@@ -14,8 +14,8 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.map_tables import NEAR_SHARED
 from rgbd_slam.places.geometric_verification import PlaceEvidence, PlaceMatch, PlaceVerifier
-from rgbd_slam.places.place_finder import NEAR_SHARED
 
 _AROUND = 10  # not tuned: neighbors of a keyframe whose points are searched in the same view
 # Not tuned: radius of the surroundings of a keyframe. The drift over this distance displaces

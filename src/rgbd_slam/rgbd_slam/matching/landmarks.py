@@ -152,4 +152,4 @@ def match_near_projections(
 def with_consistent_rotation(landmarks: Landmarks, frame: Frame, matches: Matches) -> Matches:
     """Return the matches whose features have turned in the image by one of the common angles."""
     consistent = rotation_consistent(landmarks.angle_deg[matches.q], frame.angle_deg[matches.k])
-    return Matches(*(part[consistent] for part in matches))
+    return matches.select(consistent)

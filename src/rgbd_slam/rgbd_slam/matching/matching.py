@@ -41,6 +41,10 @@ class Matches(NamedTuple):
     k: IntArray  # (M,) features
     distance: IntArray  # (M,) Hamming distances of the descriptors [bits]
 
+    def select(self, keep: BoolArray) -> Matches:
+        """Return the matches that an (M,) mask selects."""
+        return Matches._make(column[keep] for column in self)
+
 
 def hamming(a: ByteArray, b: ByteArray) -> IntArray:
     """Return the (M,) Hamming distances [bits] between the rows of two (M, 32) arrays.

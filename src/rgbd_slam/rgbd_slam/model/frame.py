@@ -80,6 +80,16 @@ class StereoCamera:
             self.joint_noise,
         )
 
+    def measurement_px(
+        self, uv_px: Float32Array | FloatArray, depth_m: Float32Array
+    ) -> Float32Array:
+        """Return (N, 3) u, v, u_right of undistorted pixels (N, 2); u_right is NaN at depth 0."""
+        out = np.full((len(uv_px), 3), np.nan, np.float32)
+        out[:, :2] = uv_px
+        read = depth_m > 0
+        out[read, 2] = uv_px[read, 0] - self.baseline_px_m / depth_m[read]
+        return out
+
     def disparity_sigma_px(self, disparity_px: FloatArray) -> FloatArray:
         """Return the (N,) standard deviations [px] of disparities."""
         sigma: FloatArray = np.hypot(self.disparity_noise_px, self.relative_noise * disparity_px)
@@ -154,16 +164,11 @@ class Frame:
     @classmethod
     def from_features(cls, features: Features, model: CameraModel, camera: StereoCamera) -> Frame:
         """Return a frame with undistorted key points and virtual right columns."""
-        uv = model.undistort_px(features.uv_px)
-        depth = features.depth_m
-        readable = is_reading(depth)
-        measurement = np.full((len(depth), 3), np.nan, np.float32)
-        measurement[:, :2] = uv
-        measurement[readable, 2] = uv[readable, 0] - camera.baseline_px_m / depth[readable]
+        depth_m = np.where(is_reading(features.depth_m), features.depth_m, np.float32(0))
         return cls(
             features.stamp_ns,
-            measurement,
-            np.where(readable, depth, np.float32(0)),
+            camera.measurement_px(model.undistort_px(features.uv_px), depth_m),
+            depth_m,
             features.octave,
             features.angle_deg,
             np.ascontiguousarray(features.descriptors),

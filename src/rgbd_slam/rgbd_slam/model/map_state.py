@@ -195,7 +195,7 @@ def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
         },
         np.where(state.parent == NONE, DEAD, state.parent),
         {
-            'measurement_px': _measurement_px(state, camera),
+            'measurement_px': camera.measurement_px(state.uv_px, state.depth_m),
             **{name: getattr(state, name) for name in _COPIED},
         },
     )
@@ -212,15 +212,6 @@ def _saved_points(state: MapState) -> dict[str, Array]:
         'num_visible': state.num_visible,
         'num_found': state.num_found,
     }
-
-
-def _measurement_px(state: MapState, camera: StereoCamera) -> Float32Array:
-    """Return the (F, 3) u, v, u_right of all features; u_right is NaN without depth."""
-    out = np.full((len(state.uv_px), 3), np.nan, np.float32)
-    out[:, :2] = state.uv_px
-    read = state.depth_m > 0
-    out[read, 2] = state.uv_px[read, 0] - camera.baseline_px_m / state.depth_m[read]
-    return out
 
 
 def _observations(state: MapState, i: IntArray, j: IntArray) -> Iterator[Observations]:

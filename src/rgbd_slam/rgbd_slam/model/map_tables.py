@@ -29,6 +29,10 @@ from rgbd_slam.model.points import PointTable
 from rgbd_slam.model.pose_guard import PoseGuard
 from rgbd_slam.records.soa_table import DEAD
 
+# ORB-SLAM3, KeyFrame.cc, UpdateConnections: number of shared points from which keyframes are
+# neighbors.
+NEAR_SHARED = 15
+
 
 class Anchor(NamedTuple):
     """The keyframe in the map that the pose of a keyframe is relative to: its anchor.

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from hoid_common.values import FloatArray
 from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.matching.landmarks import Correspondences
@@ -45,7 +43,6 @@ class FramePoseEstimator:
         self.camera = camera
         self.prior: PosePrior | None = None
         self._atlas, self._config = atlas, config
-        self._inv_sigma2 = atlas.octave_scale**-2.0
 
     def estimate(
         self,
@@ -63,11 +60,7 @@ class FramePoseEstimator:
             T_camera_map: (4, 4) pose at which the optimization starts.
             is_initial: True for a pose that only guides the search for more matches.
         """
-        problem = PoseProblem(
-            found.position_m,
-            frame.measurement_px.take(found.k, 0).astype(np.float64),
-            self._inv_sigma2[frame.octave[found.k]],
-        )
+        problem = PoseProblem.of(frame, found.k, found.position_m, self._atlas.octave_scale)
         num_observations = self._atlas.points.num_observations[found.point]
         is_in_map = found.point != NO_POINT
         is_well_observed = is_in_map & (num_observations >= self._config.min_observations)

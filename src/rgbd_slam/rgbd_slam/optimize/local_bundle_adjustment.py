@@ -10,9 +10,8 @@ from hoid_native.results import Observations
 from rgbd_slam.config.slam_config import MappingConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.map_tables import NEAR_SHARED
 from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
-
-_MIN_SHARED = 15  # ORB-SLAM3, KeyFrame.cc, UpdateConnections: points that connect keyframes
 
 
 def local_bundle_adjustment(
@@ -25,7 +24,7 @@ def local_bundle_adjustment(
     keeps its pose, or none whose pose may change.
     The result is written to the map, and observations that are outliers are removed from it.
     """
-    free = np.concatenate([[i], atlas.covisible(i, _MIN_SHARED, config.window - 1)])
+    free = np.concatenate([[i], atlas.covisible(i, NEAR_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
     fixed_root, free = free[root], free[~root]
     j = atlas.points_of(free)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 import hoid_native
-from hoid_common.values import BoolArray, FloatArray
-from rgbd_slam.model.frame import StereoCamera
+from hoid_common.values import BoolArray, FloatArray, IntArray
+from rgbd_slam.model.frame import Frame, StereoCamera
 
 CHI2_MONO = 5.991  # 95 % quantile of chi-square, two degrees of freedom: (u, v)
 CHI2_STEREO = 7.815  # three degrees of freedom: (u, v, u_right)
@@ -53,6 +53,21 @@ class PoseProblem:
     points_m: FloatArray
     measured_px: FloatArray
     inv_sigma2: FloatArray
+
+    @classmethod
+    def of(
+        cls, frame: Frame, k: IntArray, points_m: FloatArray, octave_scale: FloatArray
+    ) -> PoseProblem:
+        """Return the problem of features `k` (N,) of a frame that observe landmarks (N, 3).
+
+        Args:
+            frame: The frame.
+            k: (N,) features.
+            points_m: (N, 3) the landmark that each feature observes.
+            octave_scale: (L,) size of a pixel of each octave in pixels of the image.
+        """
+        measured_px = frame.measurement_px.take(k, 0).astype(np.float64)
+        return cls(points_m, measured_px, octave_scale[frame.octave[k]] ** -2.0)
 
     def __len__(self) -> int:
         return len(self.inv_sigma2)

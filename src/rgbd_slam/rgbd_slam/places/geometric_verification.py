@@ -218,14 +218,11 @@ class PlaceVerifier:
         consistent = rotation_consistent(
             keyframes.angle_deg[candidate, observing[matches.q]], frame.angle_deg[matches.k]
         )
-        return Matches(*(part[consistent] for part in matches)), points
+        return matches.select(consistent), points
 
     def _optimize(
         self, frame: Frame, k: IntArray, j: IntArray, T_camera_map: FloatArray
     ) -> PoseEstimate:
-        problem = PoseProblem(
-            self._atlas.points.position_m[j],
-            frame.measurement_px[k].astype(np.float64),
-            self._atlas.octave_scale[frame.octave[k]] ** -2.0,
-        )
+        position_m = self._atlas.points.position_m[j]
+        problem = PoseProblem.of(frame, k, position_m, self._atlas.octave_scale)
         return optimize_pose(self._camera, problem, T_camera_map)

@@ -11,14 +11,12 @@ from hoid_common.values import ByteArray, IntArray
 from rgbd_slam.config.place_config import PlaceConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.map_tables import NEAR_SHARED
 from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
 from rgbd_slam.places.place_index import PlaceIndex, make_place_index
 from rgbd_slam.places.pose_hint import PoseHint
 
-# ORB-SLAM3, KeyFrame.cc, UpdateConnections: number of shared points from which keyframes are
-# neighbors.
-NEAR_SHARED = 15
 _AMBIGUOUS_M = 0.3  # not tuned: verified poses farther apart than this are two places
 
 

@@ -255,7 +255,7 @@ class Tracker:
         T_camera_map = alignment.T_camera_points
         if not self._is_reachable(frame, last, T_camera_map):
             return None
-        inliers = Matches(*(part[alignment.inliers] for part in matches))
+        inliers = matches.select(alignment.inliers)
         return self._initial_pose(frame, landmarks, inliers, T_camera_map)
 
     def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:

@@ -44,7 +44,6 @@ class WarmUp:
         self._atlas = atlas
         self._trajectory = trajectory
         self._config = config
-        self._inv_sigma2 = atlas.octave_scale**-2.0
         self._start_ns: int | None = None  # stamp of the first frame of the map
         # Frames of the first second, each with its row in the trajectory.
         self._frames: deque[tuple[int, TrackedFrame]] = deque(maxlen=_MAX_FRAMES)
@@ -107,11 +106,8 @@ class WarmUp:
         config = self._config.consensus
         if T_map_camera is None or np.count_nonzero(is_static[j]) < config.min_well_observed:
             return
-        problem = PoseProblem(
-            self._atlas.points.position_m[j],
-            tracked.frame.measurement_px[k].astype(np.float64),
-            self._inv_sigma2[tracked.frame.octave[k]],
-        )
+        position_m = self._atlas.points.position_m[j]
+        problem = PoseProblem.of(tracked.frame, k, position_m, self._atlas.octave_scale)
         consensus = PoseConsensus(camera, config)
         estimate = consensus.solve(problem, is_static[j], se3.inverse(T_map_camera)).estimate
         if np.count_nonzero(estimate.inliers) >= self._config.min_inliers:
