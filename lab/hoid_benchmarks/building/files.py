@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 import psutil
 
 from hoid_benchmarks.building.drive import Drive
-from rgbd_slam.records.record_store import temporary_folder
+from rgbd_slam.records.disk_array import temporary_folder
 from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.store import map_file
 from rgbd_slam.store.map_writer import MapWriter

@@ -196,15 +196,13 @@ class RobotMap:
 
         Raises:
             ConfigError: There is no such kind.
-            InputError: The file of old poses cannot be read.
         """
         return Trajectory.joined(self.trajectory_parts(kind))
 
     def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the poses of `trajectory` in parts that any thread may iterate over.
 
-        The iteration raises InputError if the file of old poses cannot be read. For the kind
-        `final`, the map counts as changed (`take_change`).
+        For the kind `final`, the map counts as changed (`take_change`).
 
         Raises:
             ConfigError: There is no such kind.

@@ -14,7 +14,7 @@ from rgbd_slam.records.disk_array import DiskArray
 
 def test_an_array_keeps_its_content_when_it_grows_and_when_its_memory_is_released() -> None:
     rows = np.arange(24, dtype=np.float32).reshape(4, 3, 2)
-    array = DiskArray(rows)
+    array = DiskArray(rows, 'rows')
     array.grow(6)
     assert array.array.shape == (6, 3, 2)
     np.testing.assert_array_equal(array.array[:4], rows)
@@ -33,7 +33,7 @@ def test_on_a_full_disk_the_array_stays_in_memory(
     def no_space(*_: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    array = DiskArray(np.ones((2, 3)))
+    array = DiskArray(np.ones((2, 3)), 'rows')
     array.grow(4)
     monkeypatch.setattr(os, 'posix_fallocate', no_space)
     with caplog.at_level(logging.WARNING):

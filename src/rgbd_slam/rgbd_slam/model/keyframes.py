@@ -121,7 +121,9 @@ class KeyframeTable(SoaTable):
     def _grown(self, name: str, capacity: int) -> Column:
         if capacity <= _MEMORY_ROWS or name not in _FEATURE_COLUMNS[1:]:
             return super()._grown(name, capacity)
-        column = self._on_disk.setdefault(name, DiskArray(getattr(self, name)))
+        column = self._on_disk.setdefault(
+            name, DiskArray(getattr(self, name), 'features of the map')
+        )
         column.grow(capacity)
         return column.array
 

@@ -99,9 +99,6 @@ class TrajectoryRecorder:
         It is in the frame of the map of its reference keyframe, which need not be the main map. It
         is unknown while the reference keyframe is pending, and if it was removed long ago: only
         the latest one or two thousand removed keyframes are searched.
-
-        Raises:
-            InputError: The file of old poses cannot be read.
         """
         frame = self._frames[n]
         row, T_map_reference = self._reference(frame)
@@ -113,9 +110,6 @@ class TrajectoryRecorder:
         """Replace the final pose of frame `n`; its online pose stays as it was published.
 
         Nothing is replaced if the final pose is unknown (see `pose`).
-
-        Raises:
-            InputError: The file of old poses cannot be read.
         """
         frame = self._frames[n]
         row, T_map_reference = self._reference(frame)
@@ -155,9 +149,6 @@ class TrajectoryRecorder:
             T_map_predicted: (4, 4) pose of `found` as it was predicted like those of the bridged
                 frames.
             found: The tracked frame.
-
-        Raises:
-            InputError: The file of old poses cannot be read.
         """
         first = self._first_bridged
         if not first:
@@ -181,11 +172,7 @@ class TrajectoryRecorder:
             self._removed.append(redirect)
 
     def online(self) -> Trajectory:
-        """Return the poses T_map_camera as they were estimated when each frame arrived.
-
-        Raises:
-            InputError: The file of old poses cannot be read.
-        """
+        """Return the poses T_map_camera as they were estimated when each frame arrived."""
         return Trajectory.joined(self.parts('online'))
 
     def final(self) -> Trajectory:
@@ -195,17 +182,13 @@ class TrajectoryRecorder:
         because without a link the poses of these maps are unknown. Frames are also left out if
         neither their reference keyframe nor an ancestor of it exists any more, and while their
         reference keyframe is pending.
-
-        Raises:
-            InputError: The file of old poses cannot be read.
         """
         return Trajectory.joined(self.parts('final'))
 
     def parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the trajectory of a kind (`final`, `online` or `keyframes`) in parts.
 
-        Any thread may iterate over the parts while frames are added. If the file of old poses
-        cannot be read, the iteration raises InputError.
+        Any thread may iterate over the parts while frames are added.
 
         Raises:
             ConfigError: There is no such kind.

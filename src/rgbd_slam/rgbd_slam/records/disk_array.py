@@ -2,60 +2,66 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import math
 import mmap
 import os
 import tempfile
+from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.io.files import write_error
-from rgbd_slam.records.record_store import temporary_folder, write_at
+
+_FOLDER = '/var/tmp'  # noqa: S108 - the file has no name. /tmp is often in memory.
 
 _logger = logging.getLogger(__name__)
 
 Array = NDArray[Any]
 
 
-class DiskArray:
-    """An array of rows that `grow` moves to an anonymous temporary file, mapped into memory.
+def temporary_folder() -> Path:
+    """Return the folder for temporary files: `TMPDIR`, or else /var/tmp."""
+    return Path(os.environ.get('TMPDIR') or _FOLDER)
 
-    The space on the disk is reserved before it is used, because a mapped file ends the process
-    with SIGBUS on a full disk. Where it cannot be reserved, the array stays in memory.
+
+class DiskArray:
+    """An array of rows that `grow` moves to an unnamed temporary file, mapped into memory.
+
+    The space on the disk is reserved before it is used, because writing to a mapped file ends the
+    process with SIGBUS on a full disk. While it cannot be reserved, the array is in memory.
 
     Args:
         rows: The first rows (N, ...). They are `array` itself until `grow` copies them.
+        what: A noun for the rows, in the plural, for a log line.
     """
 
-    def __init__(self, rows: Array) -> None:
-        self.array = rows  # (N, ...), another object after `grow`
+    def __init__(self, rows: Array, what: str) -> None:
+        self.array, self._what = rows, what  # (N, ...), another object after `grow`
         self._map: mmap.mmap | None = None
         self._file: IO[bytes] | None = None
-        self._has_failed = False
+        self.has_failed = False  # whether `grow` could not enlarge the file
 
     def grow(self, num_rows: int) -> None:
-        """Enlarge the array to `num_rows` rows; the new rows are zero.
+        """Enlarge `array` to `num_rows` rows, of which the new ones are zero.
 
-        `array` is another object afterwards.
-
-        If the file cannot be enlarged, a warning is logged, and the array is in memory from then
-        on.
+        If the file cannot be enlarged, all rows are in memory until it can, and a warning is
+        logged.
         """
-        old = self.array
+        old, was_in_file = self.array, self._map is not None
         shape = num_rows, *old.shape[1:]
-        if not self._has_failed:
-            try:
-                self._grow_file(math.prod(shape) * old.itemsize)
-            except OSError as error:
-                self._log_failure(error)
+        try:
+            self._grow_file(math.prod(shape) * old.itemsize)
+        except OSError as error:
+            self._log_failure(error)
         if self._map is None:
             self.array = np.zeros(shape, old.dtype)
         else:
             self.array = np.frombuffer(self._map, old.dtype).reshape(shape)
-        if not self._is_in_file(old):
+        if not (was_in_file and self._map is not None):
             self.array[: len(old)] = old
 
     def write_rows(self, first: int, rows: Array) -> None:
@@ -66,17 +72,15 @@ class DiskArray:
         Raises:
             OSError: The file cannot be written.
         """
-        if self._file is None or self._map is None:
+        if self._file is None:
             self.array[first : first + len(rows)] = rows
             return
         data = rows.reshape(-1).view(np.uint8).data
-        write_at(self._file.fileno(), data, first * rows[:1].nbytes)
+        if os.pwrite(self._file.fileno(), data, first * rows[:1].nbytes) < len(data):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))  # the space was reserved
 
     def release_memory(self) -> None:
-        """Let the operating system take the memory; the content is read again when it is used.
-
-        An array without a file stays in memory.
-        """
+        """Let the operating system take the memory of rows in the file until they are used."""
         if self._map is not None:
             self._map.madvise(mmap.MADV_DONTNEED)
 
@@ -85,21 +89,14 @@ class DiskArray:
             self._file = tempfile.TemporaryFile(dir=temporary_folder(), buffering=0)  # noqa: SIM115
         os.posix_fallocate(self._file.fileno(), 0, num_bytes)
         self._map = mmap.mmap(self._file.fileno(), num_bytes)
-
-    def _is_in_file(self, old: Array) -> bool:
-        return self._map is not None and isinstance(_owner(old), mmap.mmap)
+        self.has_failed = False
 
     def _log_failure(self, error: OSError) -> None:
-        self._has_failed, self._map, self._file = True, None, None
-        _logger.warning(
-            '%s; features of the map stay in memory; set TMPDIR to another folder',
-            write_error(temporary_folder(), error),
-        )
-
-
-def _owner(array: Array) -> object:
-    """Return the object that holds the memory of an array."""
-    owner: Any = array
-    while isinstance(owner, np.ndarray) and owner.base is not None:
-        owner = owner.base
-    return owner
+        self._map = self._file = None
+        if not self.has_failed:
+            _logger.warning(
+                '%s; %s stay in memory; set TMPDIR to another folder',
+                write_error(temporary_folder(), error),
+                self._what,
+            )
+        self.has_failed = True

@@ -12,7 +12,7 @@ from typing import IO, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from hoid_common.io.records import Record
-from rgbd_slam.records.record_store import temporary_folder, write_at
+from rgbd_slam.records.disk_array import temporary_folder
 
 R = TypeVar('R', bound=Record)
 _ALIGNMENT = 64  # bytes; chosen: a cache line
@@ -36,9 +36,9 @@ class RecordLocation(NamedTuple):
             data = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
         for name, column in self.kind.columns().items():
             shape = column.shape(self.lengths)
-            count = math.prod(shape)
-            arrays[name] = np.frombuffer(data, column.dtype, count, start).reshape(shape)
-            start += _aligned(count * column.dtype.itemsize)
+            array = np.frombuffer(data, column.dtype, math.prod(shape), start)
+            arrays[name] = array.reshape(shape)
+            start += array.nbytes + -array.nbytes % _ALIGNMENT
         return self.kind(**arrays)
 
 
@@ -53,20 +53,14 @@ class SharedRecord(Generic[R]):
     """
 
     def __init__(self, record: R) -> None:
-        self._file: IO[bytes] = tempfile.TemporaryFile(  # noqa: SIM115
-            dir=temporary_folder(), buffering=0
-        )
-        start = 0
+        self._file: IO[bytes] = tempfile.TemporaryFile(dir=temporary_folder())  # noqa: SIM115
         for array in record.arrays().values():
-            data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-            write_at(self._file.fileno(), data, start)
-            start += _aligned(len(data))
-        self._file.truncate(start + _ALIGNMENT)  # an empty file cannot be mapped
+            data = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+            self._file.write(data.data)
+            self._file.write(bytes(-len(data) % _ALIGNMENT))
+        self._file.write(bytes(_ALIGNMENT))  # an empty file cannot be mapped
+        self._file.flush()
         # Another process of this user finds the file by the descriptor of this one.
         path = f'/proc/{os.getpid()}/fd/{self._file.fileno()}'
         self.location = RecordLocation(path, type(record), record.lengths())
         self.record: R = self.location.map()
-
-
-def _aligned(num_bytes: int) -> int:
-    return -(-num_bytes // _ALIGNMENT) * _ALIGNMENT
