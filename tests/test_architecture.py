@@ -63,7 +63,7 @@ LAYERS = {
     """,
     'hoid_benchmarks': """
         animation consistency plan < jobs < rooms faults planner < building < live < report
-        < publish demo_picture object_picture < pictures < commands demo
+        < publish demo_picture map_animation object_picture < pictures < commands demo
     """,
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')

@@ -61,7 +61,7 @@ def test_the_demo_records_a_camera_and_draws_its_picture(tmp_path: Path) -> None
     picture = cv2.imread(str(tmp_path / 'out/demo.png'))
     assert picture is not None
     assert picture.shape[1] == 1200
-    assert (tmp_path / 'out/demo.gif').stat().st_size > 10_000
+    assert (tmp_path / 'out/demo.webp').stat().st_size > 10_000
     (tracked,) = (line for line in done.stdout.splitlines() if line.startswith('frames tracked'))
     *offline, live = (int(word) for word in tracked.split()[2::3])
     assert offline == [len(recorded)] * 3

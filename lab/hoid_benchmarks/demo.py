@@ -15,6 +15,7 @@ import numpy as np
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.animation import write_animation
 from hoid_benchmarks.demo_picture import DemoRun, Snapshot, draw_demo
+from hoid_benchmarks.map_animation import points_camera_m
 from hoid_benchmarks.plan.plan import load_profile
 from hoid_bringup.commands import dropped_frames, print_detection_note
 from hoid_bringup.evaluate.evaluation import align
@@ -32,8 +33,6 @@ from hoid_common.errors import HoidError
 from hoid_common.io.trajectory_io import read_tum
 from hoid_common.values import (
     ByteArray,
-    CameraModel,
-    Features,
     FilterResult,
     FloatArray,
     Reason,
@@ -154,7 +153,7 @@ def _live(bag: BagSequence, config: RunConfig, out: Path) -> tuple[Summary | Non
 
 def _draw(bag: BagSequence, configs: Mapping[str, RunConfig], out: Path) -> tuple[Path, Path]:
     """Draw the picture and the animation of finished runs, and return their paths."""
-    picture, animation = out / 'demo.png', out / 'demo.gif'
+    picture, animation = out / 'demo.png', out / 'demo.webp'
     frames = _filtered(bag, configs[_WITH])
     everything = _filtered(bag, configs[_WITHOUT], _MAPPED_EVERY)
     seen = {_RULES: everything, _WITHOUT: everything, _WITH: frames[::_MAPPED_EVERY]}
@@ -204,17 +203,9 @@ def _filtered(bag: BagSequence, config: RunConfig, every: int = 1) -> list[Snaps
     found = []
     for frame in itertools.islice(bag, 0, None, every):
         result = feature_filter.process(frame, detect(frame), for_picture=True)
-        points_camera_m = _points_camera_m(bag.camera, result.features)
-        found.append(Snapshot(frame.stamp_ns, _drawn(frame, result), points_camera_m))
+        points_m = points_camera_m(bag.camera, result.features)
+        found.append(Snapshot(frame.stamp_ns, _drawn(frame, result), points_m))
     return found
-
-
-def _points_camera_m(camera: CameraModel, features: Features) -> FloatArray:
-    """Return the points (N, 3) of the features with depth in the camera frame."""
-    seen = features.select(features.depth_m > 0)
-    z = seen.depth_m[:, None].astype(np.float64)
-    xy = camera.undistort_px(seen.uv_px) - (camera.cx_px, camera.cy_px)
-    return np.hstack([xy / (camera.fx_px, camera.fy_px) * z, z])
 
 
 def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:

@@ -11,6 +11,7 @@ import argparse
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from string import ascii_uppercase
 
@@ -20,6 +21,7 @@ import numpy as np
 from hoid_bags.options import add_recording_arguments, open_recording
 from hoid_bags.sequence import Sequence
 from hoid_benchmarks.animation import write_animation
+from hoid_benchmarks.map_animation import draw_growing_maps
 from hoid_benchmarks.object_picture import draw_objects, object_rows, object_table
 from hoid_benchmarks.rooms.room_run import map_room
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
@@ -34,7 +36,7 @@ from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.strategy_registry import STRATEGIES
 
 _NUM_SCENES = 3
-_ANIMATED_PX, _ANIMATED_MS = 480, 400  # slowed down, so that verdicts can be read
+_ANIMATED_PX, _ANIMATED_MS = 720, 400  # slowed down, so that verdicts can be read
 _STATELESS = ('none', 'hoid2d', 'hoid3d')  # strategies that classify each image by itself
 
 
@@ -71,7 +73,8 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--animation',
         action='store_true',
-        help='also write verdicts.gif: the images from the first to the last of --frames',
+        help='also write animation.webp: the images from the first to the last of --frames beside '
+        'the growing maps without and with the filter',
     )
     parser.add_argument(
         '--objects',
@@ -99,11 +102,10 @@ def pictures_command(args: argparse.Namespace) -> None:
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
     paths = write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out)
     if args.animation:
-        animated = range(min(wanted), max(wanted) + 1)
-        shown = draw_scenes(sequence, animated, detect, config)
-        drawn = [draw_legend(scene.verdict) for _, scene in shown]
-        paths += (args.out / 'verdicts.gif',)
-        write_animation(paths[-1], drawn, _ANIMATED_PX, _ANIMATED_MS)
+        paths += (args.out / 'animation.webp',)
+        drawn = draw_growing_maps(sequence, detect, run.updated({'filter.strategy': args.filter}))
+        shown = list(islice(drawn, max(wanted) + 1))[min(wanted) :]
+        write_animation(paths[-1], shown, _ANIMATED_PX, _ANIMATED_MS)
     sys.stdout.writelines(f'{path}\n' for path in paths)
 
 

@@ -4,12 +4,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
+from hoid_benchmarks.animation import write_animation
+from hoid_benchmarks.map_animation import draw_growing_maps
 from hoid_benchmarks.pictures import draw_scenes, frame_numbers, write_sheets
+from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.values import CameraModel, Detections, Reason, RgbdFrame, Trajectory
 from hoid_filter.config import FilterConfig
-from hoid_filter.drawing import KEPT_BGR, REASON_BGR
+from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR
 
 HEIGHT, WIDTH = 240, 320
 PERSON = (100.0, 60.0, 180.0, 220.0)
@@ -47,8 +51,12 @@ def has_color(picture: np.ndarray, x: int, y: int, bgr: tuple[int, int, int]) ->
     return bool((picture[y, x] == bgr).all())
 
 
+def num_pixels(picture: np.ndarray, bgr: tuple[int, int, int]) -> int:
+    return int(np.count_nonzero((picture == bgr).all(axis=2)))
+
+
 def num_kept(picture: np.ndarray, area: tuple[slice, slice]) -> int:
-    return int(np.count_nonzero((picture[area] == KEPT_BGR).all(axis=2)))
+    return num_pixels(picture[area], KEPT_BGR)
 
 
 def test_pictures_show_the_verdict_of_each_rule() -> None:
@@ -88,3 +96,17 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     scenes = [scene for _, scene in draw_scenes(Recording(), [0], seen, FilterConfig())]
     with pytest.raises(InputError, match='file'):
         write_sheets(scenes, [0], 'hoid+', tmp_path / 'file')
+
+
+def test_the_map_without_a_filter_has_the_features_that_the_filter_removes(tmp_path: Path) -> None:
+    drawn = list(draw_growing_maps(Recording(), seen, RunConfig()))
+    assert len(drawn) == 2
+    without, filtered = drawn[-1][: HEIGHT // 2, WIDTH:], drawn[-1][HEIGHT // 2 : HEIGHT, WIDTH:]
+    assert without.shape == filtered.shape == (HEIGHT // 2, WIDTH // 2, 3)
+    assert num_pixels(without, REMOVED_BGR) > 0
+    assert num_pixels(filtered, REMOVED_BGR) == 0
+    assert num_pixels(filtered, KEPT_BGR) > 0
+
+    write_animation(tmp_path / 'a.webp', drawn, width_px=240, frame_ms=400)
+    with Image.open(tmp_path / 'a.webp') as animation:
+        assert (animation.size[0], getattr(animation, 'n_frames', 1)) == (240, 2)

@@ -34,7 +34,7 @@ _LEGEND = (
 )
 _FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 _RADIUS_PX = 2
-_BAR_PX = 26
+BAR_PX = 26  # height of a title and of a row of the legend
 _LEGEND_MARK_PX, _LEGEND_GAP_PX = 22, 18
 _BAR_BGR: Bgr = (50, 50, 50)
 
@@ -63,20 +63,20 @@ def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
 def draw_legend(picture: ByteArray) -> ByteArray:
     """Return the picture with rows of 26 px below it that explain the colors."""
     width_px = picture.shape[1]
-    bars = [np.full((_BAR_PX, width_px, 3), _BAR_BGR, np.uint8)]
+    bars = [np.full((BAR_PX, width_px, 3), _BAR_BGR, np.uint8)]
     x = _LEGEND_GAP_PX
     for text, color, is_feature in _LEGEND:
         (text_px, _), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
         needed_px = _LEGEND_MARK_PX + text_px + _LEGEND_GAP_PX
         if x > _LEGEND_GAP_PX and x + needed_px > width_px:
-            bars.append(np.full((_BAR_PX, width_px, 3), _BAR_BGR, np.uint8))
+            bars.append(np.full((BAR_PX, width_px, 3), _BAR_BGR, np.uint8))
             x = _LEGEND_GAP_PX
-        middle = _BAR_PX // 2
+        middle = BAR_PX // 2
         if is_feature:
             cv2.circle(bars[-1], (x + 8, middle), 4, color, 1, cv2.LINE_AA)
         else:
             cv2.rectangle(bars[-1], (x, middle - 5), (x + 15, middle + 5), color, 2)
-        at = (x + _LEGEND_MARK_PX, _BAR_PX - 8)
+        at = (x + _LEGEND_MARK_PX, BAR_PX - 8)
         cv2.putText(bars[-1], text, at, _FONT, _FONT_SCALE, _TEXT_BGR, 1, cv2.LINE_AA)
         x += needed_px
     return np.vstack([picture, *bars])
@@ -108,6 +108,6 @@ def label(item: DynamicObject) -> str:
 
 def draw_title(picture: ByteArray, text: str) -> ByteArray:
     """Return the picture with a bar of 26 px above it that shows the text."""
-    bar = np.full((_BAR_PX, picture.shape[1], 3), _BAR_BGR, np.uint8)
-    cv2.putText(bar, text, (8, _BAR_PX - 8), _FONT, 0.6, _TEXT_BGR, 1, cv2.LINE_AA)
+    bar = np.full((BAR_PX, picture.shape[1], 3), _BAR_BGR, np.uint8)
+    cv2.putText(bar, text, (8, BAR_PX - 8), _FONT, 0.6, _TEXT_BGR, 1, cv2.LINE_AA)
     return np.vstack([bar, picture])
