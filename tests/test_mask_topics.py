@@ -33,7 +33,7 @@ def cell_at(mask: Any, x_m: float, y_m: float) -> tuple[int, int]:
 def is_inside(mask: Any, x_m: float, y_m: float) -> bool:
     """Return whether a mask has a cell at a point: it has those of the grid."""
     row, column = cell_at(mask, x_m, y_m)
-    return 0 <= row < mask.info.height and 0 <= column < mask.info.width
+    return bool(0 <= row < mask.info.height and 0 <= column < mask.info.width)
 
 
 def value_at(mask: Any, x_m: float, y_m: float) -> int:
