@@ -23,7 +23,7 @@ from hoid_common.values import (
     Detections,
     DynamicObject,
     Features,
-    Reason,
+    ObjectState,
 )
 from hoid_system_tests.wire import sent
 
@@ -277,10 +277,10 @@ def test_inconsistent_features_are_refused(field: str, value: Any, message: str)
         conversions.features_from_msg(msg)
 
 
-@pytest.mark.parametrize('reason', Reason)
-def test_dynamic_objects_round_trip(reason: Reason) -> None:
+@pytest.mark.parametrize('state', ObjectState)
+def test_dynamic_objects_round_trip(state: ObjectState) -> None:
     obj = DynamicObject(
-        'cup', (1.0, 2.0, 3.5, 4.0), 0.5, 7, reason, 0.25, 0.125, (1.0, -2.0, 3.0), (0.5, 0.75),
+        'cup', (1.0, 2.0, 3.5, 4.0), 0.5, 7, state, 0.25, 0.125, (1.0, -2.0, 3.0), (0.5, 0.75),
         (0.25, -0.5, 1.5),
     )  # fmt: skip
     msg = sent(conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE))
@@ -289,7 +289,7 @@ def test_dynamic_objects_round_trip(reason: Reason) -> None:
 
 
 def test_unknown_measurements_stay_nan() -> None:
-    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, ObjectState.AT_REST)
     msg = sent(conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE))
     (back,) = conversions.dynamic_objects_from_msg(msg)
     unknown = [back.depth_gap_m, *back.center_camera_m, *back.size_m, *back.velocity_camera_mps]
@@ -297,17 +297,17 @@ def test_unknown_measurements_stay_nan() -> None:
 
 
 def test_an_unknown_reason_is_refused() -> None:
-    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, ObjectState.AT_REST)
     msg = conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE)
-    msg.objects[0].reason = 9
-    with pytest.raises(MessageError, match='reason is 9'):
+    msg.objects[0].state = 9
+    with pytest.raises(MessageError, match='state is 9'):
         conversions.dynamic_objects_from_msg(msg)
 
 
 @pytest.mark.parametrize('field', ['x_min', 'y_min', 'x_max', 'y_max', 'score'])
 @pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 3e38, -3e38])
 def test_objects_with_values_out_of_range_are_refused(field: str, value: float) -> None:
-    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, ObjectState.AT_REST)
     msg = conversions.dynamic_objects_to_msg((obj,), HEADER, SIZE)
     setattr(msg.objects[0], field, value)
     with pytest.raises(MessageError, match='is out of range'):
@@ -315,7 +315,7 @@ def test_objects_with_values_out_of_range_are_refused(field: str, value: float) 
 
 
 def test_more_than_1000_objects_are_refused() -> None:
-    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, Reason.STATIC)
+    obj = DynamicObject('cup', (1.0, 2.0, 3.0, 4.0), 0.5, -1, ObjectState.AT_REST)
     msg = conversions.dynamic_objects_to_msg((obj,) * 1001, HEADER, SIZE)
     with pytest.raises(MessageError, match='more than 1000'):
         conversions.dynamic_objects_from_msg(msg)

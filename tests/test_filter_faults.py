@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hoid_msgs.msg import Detection, DetectionArray
-from hoid_msgs.msg import DynamicObject as ObjectMsg
+from hoid_msgs.msg import Detection, DetectionArray, ObjectState
 from rclpy.serialization import serialize_message
 
 from hoid_common.ros import conversions
@@ -146,6 +145,8 @@ def test_a_recording_may_restart(run_filter: FilterRunner) -> None:
     peer.wait_for_count('detections refused', 1)
     peer.send_images(1)  # an image that the detector skips
     features, objects = peer.answer(3)
-    assert [(o.class_name, o.reason) for o in objects.objects] == [('person', ObjectMsg.PREDICTED)]
+    assert [(o.class_name, o.state) for o in objects.objects] == [
+        ('person', ObjectState.PREDICTED)
+    ]
     assert num_inside(features, PERSON) == 0
     assert peer.newest_diagnosis()[1]['times that stamps went back'] == '1'

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hoid_msgs.msg import DynamicObject as ObjectMsg
+from hoid_msgs.msg import ObjectState
 from sensor_msgs.msg import Image
 
 from hoid_common.ros import conversions
@@ -38,10 +38,10 @@ def test_one_image_yields_the_expected_features_and_objects(run_filter: FilterRu
     assert num_inside(features, PERSON) == num_inside(features, CUP) == 0
     assert num_inside(features, TV) > 50
     assert 0 < features.num_removed < features.num_detected
-    assert [(o.class_name, o.dynamic, o.reason) for o in objects.objects] == [
-        ('person', True, ObjectMsg.PERSON),
-        ('cup', True, ObjectMsg.HANDLED),
-        ('tv', False, ObjectMsg.STATIC),
+    assert [(o.class_name, o.dynamic, o.state) for o in objects.objects] == [
+        ('person', True, ObjectState.PERSON),
+        ('cup', True, ObjectState.HANDLED),
+        ('tv', False, ObjectState.AT_REST),
     ]
     person, cup, _ = objects.objects
     assert cup.overlap_ratio == pytest.approx(0.5)
@@ -58,7 +58,7 @@ def test_the_first_image_waits_for_the_first_detections(run_filter: FilterRunner
     peer.send_boxes(0, PERSON)
     features, objects = peer.answer(1)
     assert not objects.provisional
-    assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
+    assert [o.state for o in objects.objects] == [ObjectState.PERSON]
     assert num_inside(features, PERSON) == 0
 
 
@@ -94,7 +94,7 @@ def test_an_image_is_published_at_once_and_late_detections_give_the_final_verdic
     _, objects = peer.answer(3, num_features=2)
     assert not objects.provisional
     assert objects.header == peer.header(1)
-    assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
+    assert [o.state for o in objects.objects] == [ObjectState.PERSON]
     peer.probe.spin_until(lambda: bool(peer.verdicts), 'no final verdict on the features')
     assert peer.verdicts[0].header == peer.header(1)
     is_dynamic = np.array(peer.verdicts[0].dynamic, np.bool_)
@@ -114,7 +114,7 @@ def test_detections_before_the_image_make_its_verdict_final(run_filter: FilterRu
     peer.send_images(0)
     features, objects = peer.answer(1)
     assert not objects.provisional
-    assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
+    assert [o.state for o in objects.objects] == [ObjectState.PERSON]
     assert num_inside(features, PERSON) == 0
 
 
@@ -127,11 +127,11 @@ def test_the_provisional_verdict_becomes_final_without_detections_in_time(
     peer.send_images(1)
     features, objects = peer.answer(1)
     assert objects.provisional
-    assert [o.reason for o in objects.objects] == [ObjectMsg.PREDICTED]
+    assert [o.state for o in objects.objects] == [ObjectState.PREDICTED]
     assert num_inside(features, PERSON) == 0
     _, final = peer.answer(2, num_features=1)
     assert not final.provisional
-    assert [o.reason for o in final.objects] == [ObjectMsg.PREDICTED]
+    assert [o.state for o in final.objects] == [ObjectState.PREDICTED]
     peer.probe.spin_until(lambda: bool(peer.verdicts), 'no final verdict on the features')
     assert not any(peer.verdicts[0].dynamic)
     peer.wait_for_count('images without detections', 1)
@@ -148,12 +148,12 @@ def test_a_skipped_image_is_classified_by_the_boxes_of_the_next(run_filter: Filt
     peer.send_boxes(2, PERSON)
     peer.answer(6, num_features=4)
     assert [o.header for o in peer.objects[4:]] == [peer.header(1), peer.header(2)]
-    reasons = [o.objects[0].reason for o in peer.objects[4:]]
-    assert reasons == [ObjectMsg.PREDICTED, ObjectMsg.PERSON]
+    reasons = [o.objects[0].state for o in peer.objects[4:]]
+    assert reasons == [ObjectState.PREDICTED, ObjectState.PERSON]
     peer.send_images(4)
     features, objects = peer.answer(7, num_features=5)
     assert objects.provisional
-    assert [o.reason for o in objects.objects] == [ObjectMsg.PREDICTED]
+    assert [o.state for o in objects.objects] == [ObjectState.PREDICTED]
     assert num_inside(features, PERSON) == 0
 
 
@@ -179,7 +179,7 @@ def test_features_are_published_before_motion_is_segmented(
     headers = [peer.header(i) for i in range(num)]
     assert [objects.header for objects in peer.objects[::2]] == headers
     (seen,) = final.objects
-    assert (seen.class_name, seen.reason) == ('unknown', ObjectMsg.MOVING)
+    assert (seen.class_name, seen.state) == ('unknown', ObjectState.MOVING)
     assert (seen.x_min, seen.y_min, seen.x_max, seen.y_max) == pytest.approx(box, abs=16)
     before = peer.objects[-2].objects[0]  # the provisional verdict has the previous region
     assert before.x_max == pytest.approx(box[2] - 14, abs=16)
@@ -223,7 +223,7 @@ def test_the_loss_of_the_detector_is_reported_and_survived(
         peer.send_images(i)
         peer.probe.spin_for(0.033)
     features, objects = peer.answer(2)  # predicted boxes are used at first
-    assert [o.reason for o in objects.objects] == [ObjectMsg.PREDICTED]
+    assert [o.state for o in objects.objects] == [ObjectState.PREDICTED]
     assert num_inside(features, PERSON) == 0
     peer.probe.spin_until(
         lambda: 'is the detector alive?' in peer.newest_diagnosis()[0], 'the loss is not reported'
@@ -265,13 +265,13 @@ def test_a_parameter_set_at_run_time_changes_the_verdicts(run_filter: FilterRunn
     chair = ('chair', (200.0, 100.0, 400.0, 300.0))  # half of it in the person's box
     seat = ('chair', (300.0, 100.0, 400.0, 300.0))  # the other half
     for i, (limit, reason) in enumerate(
-        [(0.4, ObjectMsg.HANDLED), (0.6, ObjectMsg.STATIC), (0.4, ObjectMsg.HANDLED)]
+        [(0.4, ObjectState.HANDLED), (0.6, ObjectState.AT_REST), (0.4, ObjectState.HANDLED)]
     ):
         peer.probe.set_parameters('hoid_filter', {'min_interaction_area': limit})
         peer.show(i, PERSON, chair)
         features, objects = peer.answer(i + 1)
-        assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON, reason]
-        assert (num_inside(features, seat) > 20) == (reason == ObjectMsg.STATIC)
+        assert [o.state for o in objects.objects] == [ObjectState.PERSON, reason]
+        assert (num_inside(features, seat) > 20) == (reason == ObjectState.AT_REST)
 
 
 @pytest.mark.parametrize('strategy', ['person', 'hoid+'])
@@ -301,9 +301,9 @@ def test_all_classes_may_be_handled_with_an_empty_list(run_filter: FilterRunner)
     sink = ('sink', CUP[1])
     peer.show(0, PERSON, sink)
     _, objects = peer.answer()
-    assert [(o.class_name, o.reason) for o in objects.objects] == [
-        ('person', ObjectMsg.PERSON),
-        ('sink', ObjectMsg.HANDLED),
+    assert [(o.class_name, o.state) for o in objects.objects] == [
+        ('person', ObjectState.PERSON),
+        ('sink', ObjectState.HANDLED),
     ]
 
 

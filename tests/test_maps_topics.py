@@ -12,8 +12,8 @@ import yaml
 from hoid_msgs.msg import (
     DetectionArray,
     MappedObject,
+    ObjectState,
     SlamStatus,
-    TrackedObject,
     TrackedObjectArray,
 )
 from hoid_msgs.srv import FindObjects, ForgetObject
@@ -277,7 +277,7 @@ def check_objects(peer: Peer, truth: RoomTruth) -> None:
     for msg in peer.tracked:
         i = round((stamp_of(msg) - SCENE.stamp_ns(0)) * 30e-9)
         people_m = people_centers(truth.stage, i)
-        for tracked in (t for t in msg.objects if t.state == TrackedObject.PERSON):
+        for tracked in (t for t in msg.objects if t.state == ObjectState.PERSON):
             at = tracked.position
             world = se3.transform(truth.T_world_map, np.array([[at.x, at.y, at.z]]))
             errors_m.append(np.linalg.norm(people_m - world, axis=1).min())
@@ -292,7 +292,7 @@ def check_people(peer: Peer) -> None:
     for msg in peer.tracked:
         same = people[stamp_of(msg)]
         assert same.header == msg.header
-        tracked = [t for t in msg.objects if t.state == TrackedObject.PERSON]
+        tracked = [t for t in msg.objects if t.state == ObjectState.PERSON]
         assert [(p.name, p.position) for p in same.people] == [
             (str(t.id), t.position) for t in tracked
         ]

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
 from geometry_msgs.msg import Point, Pose
-from hoid_msgs.msg import DynamicObject as ObjectMsg
+from hoid_msgs.msg import ObjectState
 from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from people_msgs.msg import People, Person
@@ -119,7 +119,7 @@ def test_the_filter_uses_the_boxes_of_another_detector(
     boxes.publish(conversions.detections_2d_to_msg(person, peer.header(1)))
     peer.send_images(1)
     features, objects = peer.answer()
-    assert [o.reason for o in objects.objects] == [ObjectMsg.PERSON]
+    assert [o.state for o in objects.objects] == [ObjectState.PERSON]
     only = objects.objects[0]
     assert (only.x_min, only.y_min, only.x_max, only.y_max) == PERSON[1]
     assert num_inside(features, PERSON) == 0

@@ -20,12 +20,19 @@ from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, Detections, FloatArray, RgbdFrame, Trajectory
+from hoid_common.values import (
+    CameraModel,
+    Detections,
+    FloatArray,
+    ObjectState,
+    RgbdFrame,
+    Trajectory,
+)
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.scene_scheduler import SceneRequest
-from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
+from hoid_scene.tracks.object_tracker import TrackedObject
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
@@ -195,10 +202,10 @@ def test_carries_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:
 
 
 def test_an_object_that_nobody_touched_is_called_moved_wrongly(truth: RoomTruth) -> None:
-    at_rest = mapped(1, 'sofa', np.zeros(3), PlaceState.AT_REST)
+    at_rest = mapped(1, 'sofa', np.zeros(3), ObjectState.AT_REST)
     history: ObjectHistory = {
         1: (at_rest,),
-        2: (mapped(1, 'sofa', np.zeros(3), PlaceState.HANDLED),),
+        2: (mapped(1, 'sofa', np.zeros(3), ObjectState.HANDLED),),
     }
     assert score_carries(history, [], truth)[3:] == (1, 1)
 
@@ -211,15 +218,15 @@ def history_of(carries: list[TrueCarry], *, keeps_number: bool) -> ObjectHistory
         for k, carry in enumerate(carries):
             is_new = i >= carry.end
             place_m = (carry.to_map_m if is_new else carry.from_map_m) + OFFSET_M
-            state = PlaceState.HANDLED if i >= carry.first else PlaceState.AT_REST
-            state = PlaceState.MOVED if is_new else state
+            state = ObjectState.HANDLED if i >= carry.first else ObjectState.AT_REST
+            state = ObjectState.MOVED if is_new else state
             number = k if keeps_number or not is_new else k + 100
             found.append(mapped(number, carry.class_name, place_m, state))
         out[SCENE.stamp_ns(i)] = tuple(found)
     return out
 
 
-def mapped(number: int, name: str, place_m: FloatArray, state: PlaceState) -> MapObject:
+def mapped(number: int, name: str, place_m: FloatArray, state: ObjectState) -> MapObject:
     T = np.eye(4)
     T[:3, 3] = place_m
     last_ns = SCENE.stamp_ns(0)

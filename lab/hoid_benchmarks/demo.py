@@ -35,7 +35,7 @@ from hoid_common.values import (
     ByteArray,
     FilterResult,
     FloatArray,
-    Reason,
+    ObjectState,
     RgbdFrame,
     Trajectory,
 )
@@ -52,7 +52,7 @@ _ANIMATED_EVERY = 8
 _MAPPED_EVERY = 5  # chosen: images whose features the floor plans show
 _ANIMATED_PX = 320  # width
 # Predicted and remembered objects would clutter the picture.
-_DRAWN = (Reason.PERSON, Reason.HANDLED)
+_DRAWN = (ObjectState.PERSON, ObjectState.HANDLED)
 # The baseline of the paper, this tracker without a filter, and the default configuration.
 _RULES, _WITHOUT, _WITH = "ORB-SLAM3's rules", 'ours, no filter', 'ours, HOID'
 _FOLDERS = {_RULES: 'orb_slam3_rules', _WITHOUT: 'without', _WITH: 'with_filter'}
@@ -213,9 +213,9 @@ def _drawn(frame: RgbdFrame, result: FilterResult) -> ByteArray:
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
     draw_points(picture, result.features.uv_px, KEPT_BGR)
     for item in result.objects:
-        if item.reason in _DRAWN:
+        if item.state in _DRAWN:
             x1, y1, x2, y2 = np.rint(item.box_xyxy_px).astype(int).tolist()
-            cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.reason], 2)
+            cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.state], 2)
     return picture
 
 

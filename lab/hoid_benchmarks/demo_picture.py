@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
-from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray, Reason
+from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray, ObjectState
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, Bgr
 
 _SIZE_IN, _DPI = (12.0, 10.5), 100
@@ -72,8 +72,8 @@ def _draw_snapshots(figure: SubFigure, shown: Sequence[Snapshot]) -> None:
         axes.imshow(snapshot.image_bgr[..., ::-1])
         axes.set_axis_off()
     words = {
-        'person': REASON_BGR[Reason.PERSON],
-        'handled object': REASON_BGR[Reason.HANDLED],
+        'person': REASON_BGR[ObjectState.PERSON],
+        'handled object': REASON_BGR[ObjectState.HANDLED],
     }
     marks = {'feature kept': KEPT_BGR, 'feature removed': REMOVED_BGR}
     handles = [Line2D([], [], color=_rgb(c), lw=3, label=word) for word, c in words.items()]

@@ -11,22 +11,22 @@ import pytest
 from hoid_benchmarks.object_picture import draw_objects, object_rows, object_table
 from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, FloatArray, RgbdFrame, Trajectory
+from hoid_common.values import CameraModel, FloatArray, ObjectState, RgbdFrame, Trajectory
 from hoid_scene.dense.submap import ColoredCloud
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.objects.mapped_object import MapObject
 from rgbd_slam.statistics import SlamStats
 
 CAMERA = CameraModel(320, 240, 250.0, 250.0, 160.0, 120.0)
 
 
-def mapped(number: int, at_m: FloatArray, state: PlaceState = PlaceState.AT_REST) -> MapObject:
+def mapped(number: int, at_m: FloatArray, state: ObjectState = ObjectState.AT_REST) -> MapObject:
     T = np.eye(4)
     T[:3, 3] = at_m
     return MapObject(number, 'cup', (('cup', 1.0),), state, T, np.full(3, 0.2), 9, 0, 0, 1.0)
 
 
 CUP = mapped(1, np.array([2.0, 0.0, 0.0]))
-GONE = mapped(2, np.array([2.0, 0.8, 0.0]), PlaceState.GONE)
+GONE = mapped(2, np.array([2.0, 0.8, 0.0]), ObjectState.GONE)
 
 
 def room() -> MappedRoom:

@@ -11,7 +11,7 @@ from hoid_benchmarks.map_animation import draw_growing_maps
 from hoid_benchmarks.pictures import draw_scenes, frame_numbers, write_sheets
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.values import CameraModel, Detections, Reason, RgbdFrame, Trajectory
+from hoid_common.values import CameraModel, Detections, ObjectState, RgbdFrame, Trajectory
 from hoid_filter.config import FilterConfig
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR
 
@@ -63,10 +63,10 @@ def test_pictures_show_the_verdict_of_each_rule() -> None:
     config = FilterConfig(strategy='hoid2d')
     ((number, scene),) = draw_scenes(Recording(), [1], seen, config)
     assert number == 1
-    assert has_color(scene.verdict, 100, 180, REASON_BGR[Reason.PERSON])
-    assert has_color(scene.verdict, 189, 120, REASON_BGR[Reason.HANDLED])
-    assert has_color(scene.kept_2d, 189, 120, REASON_BGR[Reason.HANDLED])
-    assert has_color(scene.kept_3d, 189, 120, REASON_BGR[Reason.STATIC])
+    assert has_color(scene.verdict, 100, 180, REASON_BGR[ObjectState.PERSON])
+    assert has_color(scene.verdict, 189, 120, REASON_BGR[ObjectState.HANDLED])
+    assert has_color(scene.kept_2d, 189, 120, REASON_BGR[ObjectState.HANDLED])
+    assert has_color(scene.kept_3d, 189, 120, REASON_BGR[ObjectState.AT_REST])
     body, right = np.s_[150:210, 110:170], np.s_[104:136, 182:187]
     assert num_kept(scene.everything, body) > 0
     assert num_kept(scene.kept_2d, body) == 0

@@ -18,9 +18,9 @@ from hoid_benchmarks.rooms.visits.change_scores import (
 from hoid_benchmarks.rooms.visits.number_table import NumberScores, score_numbers
 from hoid_benchmarks.rooms.visits.second_visit import first_name, first_scene, truth_of
 from hoid_benchmarks.rooms.visits.true_changes import ChangeKind, TrueChange, TrueVisits
-from hoid_common.values import Trajectory
+from hoid_common.values import ObjectState, Trajectory
 from hoid_scene.dense.submap import ColoredCloud
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.objects.mapped_object import MapObject
 from hoid_synth.config import SceneConfig
 from rgbd_slam.statistics import SlamStats
 
@@ -39,12 +39,12 @@ def mapped(number: int, name: str, x_m: float) -> MapObject:
     T = np.eye(4)
     T[:3, 3] = x_m + SIDE_M / 2, SIDE_M / 2, SIDE_M / 2
     size_m = np.full(3, SIDE_M)
-    return MapObject(number, name, ((name, 1.0),), PlaceState.AT_REST, T, size_m, 9, 0, 0, 1.0)
+    return MapObject(number, name, ((name, 1.0),), ObjectState.AT_REST, T, size_m, 9, 0, 0, 1.0)
 
 
 def moved(item: MapObject, x_m: float) -> MapObject:
     place = mapped(item.object_id, item.class_name, x_m)
-    return replace(place, state=PlaceState.MOVED, moved_ns=5)
+    return replace(place, state=ObjectState.MOVED, moved_ns=5)
 
 
 CUP, BOOK, BALL, COUCH = (
@@ -66,7 +66,7 @@ SAVED = tuple(mapped(10 + k, name, k) for k, name in enumerate(('cup', 'book', '
 
 
 def test_a_map_that_finds_every_change_has_full_scores() -> None:
-    gone = [replace(item, state=PlaceState.GONE) for item in SAVED[1:3]]
+    gone = [replace(item, state=ObjectState.GONE) for item in SAVED[1:3]]
     new = replace(mapped(20, 'laptop', 6.0), is_new=True)
     scores = score_changes(SAVED, [moved(SAVED[0], 5.0), *gone, SAVED[3], new], VISITS)
     assert scores == ChangeScores(3, 3, 3, 0, 4, 4, 4, 0, 1, 1, 0)  # the ball was not shown
@@ -74,7 +74,7 @@ def test_a_map_that_finds_every_change_has_full_scores() -> None:
 
 
 def test_a_moved_object_that_is_called_gone_and_new_counts_by_its_places_only() -> None:
-    gone = [replace(item, state=PlaceState.GONE) for item in SAVED[:2]]
+    gone = [replace(item, state=ObjectState.GONE) for item in SAVED[:2]]
     new = replace(mapped(20, 'cup', 5.0), is_new=True)
     scores = score_changes(SAVED, [*gone, *SAVED[2:], new], VISITS)
     assert (scores.num_found, scores.num_wrong, scores.num_claims) == (1, 2, 3)
@@ -84,7 +84,7 @@ def test_a_moved_object_that_is_called_gone_and_new_counts_by_its_places_only() 
 
 
 def test_claims_about_what_stayed_are_wrong() -> None:
-    gone = replace(SAVED[3], state=PlaceState.GONE)
+    gone = replace(SAVED[3], state=ObjectState.GONE)
     double = replace(mapped(21, 'sofa', 3.02), is_new=True)
     scores = score_changes(SAVED, [*SAVED[:3], gone, double], VISITS)
     assert (scores.num_found, scores.num_claims, scores.num_wrong) == (0, 2, 2)

@@ -15,10 +15,10 @@ from hoid_benchmarks.planner.costmap import (
     centers_m,
     step_down,
 )
-from hoid_common.values import NS_PER_S, PERSON, BoolArray, FloatArray
+from hoid_common.values import NS_PER_S, PERSON, BoolArray, FloatArray, ObjectState
 from hoid_scene.config.navigation_config import NavigationConfig
 from hoid_scene.navigation_masks import CLOSED, Mask, MaskExtent, NavigationMasks
-from hoid_scene.tracks.object_track import ObjectState, TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 from hoid_synth.acting.stage import Stage
 
 PERSON_RADIUS_M = 0.25  # chosen: half the width of a person

@@ -10,8 +10,8 @@ import numpy as np
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.rooms.room_run import ObjectHistory
 from hoid_common import se3
-from hoid_common.values import Detections, FloatArray
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_common.values import Detections, FloatArray, ObjectState
+from hoid_scene.objects.mapped_object import MapObject
 from hoid_synth.acting.acting import ObjectTrack
 from hoid_synth.room.world import PlacedProp
 from hoid_synth.room_truth import RoomTruth
@@ -157,8 +157,8 @@ def _departures(history: ObjectHistory) -> Iterator[_Departure]:
             old = before.get(item.object_id)
             if old is None:
                 continue
-            is_taken = item.state is PlaceState.HANDLED is not old.state
-            is_elsewhere = item.moved_ns != old.moved_ns and old.state is not PlaceState.HANDLED
+            is_taken = item.state is ObjectState.HANDLED is not old.state
+            is_elsewhere = item.moved_ns != old.moved_ns and old.state is not ObjectState.HANDLED
             if is_taken or is_elsewhere:
                 yield _Departure(old.class_name, old.center_map_m, old.last_ns, stamp_ns)
         before = objects

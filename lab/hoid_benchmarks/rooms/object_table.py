@@ -15,7 +15,6 @@ from hoid_benchmarks.rooms.object_scores import (
 from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_common.values import FloatArray
-from hoid_scene.tracks.object_track import SETTLED
 
 HEADER = (
     'room', 'objects of', 'recall', 'precision', 'class right', 'doubles per object',
@@ -36,7 +35,7 @@ class ObjectTable:
         at_rest = [
             FoundObject(track.class_name, track.position_map_m, track.size_m)
             for track in tracks
-            if track.state in SETTLED
+            if track.state.is_at_rest
         ]
         mapped = [
             FoundObject(item.class_name, item.center_map_m, item.size_m)

@@ -9,8 +9,8 @@ import numpy as np
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.rooms.room_run import MappedRoom, Tracks
 from hoid_common import se3
-from hoid_common.values import FloatArray
-from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
+from hoid_common.values import FloatArray, ObjectState
+from hoid_scene.tracks.object_tracker import TrackedObject
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
 

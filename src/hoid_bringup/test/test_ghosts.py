@@ -15,7 +15,7 @@ from hoid_common.values import (
     ByteArray,
     CameraModel,
     Detections,
-    Reason,
+    ObjectState,
     RgbdFrame,
     Trajectory,
 )
@@ -73,7 +73,7 @@ def run(strategy: str) -> tuple[OfflinePipeline, int]:
 def test_an_undetected_moving_object_leaves_no_ghost() -> None:
     pipeline, ghosts = run('motion')
     (board,) = pipeline.objects
-    assert (board.class_name, board.reason) == (UNKNOWN, Reason.MOVING)
+    assert (board.class_name, board.state) == (UNKNOWN, ObjectState.MOVING)
     speed_mps = STEP_PX * BOARD_M / CAMERA.fx_px * 1e9 / PERIOD_NS
     assert board.velocity_camera_mps == pytest.approx((speed_mps, 0, 0), abs=0.1)
     assert ghosts == 0

@@ -308,18 +308,26 @@ class FeatureVerdicts:
     is_dynamic: BoolArray
 
 
-class Reason(Enum):
-    """Why an object is classified as dynamic or static.
+class ObjectState(Enum):
+    """The state of a person or an object, in an image and in the scene.
 
-    The values are the constants of hoid_msgs/DynamicObject, where each is explained.
+    The values are the constants of hoid_msgs/ObjectState, where each is explained.
     """
 
-    STATIC = 0
+    AT_REST = 0
     PERSON = 1
     HANDLED = 2
     PREDICTED = 3
     REMEMBERED = 4
     MOVING = 5
+    MOVED = 6
+    GONE = 7
+    TENTATIVE = 8
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the object stands at its place: where it was first seen, or put down later."""
+        return self in (ObjectState.AT_REST, ObjectState.MOVED)
 
 
 @dataclass(frozen=True)
@@ -330,7 +338,7 @@ class DynamicObject:
     box_xyxy_px: tuple[float, float, float, float]  # left, top, right, bottom in the full image
     score: float  # confidence of the detection, in [0, 1]
     track_id: int  # the same for the same object over time; -1 when the object is not tracked
-    reason: Reason  # why it is dynamic or static
+    state: ObjectState  # why it is dynamic or static
     overlap_ratio: float = 0.0  # share of the object's box that a person's box covers, in [0, 1]
     # Absolute difference between the depths of the object and of this person; NaN if unknown.
     depth_gap_m: float = NAN
@@ -344,7 +352,7 @@ class DynamicObject:
 
     @property
     def is_dynamic(self) -> bool:
-        return self.reason is not Reason.STATIC
+        return not self.state.is_at_rest
 
 
 @dataclass(frozen=True, eq=False)

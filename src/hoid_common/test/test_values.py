@@ -9,7 +9,7 @@ import pytest
 from hoid_common.errors import ConfigError, MessageError
 from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.log_throttle import LogThrottle
-from hoid_common.values import CameraModel, Detections, DynamicObject, Features, Reason
+from hoid_common.values import CameraModel, Detections, DynamicObject, Features, ObjectState
 
 DISTORTION = (0.262383, -0.953104, -0.005358, 0.002628, 1.163314)
 THIN_PRISM_AND_TILT = (0.002, -0.001, 0.003, 0.001, 0.01, -0.02)
@@ -170,10 +170,10 @@ def test_features_of_different_lengths_are_refused() -> None:
         )
 
 
-@pytest.mark.parametrize('reason', Reason)
-def test_all_reasons_but_one_are_dynamic(reason: Reason) -> None:
-    obj = DynamicObject('cup', (0, 0, 1, 1), 0.5, -1, reason)
-    assert obj.is_dynamic == (reason is not Reason.STATIC)
+@pytest.mark.parametrize('state', ObjectState)
+def test_all_objects_but_those_at_rest_are_dynamic(state: ObjectState) -> None:
+    obj = DynamicObject('cup', (0, 0, 1, 1), 0.5, -1, state)
+    assert obj.is_dynamic == (state not in (ObjectState.AT_REST, ObjectState.MOVED))
 
 
 def test_throttle_counts_suppressed_messages() -> None:

@@ -7,30 +7,30 @@ import math
 import cv2
 import numpy as np
 
-from hoid_common.values import ByteArray, DynamicObject, FilterResult, Float32Array, Reason
+from hoid_common.values import ByteArray, DynamicObject, FilterResult, Float32Array, ObjectState
 
 Bgr = tuple[int, int, int]
 
 KEPT_BGR: Bgr = (80, 220, 60)
 REMOVED_BGR: Bgr = (60, 60, 240)
-REASON_BGR: dict[Reason, Bgr] = {
-    Reason.STATIC: (60, 190, 60),
-    Reason.PERSON: (60, 60, 230),
-    Reason.HANDLED: (0, 140, 255),
-    Reason.PREDICTED: (220, 60, 220),
-    Reason.REMEMBERED: (230, 200, 40),
-    Reason.MOVING: (0, 230, 230),
+REASON_BGR: dict[ObjectState, Bgr] = {
+    ObjectState.AT_REST: (60, 190, 60),
+    ObjectState.PERSON: (60, 60, 230),
+    ObjectState.HANDLED: (0, 140, 255),
+    ObjectState.PREDICTED: (220, 60, 220),
+    ObjectState.REMEMBERED: (230, 200, 40),
+    ObjectState.MOVING: (0, 230, 230),
 }
 _TEXT_BGR: Bgr = (255, 255, 255)
 _LEGEND = (
     ('feature kept', KEPT_BGR, True),
     ('feature removed', REMOVED_BGR, True),
-    ('static object', REASON_BGR[Reason.STATIC], False),
-    ('person', REASON_BGR[Reason.PERSON], False),
-    ('handled object', REASON_BGR[Reason.HANDLED], False),
-    ('predicted, not detected', REASON_BGR[Reason.PREDICTED], False),
-    ('handled before', REASON_BGR[Reason.REMEMBERED], False),
-    ('moves, whatever it is', REASON_BGR[Reason.MOVING], False),
+    ('static object', REASON_BGR[ObjectState.AT_REST], False),
+    ('person', REASON_BGR[ObjectState.PERSON], False),
+    ('handled object', REASON_BGR[ObjectState.HANDLED], False),
+    ('predicted, not detected', REASON_BGR[ObjectState.PREDICTED], False),
+    ('handled before', REASON_BGR[ObjectState.REMEMBERED], False),
+    ('moves, whatever it is', REASON_BGR[ObjectState.MOVING], False),
 )
 _FONT, _FONT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 _RADIUS_PX = 2
@@ -84,11 +84,11 @@ def draw_legend(picture: ByteArray) -> ByteArray:
 
 def _draw_box(picture: ByteArray, item: DynamicObject) -> None:
     x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
-    cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.reason], 2)
+    cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.state], 2)
 
 
 def _draw_label(picture: ByteArray, item: DynamicObject) -> None:
-    color, text = REASON_BGR[item.reason], label(item)
+    color, text = REASON_BGR[item.state], label(item)
     x1, y1 = (round(value) for value in item.box_xyxy_px[:2])
     (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
     top = max(y1, height + 4)  # keeps the label below the picture's top

@@ -21,7 +21,7 @@ from hoid_common.values import (
     FilterResult,
     Float32Array,
     IntArray,
-    Reason,
+    ObjectState,
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig
@@ -188,7 +188,7 @@ class FeatureFilter:
         self._detected_mask = verdict.detected_mask
         classified_s = time.thread_time()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
-        is_dynamic = [reason is not Reason.STATIC for reason in verdict.objects.reasons]
+        is_dynamic = [reason is not ObjectState.AT_REST for reason in verdict.objects.reasons]
         dynamic_xyxy_px = verdict.objects.boxes_xyxy_px[is_dynamic]
         features = self._extractor.describe(
             corners, chosen, frame.depth_m, frame.stamp_ns, dynamic_xyxy_px

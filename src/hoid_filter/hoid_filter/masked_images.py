@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from hoid_common.values import BoolArray, CameraModel, Float32Array, Reason
+from hoid_common.values import BoolArray, CameraModel, Float32Array, ObjectState
 from hoid_filter.strategy import Verdict
 
 _POINT_STRIDE_PX = 8  # 1.5 cm at 1 m in a VGA image, finer than the 5 cm cells of a costmap
@@ -19,7 +19,7 @@ def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
     mask = np.zeros(size_px[::-1], np.bool_)
     objects = verdict.objects
     for box, reason in zip(objects.boxes_xyxy_px, objects.reasons, strict=True):
-        if reason is not Reason.STATIC:
+        if reason is not ObjectState.AT_REST:
             left, top, right, bottom = np.rint(box).astype(int)
             mask[top:bottom, left:right] = True
     return mask

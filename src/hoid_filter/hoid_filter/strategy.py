@@ -13,7 +13,7 @@ from hoid_common.values import (
     Float32Array,
     FloatArray,
     IntArray,
-    Reason,
+    ObjectState,
 )
 from hoid_filter.config import FilterConfig
 from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS, MovingRegions
@@ -41,7 +41,7 @@ class ObjectVerdicts(NamedTuple):
     boxes_xyxy_px: Float32Array  # (N, 4)
     class_names: tuple[str, ...]  # N
     scores: Float32Array  # (N,) confidences of the detections, in [0, 1]
-    reasons: tuple[Reason, ...]  # N reasons why an object is static or dynamic
+    reasons: tuple[ObjectState, ...]  # N reasons why an object is static or dynamic
     track_ids: IntArray  # (N,); -1 = not tracked
     overlap_ratios: FloatArray  # (N,) in [0, 1]: ratio of the object that a person's box covers
     depths_m: FloatArray  # (N,); NaN = unknown
@@ -53,7 +53,7 @@ class ObjectVerdicts(NamedTuple):
         boxes_xyxy_px: Float32Array,
         class_names: tuple[str, ...],
         scores: Float32Array,
-        reasons: tuple[Reason, ...],
+        reasons: tuple[ObjectState, ...],
         **known: NDArray[Any],
     ) -> ObjectVerdicts:
         """Return the verdicts on N objects; fields that are not in `known` are marked as unknown.

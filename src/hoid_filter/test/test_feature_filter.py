@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hoid_common.errors import MessageError
-from hoid_common.values import CameraModel, Reason, RgbdFrame
+from hoid_common.values import CameraModel, ObjectState, RgbdFrame
 from hoid_filter.config import FilterConfig
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.feature_filter import FeatureFilter
@@ -73,7 +73,7 @@ def test_an_object_has_a_center_in_the_camera_frame(frame: RgbdFrame) -> None:
     (person,) = (
         FeatureFilter(FilterConfig(strategy='hoid2d'), CAMERA).process(frame, found).objects
     )
-    assert person.reason is Reason.PERSON
+    assert person.state is ObjectState.PERSON
     assert person.is_dynamic
     assert person.center_camera_m == pytest.approx((-0.48, 0.04, 2.0))
     assert person.size_m == pytest.approx((0.8, 1.6))
@@ -108,7 +108,7 @@ def test_silent_detector_is_bridged_by_prediction(frame: RgbdFrame) -> None:
     feature_filter.process(frame, found)
     later = RgbdFrame(frame.stamp_ns + 33_000_000, frame.image_bgr, frame.depth_m)
     (person,) = feature_filter.process(later, None).objects
-    assert person.reason is Reason.PREDICTED
+    assert person.state is ObjectState.PREDICTED
     assert person.is_dynamic
     much_later = RgbdFrame(frame.stamp_ns + 10**10, frame.image_bgr, frame.depth_m)
     assert feature_filter.process(much_later, None).objects == ()
@@ -122,11 +122,11 @@ def test_reset_forgets_earlier_images_and_keeps_the_camera(frame: RgbdFrame) -> 
     feature_filter.reset()
     early = dataclasses.replace(found, stamp_ns=frame.stamp_ns)
     (person,) = feature_filter.process(frame, early).objects
-    assert person.reason is Reason.PERSON
+    assert person.state is ObjectState.PERSON
     assert person.center_camera_m == pytest.approx((-0.48, 0.04, 2.0))
     next_one = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
     (person,) = feature_filter.process(next_one, None).objects
-    assert person.reason is Reason.PREDICTED
+    assert person.state is ObjectState.PREDICTED
 
 
 def test_bad_boxes_are_counted(frame: RgbdFrame) -> None:
@@ -152,7 +152,7 @@ def test_late_detections_classify_the_published_features(frame: RgbdFrame, strat
     assert first.objects == ()
     found = detections(('person', PERSON_BOX), stamp_ns=frame.stamp_ns)
     final = features.reevaluate(first.features, frame.depth_m, found)
-    assert [seen.reason for seen in final.objects] == [Reason.PERSON]
+    assert [seen.state for seen in final.objects] == [ObjectState.PERSON]
     assert final.feature_verdicts.stamp_ns == frame.stamp_ns
     u, v = np.rint(first.features.uv_px).T
     inside = (u >= 100) & (u < 300) & (v >= 50) & (v < 450)
@@ -170,7 +170,7 @@ def test_late_detections_are_used_in_the_next_image(frame: RgbdFrame) -> None:
     prompt.process(frame, found)
     following = dataclasses.replace(frame, stamp_ns=frame.stamp_ns + 33_000_000)
     got, wanted = late.process(following, None), prompt.process(following, None)
-    assert [seen.reason for seen in got.objects] == [Reason.PREDICTED]
+    assert [seen.state for seen in got.objects] == [ObjectState.PREDICTED]
     assert [seen.box_xyxy_px for seen in got.objects] == [PERSON_BOX]
     np.testing.assert_array_equal(got.features.uv_px, wanted.features.uv_px)
 
@@ -185,7 +185,7 @@ def test_a_skipped_image_is_classified_by_the_boxes_of_the_next(frame: RgbdFrame
     features.process(following, None)
     found = detections(('person', PERSON_BOX), stamp_ns=following.stamp_ns)
     final = features.reevaluate(first.features, frame.depth_m, found)
-    assert [seen.reason for seen in final.objects] == [Reason.PREDICTED]
+    assert [seen.state for seen in final.objects] == [ObjectState.PREDICTED]
     assert final.feature_verdicts.is_dynamic.sum() > 50
     again = features.reevaluate(first.features, frame.depth_m, found)
     np.testing.assert_array_equal(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoid_common.values import Detections, Float32Array, Reason
+from hoid_common.values import Detections, Float32Array, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS
 from hoid_filter.strategies.hoid_plus import HoidPlus
@@ -29,7 +29,7 @@ def cup_covered_by(share: float, stamp_ns: int) -> Detections:
     return detections(('person', PERSON), ('cup', cup), stamp_ns=stamp_ns)
 
 
-def reasons(verdict: Verdict) -> dict[str, Reason]:
+def reasons(verdict: Verdict) -> dict[str, ObjectState]:
     return dict(zip(verdict.objects.class_names, verdict.objects.reasons, strict=True))
 
 
@@ -54,7 +54,7 @@ def test_missed_person_is_predicted_along_the_motion() -> None:
     left, stamp_ns = walk(strategy, 20)
     expected, depth_m = walker(left + 9)
     verdict = strategy.classify(view(Detections.none(stamp_ns + 3 * FRAME_NS), depth_m))
-    assert verdict.objects.reasons == (Reason.PREDICTED,)
+    assert verdict.objects.reasons == (ObjectState.PREDICTED,)
     assert verdict.objects.boxes_xyxy_px[0] == pytest.approx(expected, abs=0.1)
     kept = picture_of(verdict.kept)
     middle = round(left) + 29
@@ -74,7 +74,7 @@ def test_a_missed_person_stays_dynamic_at_first() -> None:
     strategy = plus()
     strategy.classify(view(detections(('person', PERSON), stamp_ns=0)))
     assert strategy.classify(view(Detections.none(FRAME_NS))).objects.reasons == (
-        Reason.PREDICTED,
+        ObjectState.PREDICTED,
     )
     # An object seen only once is predicted for a shorter time than one seen repeatedly.
     assert strategy.classify(view(Detections.none(5 * FRAME_NS))).objects.reasons == ()
@@ -86,7 +86,7 @@ def test_returning_person_keeps_the_track() -> None:
     strategy.classify(view(Detections.none(stamp_ns + FRAME_NS)))
     box = (left + 6, 10.0, left + 46, 110.0)
     back = strategy.classify(view(detections(('person', box), stamp_ns=stamp_ns + 2 * FRAME_NS)))
-    assert back.objects.reasons == (Reason.PERSON,)
+    assert back.objects.reasons == (ObjectState.PERSON,)
     assert back.objects.track_ids.tolist() == [0]
 
 
@@ -97,14 +97,14 @@ def test_late_and_rare_detections_are_predicted_without_a_gap(late: int, period:
     for n in range(30):
         heard = cup_covered_by(0.6, (n - late) * FRAME_NS) if n % period == 0 else None
         found = reasons(strategy.classify(view(heard, stamp_ns=n * FRAME_NS)))
-        assert found == {'person': Reason.PREDICTED, 'cup': Reason.PREDICTED}
+        assert found == {'person': ObjectState.PREDICTED, 'cup': ObjectState.PREDICTED}
 
 
 def test_what_stands_still_is_reported_between_detections() -> None:
     strategy = plus()
     strategy.classify(view(cup_covered_by(0.1, 0)))
     found = reasons(strategy.classify(view(None, stamp_ns=FRAME_NS)))
-    assert found == {'person': Reason.PREDICTED, 'cup': Reason.STATIC}
+    assert found == {'person': ObjectState.PREDICTED, 'cup': ObjectState.AT_REST}
 
 
 def test_nothing_is_predicted_for_longer_than_the_limit() -> None:
@@ -135,7 +135,7 @@ def test_an_object_that_only_flickers_is_never_established() -> None:
         assert ('cup' in reasons(strategy.classify(view(found)))) is seen
 
 
-def classify_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
+def classify_huge(strategy: HoidPlus, score: float, n: int = 0) -> ObjectState:
     found = detections(('person', HUGE), stamp_ns=n * FRAME_NS, score=score)
     (reason,) = strategy.classify(view(found)).objects.reasons
     return reason
@@ -144,43 +144,43 @@ def classify_huge(strategy: HoidPlus, score: float, n: int = 0) -> Reason:
 def test_a_weak_person_over_the_whole_image_is_confirmed_by_detections_in_a_row() -> None:
     strategy = plus()
     found = [classify_huge(strategy, 0.3, n) for n in range(4)]
-    assert found == [Reason.STATIC] * 3 + [Reason.PERSON]
+    assert found == [ObjectState.AT_REST] * 3 + [ObjectState.PERSON]
 
 
 def test_a_weak_person_over_the_whole_image_who_flickers_is_never_confirmed() -> None:
     strategy = plus()
     for n in range(0, 40, 4):
-        assert [classify_huge(strategy, 0.3, n + k) for k in range(3)] == [Reason.STATIC] * 3
+        assert [classify_huge(strategy, 0.3, n + k) for k in range(3)] == [ObjectState.AT_REST] * 3
         assert strategy.classify(view(Detections.none((n + 3) * FRAME_NS))).kept is None
 
 
 def test_late_detector_does_not_break_the_row() -> None:
     strategy = plus()
     for n in range(0, 6, 2):
-        assert classify_huge(strategy, 0.3, n) is Reason.STATIC
+        assert classify_huge(strategy, 0.3, n) is ObjectState.AT_REST
         strategy.classify(view(None, stamp_ns=(n + 1) * FRAME_NS))
-    assert classify_huge(strategy, 0.3, 6) is Reason.PERSON
+    assert classify_huge(strategy, 0.3, 6) is ObjectState.PERSON
 
 
 def test_a_large_person_is_confirmed_when_strong_or_tracked_or_the_switch_is_off() -> None:
-    assert classify_huge(plus(), 0.9) is Reason.PERSON
-    assert classify_huge(plus(doubt_large_people=False), 0.3) is Reason.PERSON
+    assert classify_huge(plus(), 0.9) is ObjectState.PERSON
+    assert classify_huge(plus(doubt_large_people=False), 0.3) is ObjectState.PERSON
     strategy = plus()
     classify_huge(strategy, 0.9)
-    assert classify_huge(strategy, 0.3, 1) is Reason.PERSON
+    assert classify_huge(strategy, 0.3, 1) is ObjectState.PERSON
 
 
 @pytest.mark.parametrize(
     ('turn_radps', 'score', 'is_doubted', 'expected'),
     [
-        (1.0, 0.4, True, Reason.STATIC),
-        (0.3, 0.4, True, Reason.PERSON),
-        (1.0, 0.6, True, Reason.PERSON),
-        (1.0, 0.4, False, Reason.PERSON),
+        (1.0, 0.4, True, ObjectState.AT_REST),
+        (0.3, 0.4, True, ObjectState.PERSON),
+        (1.0, 0.6, True, ObjectState.PERSON),
+        (1.0, 0.4, False, ObjectState.PERSON),
     ],
 )
 def test_a_weak_person_is_doubted_while_the_camera_turns_fast(
-    turn_radps: float, score: float, is_doubted: bool, expected: Reason
+    turn_radps: float, score: float, is_doubted: bool, expected: ObjectState
 ) -> None:
     found = view(detections(('person', PERSON), score=score))
     turning = NO_MOVING_REGIONS._replace(camera_turn_radps=turn_radps)
@@ -189,9 +189,9 @@ def test_a_weak_person_is_doubted_while_the_camera_turns_fast(
     assert verdict.objects.reasons == (expected,)
 
 
-@pytest.mark.parametrize(('turn_radps', 'expected'), [(0.3, (Reason.PREDICTED,)), (1.0, ())])
+@pytest.mark.parametrize(('turn_radps', 'expected'), [(0.3, (ObjectState.PREDICTED,)), (1.0, ())])
 def test_a_missed_person_is_not_predicted_while_the_camera_turns_fast(
-    turn_radps: float, expected: tuple[Reason, ...]
+    turn_radps: float, expected: tuple[ObjectState, ...]
 ) -> None:
     strategy = plus()
     _, stamp_ns = walk(strategy, 10)
@@ -208,7 +208,12 @@ def test_a_handled_object_is_released_at_less_overlap_than_it_is_taken() -> None
             reasons(strategy.classify(view(cup_covered_by(s * area, n * QUARTER_S_NS))))['cup']
             for n, s in enumerate((0.75, 1.25, 0.75, 0.25))
         ]
-        assert found == [Reason.STATIC, Reason.HANDLED, Reason.HANDLED, Reason.REMEMBERED]
+        assert found == [
+            ObjectState.AT_REST,
+            ObjectState.HANDLED,
+            ObjectState.HANDLED,
+            ObjectState.REMEMBERED,
+        ]
 
 
 def test_an_object_put_down_is_dynamic_until_seen_at_rest() -> None:
@@ -217,16 +222,16 @@ def test_an_object_put_down_is_dynamic_until_seen_at_rest() -> None:
             reasons(strategy.classify(view(cup_covered_by(s, n * QUARTER_S_NS))))['cup']
             for n, s in enumerate((0.5, 0.1, 0.1, 0.1, 0.1))
         ]
-        assert found[0] is Reason.HANDLED
-        assert found[1:].count(Reason.REMEMBERED) == num_remembered
-        assert found[4] is Reason.STATIC
+        assert found[0] is ObjectState.HANDLED
+        assert found[1:].count(ObjectState.REMEMBERED) == num_remembered
+        assert found[4] is ObjectState.AT_REST
 
 
 def test_object_far_from_the_person_in_depth_is_not_handled() -> None:
     for cup_depth_m, reason in (
-        (1.5, Reason.HANDLED),
-        (2.1, Reason.HANDLED),
-        (2.5, Reason.STATIC),
+        (1.5, ObjectState.HANDLED),
+        (2.1, ObjectState.HANDLED),
+        (2.5, ObjectState.AT_REST),
     ):
         depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
         depth_m[50:70, 50:70] = cup_depth_m
@@ -254,5 +259,5 @@ def test_a_silent_detector_is_bridged_like_a_miss() -> None:
     strategy = plus()
     _, stamp_ns = walk(strategy, 5)
     assert strategy.classify(view(None, stamp_ns=stamp_ns + FRAME_NS)).objects.reasons == (
-        Reason.PREDICTED,
+        ObjectState.PREDICTED,
     )

@@ -20,7 +20,7 @@ from hoid_common.values import (
     DynamicObject,
     Float32Array,
     FloatArray,
-    Reason,
+    ObjectState,
     RgbdFrame,
 )
 from hoid_filter.config import FilterConfig, MotionConfig
@@ -150,7 +150,11 @@ def test_a_moving_square_is_masked_and_reported(camera: CameraModel) -> None:
     assert square[at[:, 1], at[:, 0]].mean() < 0.01
     assert len(result.features) > 500
     (region,) = result.objects
-    assert (region.class_name, region.reason, region.is_dynamic) == (UNKNOWN, Reason.MOVING, True)
+    assert (region.class_name, region.state, region.is_dynamic) == (
+        UNKNOWN,
+        ObjectState.MOVING,
+        True,
+    )
     rows, columns = np.nonzero(square)
     box = columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
     np.testing.assert_allclose(region.box_xyxy_px, box, atol=6)
@@ -268,7 +272,7 @@ def test_hoid_plus_masks_what_the_detector_misses() -> None:
         frame, _ = passing(i)
         nobody = Detections.none(frame.stamp_ns)
         found, without = both.process(frame, nobody), switched_off.process(frame, nobody)
-    assert [item.reason for item in found.objects] == [Reason.MOVING]
+    assert [item.state for item in found.objects] == [ObjectState.MOVING]
     assert without.objects == ()
     assert without.num_removed == 0
 
@@ -278,7 +282,7 @@ def test_a_detected_object_is_not_reported_twice() -> None:
     for i in range(20):
         frame, square = passing(i)
         result = both.process(frame, seen_person(frame.stamp_ns, square))
-    assert [item.reason for item in result.objects] == [Reason.PERSON]
+    assert [item.state for item in result.objects] == [ObjectState.PERSON]
 
 
 def test_a_person_over_most_of_the_view_does_not_pass_for_the_static_scene() -> None:
@@ -288,7 +292,7 @@ def test_a_person_over_most_of_the_view_does_not_pass_for_the_static_scene() -> 
         frame, square = scene_of(CAMERA).frame(i, moved(0.004 * i), x_m, side_m=1.6)
         result = both.process(frame, seen_person(frame.stamp_ns, square))
     assert square.mean() > 0.6
-    assert [item.reason for item in result.objects] == [Reason.PERSON]
+    assert [item.state for item in result.objects] == [ObjectState.PERSON]
     at = np.rint(result.features.uv_px).astype(int)
     assert not square[at[:, 1], at[:, 0]].any()
     assert len(at) > 100
@@ -362,9 +366,11 @@ def test_no_motion_is_looked_for_in_a_color_image_that_is_sent_twice() -> None:
     assert filtering.counters['repeated color images'] == 12
 
 
-@pytest.mark.parametrize(('turn_radps', 'expected'), [(0.5, Reason.PERSON), (2.5, Reason.STATIC)])
+@pytest.mark.parametrize(
+    ('turn_radps', 'expected'), [(0.5, ObjectState.PERSON), (2.5, ObjectState.AT_REST)]
+)
 def test_a_weak_person_is_doubted_by_the_turn_that_the_images_show(
-    turn_radps: float, expected: Reason
+    turn_radps: float, expected: ObjectState
 ) -> None:
     both = make_filter(strategy='hoid+')
     for i in range(6):
@@ -374,4 +380,4 @@ def test_a_weak_person_is_doubted_by_the_turn_that_the_images_show(
         is_last = i == 5
         result = both.process(frame, found if is_last else Detections.none(frame.stamp_ns))
     (person,) = [item for item in result.objects if item.class_name == PERSON]
-    assert person.reason is expected
+    assert person.state is expected

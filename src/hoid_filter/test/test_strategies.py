@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hoid_common.values import Float32Array, Reason
+from hoid_common.values import Float32Array, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.strategy import Verdict, make_strategy
 
 from .helpers import HEIGHT, WIDTH, BoxTuple, detections, picture_of, view
 
-S, P, H = Reason.STATIC, Reason.PERSON, Reason.HANDLED
+S, P, H = ObjectState.AT_REST, ObjectState.PERSON, ObjectState.HANDLED
 PERSON_BOX = (0.0, 0.0, 44.0, 120.0)
 
 
@@ -30,7 +30,7 @@ def classify(
     ('strategy', 'reasons'),
     [('none', (S, S)), ('person', (P, S)), ('hoid2d', (P, H)), ('hoid3d', (P, H))],
 )
-def test_what_each_strategy_removes(strategy: str, reasons: tuple[Reason, ...]) -> None:
+def test_what_each_strategy_removes(strategy: str, reasons: tuple[ObjectState, ...]) -> None:
     verdict = classify(strategy, ('person', PERSON_BOX), ('cup', (30.0, 40.0, 50.0, 60.0)))
     assert verdict.objects.reasons == reasons
 
@@ -50,7 +50,7 @@ def test_only_listed_classes_are_handled_and_an_empty_list_means_all() -> None:
 
 
 @pytest.mark.parametrize(('cup_m', 'reason'), [(2.1, H), (2.3, S), (0.0, H)])
-def test_3d_rule_wants_equal_depth(cup_m: float, reason: Reason) -> None:
+def test_3d_rule_wants_equal_depth(cup_m: float, reason: ObjectState) -> None:
     depth_m = np.full((HEIGHT, WIDTH), 2.0, np.float32)
     depth_m[5:25, 30:50] = cup_m
     verdict = classify(

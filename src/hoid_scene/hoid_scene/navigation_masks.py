@@ -11,12 +11,12 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.values import BoolArray, FloatArray
+from hoid_common.values import BoolArray, FloatArray, ObjectState
 from hoid_scene.config.navigation_config import NavigationConfig
 from hoid_scene.grid.grid import Grid
 from hoid_scene.grid.steady_grid import GridPatch, patch_of
 from hoid_scene.scene_scheduler import Rate
-from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
+from hoid_scene.tracks.object_tracker import TrackedObject
 
 CLOSED = 100
 """The value of a cell in which a robot must not be; 0: it may."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatArray, Reason
+from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatArray, ObjectState
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.scene_scheduler import SceneRequest
@@ -25,7 +25,7 @@ class Box(NamedTuple):
     class_name: str  # '': furniture that the detector does not know
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
-    reason: Reason = Reason.STATIC
+    reason: ObjectState = ObjectState.AT_REST
     score: float = 0.9
 
     @property

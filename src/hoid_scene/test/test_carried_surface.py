@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import Float32Array, Reason
+from hoid_common.values import Float32Array, ObjectState
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.scene_mapper import SceneMapper
@@ -14,13 +14,13 @@ from hoid_scene.scene_scheduler import SceneRequest
 from .object_world import CAMERA, Box, keyframes, rendered
 
 TABLE = Box('', (2.0, -1.0, -0.6), (3.0, 1.0, -0.5))
-PERSON = Box('person', (2.2, -1.0, -1.2), (2.5, -0.5, 0.4), Reason.PERSON)
+PERSON = Box('person', (2.2, -1.0, -1.2), (2.5, -0.5, 0.4), ObjectState.PERSON)
 RATE_HZ = 10
 
 
 def suitcase(left_m: float) -> Box:
     """Return a suitcase on the table that the filter calls handled; y of its right side."""
-    return Box('suitcase', (2.1, left_m, -0.49), (2.3, left_m + 0.3, -0.1), Reason.HANDLED)
+    return Box('suitcase', (2.1, left_m, -0.49), (2.3, left_m + 0.3, -0.1), ObjectState.HANDLED)
 
 
 class Scene:
@@ -76,12 +76,12 @@ def test_without_tracks_it_is_not_fused() -> None:
 def test_a_thing_that_is_carried_past_an_object_at_rest_is_not_fused() -> None:
     """A second suitcase passes 0.6 m before the first one, so that its box contains the place."""
     scene = Scene()
-    resting = suitcase(0.4)._replace(reason=Reason.STATIC)
+    resting = suitcase(0.4)._replace(reason=ObjectState.AT_REST)
     for _ in range(RATE_HZ):
         scene.show(TABLE, resting)
     for step in range(RATE_HZ):
         left = 0.1 + 0.03 * step
-        passing = Box('suitcase', (1.4, left, -0.45), (1.5, left + 0.3, 0.1), Reason.HANDLED)
+        passing = Box('suitcase', (1.4, left, -0.45), (1.5, left + 0.3, 0.1), ObjectState.HANDLED)
         scene.show(TABLE, PERSON, resting, passing)
     way = Box('', (1.4, 0.1, -0.45), (1.5, 0.7, 0.1))
     assert len(scene.points_at(way)) == 0

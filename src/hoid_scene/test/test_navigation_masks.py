@@ -10,7 +10,7 @@ import pytest
 from std_msgs.msg import Header
 
 from hoid_common.errors import ConfigError
-from hoid_common.values import NS_PER_S, FloatArray
+from hoid_common.values import NS_PER_S, FloatArray, ObjectState
 from hoid_scene.config.navigation_config import NavigationConfig
 from hoid_scene.config.scene_config import SceneConfig, SceneNodeConfig
 from hoid_scene.dense.submap import ColoredCloud
@@ -23,7 +23,7 @@ from hoid_scene.ros.mask_messages import (
 )
 from hoid_scene.ros.outputs import SceneOutputs
 from hoid_scene.scene_mapper import SceneMapper
-from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
+from hoid_scene.tracks.object_tracker import TrackedObject
 
 from .nav2_costmap import LETHAL, Costmap, cells_of
 

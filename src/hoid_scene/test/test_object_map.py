@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hoid_common.values import DynamicObject, FloatArray, Reason
+from hoid_common.values import DynamicObject, FloatArray, ObjectState
 from hoid_scene.objects.association import are_inside_each_other
-from hoid_scene.objects.mapped_object import MapObject, MappedObject, PlaceState
+from hoid_scene.objects.mapped_object import MapObject, MappedObject
 from hoid_scene.objects.place import Anchor, Place
 from hoid_scene.objects.segmentation import Segment
-from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
+from hoid_scene.tracks.object_tracker import TrackedObject
 
 from .object_world import LOOK_NS, Box, ObjectWorld, keyframes
 
@@ -20,10 +20,12 @@ TABLE = Box('', (1.6, -0.8, -1.2), (2.6, 0.8, -0.45))
 CUP = Box('cup', (1.9, 0.3, -0.45), (2.0, 0.4, -0.3))
 BOOK = Box('book', (1.8, -0.5, -0.45), (2.1, -0.2, -0.4))
 BEAR = Box('teddy bear', (1.9, 0.0, -0.45), (2.15, 0.25, -0.1))
-PERSON = Box('person', (1.2, -0.2, -1.2), (1.4, 0.3, 0.6), Reason.PERSON)
+PERSON = Box('person', (1.2, -0.2, -1.2), (1.4, 0.3, 0.6), ObjectState.PERSON)
 
 
-def moved(box: Box, by_m: tuple[float, float, float], reason: Reason = Reason.STATIC) -> Box:
+def moved(
+    box: Box, by_m: tuple[float, float, float], reason: ObjectState = ObjectState.AT_REST
+) -> Box:
     low, high = (np.add(corner, by_m).tolist() for corner in box[1:3])
     return Box(box.class_name, tuple(low), tuple(high), reason)
 
@@ -55,7 +57,7 @@ def test_objects_on_a_table_have_their_own_boxes() -> None:
         item = only(objects, box.class_name)
         assert np.linalg.norm(item.center_map_m - box.center_m) < tolerance_m
         assert item.num_sightings == 6
-        assert item.state is PlaceState.AT_REST
+        assert item.state is ObjectState.AT_REST
         assert item.probability > 0.8
 
 
@@ -79,7 +81,7 @@ def thing(class_name: str, low_m: tuple[float, float, float]) -> MappedObject:
     points = np.array(low_m) + np.moveaxis(np.mgrid[:9, :9, :9], 0, -1).reshape(-1, 3) / 40
     none, middle = np.empty(0, np.int64), points.mean(axis=0)
     item = MappedObject(0, Place.at(middle, Anchor(0, 0, np.eye(4), np.eye(4))), 0)
-    seen = DynamicObject(class_name, (0.0, 0.0, 9.0, 9.0), 0.9, -1, Reason.STATIC)
+    seen = DynamicObject(class_name, (0.0, 0.0, 9.0, 9.0), 0.9, -1, ObjectState.AT_REST)
     segment = Segment(
         seen, (0, 0, 9, 9), none, points, middle, points.min(axis=0), points.max(axis=0), none
     )
@@ -130,19 +132,19 @@ def test_what_was_seen_through_is_gone() -> None:
     world = ObjectWorld()
     world.look(TABLE, CUP, BOOK, times=5)
     objects = world.look(TABLE, BOOK, times=6)
-    assert only(objects, 'cup').state is PlaceState.GONE
+    assert only(objects, 'cup').state is ObjectState.GONE
     assert only(objects, 'cup').probability < 0.2
-    assert only(objects, 'book').state is PlaceState.AT_REST
+    assert only(objects, 'book').state is ObjectState.AT_REST
     back = only(world.look(TABLE, CUP, BOOK, times=3), 'cup')
-    assert back.state is PlaceState.AT_REST
+    assert back.state is ObjectState.AT_REST
 
 
 def test_a_person_who_hides_an_object_has_not_taken_it() -> None:
     world = ObjectWorld()
     world.look(TABLE, CUP, times=5)
-    wide = Box('person', (1.2, -0.2, -1.2), (1.4, 0.6, 0.6), Reason.PERSON)
+    wide = Box('person', (1.2, -0.2, -1.2), (1.4, 0.6, 0.6), ObjectState.PERSON)
     item = only(world.look(TABLE, wide, times=10), 'cup')
-    assert item.state is PlaceState.AT_REST
+    assert item.state is ObjectState.AT_REST
     assert item.probability > 0.8
 
 
@@ -150,16 +152,16 @@ def test_an_object_keeps_its_id_when_a_person_carries_it() -> None:
     world, target = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
     rest = (track(BEAR, ObjectState.AT_REST),)
     before = only(world.look(TABLE, BEAR, times=6, tracks=rest), 'teddy bear')
-    carried = moved(BEAR, (-0.3, -0.4, 0.5), Reason.HANDLED)
-    holder = moved(PERSON, (0.0, -0.5, 0.0), Reason.PERSON)
+    carried = moved(BEAR, (-0.3, -0.4, 0.5), ObjectState.HANDLED)
+    holder = moved(PERSON, (0.0, -0.5, 0.0), ObjectState.PERSON)
     tracks = (track(carried, ObjectState.HANDLED), track(holder, ObjectState.PERSON, 9))
     handled = only(world.look(TABLE, holder, carried, times=4, tracks=tracks), 'teddy bear')
-    assert handled.state is PlaceState.HANDLED
+    assert handled.state is ObjectState.HANDLED
     assert handled.holder_id == 9
     rest = (track(target, ObjectState.MOVED),)
     after = only(world.look(TABLE, target, times=5, tracks=rest), 'teddy bear')
     assert after.object_id == before.object_id
-    assert after.state is PlaceState.MOVED
+    assert after.state is ObjectState.MOVED
     assert np.linalg.norm(after.center_map_m - target.center_m) < 0.08
     assert after.moved_from_map_m == pytest.approx(before.center_map_m, abs=0.1)
 
@@ -169,10 +171,10 @@ def test_an_object_whose_track_was_lost_is_found_where_a_person_has_been() -> No
     before = only(world.look(TABLE, BEAR, times=6), 'teddy bear')
     person = track(moved(PERSON, (0.2, -0.6, 0.0)), ObjectState.PERSON, 9)
     gone = only(world.look(TABLE, times=5, tracks=(person,)), 'teddy bear')
-    assert gone.state is PlaceState.GONE
+    assert gone.state is ObjectState.GONE
     after = only(world.look(TABLE, target, times=4), 'teddy bear')
     assert after.object_id == before.object_id
-    assert after.state is PlaceState.MOVED
+    assert after.state is ObjectState.MOVED
 
 
 def test_another_object_of_the_class_is_not_the_one_that_was_taken() -> None:
@@ -180,23 +182,23 @@ def test_another_object_of_the_class_is_not_the_one_that_was_taken() -> None:
     before = only(world.look(TABLE, BEAR, times=6), 'teddy bear')
     world.look(TABLE, times=5)
     bears = {item.object_id: item.state for item in world.look(TABLE, other, times=4)}
-    assert bears[before.object_id] is PlaceState.GONE
-    assert sorted(state.value for state in bears.values()) == [0, 3]  # at rest, gone
+    assert bears[before.object_id] is ObjectState.GONE
+    assert sorted(state.name for state in bears.values()) == ['AT_REST', 'GONE']
 
 
 @pytest.mark.parametrize(
     ('state', 'verdict', 'people', 'is_mapped'),
     [
         # A person holds it still, so that the filter calls it static.
-        (ObjectState.HANDLED, Reason.STATIC, (PERSON,), False),
+        (ObjectState.HANDLED, ObjectState.AT_REST, (PERSON,), False),
         # Put down, but its track is still handled; the person has left.
-        (ObjectState.HANDLED, Reason.STATIC, (moved(PERSON, (2.0, 3.0, 0.0)),), True),
+        (ObjectState.HANDLED, ObjectState.AT_REST, (moved(PERSON, (2.0, 3.0, 0.0)),), True),
         # Put down, with the person still beside it.
-        (ObjectState.MOVED, Reason.HANDLED, (PERSON,), True),
+        (ObjectState.MOVED, ObjectState.HANDLED, (PERSON,), True),
     ],
 )
 def test_the_track_decides_whether_a_new_object_is_at_rest(
-    state: ObjectState, verdict: Reason, people: tuple[Box, ...], is_mapped: bool
+    state: ObjectState, verdict: ObjectState, people: tuple[Box, ...], is_mapped: bool
 ) -> None:
     world, bear = ObjectWorld(), moved(BEAR, (0.0, 0.0, 0.0), verdict)
     for _ in range(6):
@@ -211,10 +213,10 @@ def test_a_flat_object_that_was_taken_is_gone_and_keeps_its_id() -> None:
     before = only(world.look(TABLE, BOOK, times=6), 'book')
     person = track(moved(PERSON, (0.5, 0.3, 0.0)), ObjectState.PERSON, 9)
     taken = only(world.look(TABLE, times=8, tracks=(person,)), 'book')
-    assert taken.state is PlaceState.GONE
+    assert taken.state is ObjectState.GONE
     after = only(world.look(TABLE, target, times=4), 'book')
     assert after.object_id == before.object_id
-    assert after.state is PlaceState.MOVED
+    assert after.state is ObjectState.MOVED
 
 
 def test_an_object_that_was_seen_four_times_keeps_its_id() -> None:
@@ -224,7 +226,7 @@ def test_an_object_that_was_seen_four_times_keeps_its_id() -> None:
     world.look(TABLE, times=5, tracks=(person,))
     after = only(world.look(TABLE, target, times=4), 'teddy bear')
     assert after.object_id == before.object_id
-    assert after.state is PlaceState.MOVED
+    assert after.state is ObjectState.MOVED
 
 
 def test_visible_objects_at_rest_are_expected_where_they_are() -> None:

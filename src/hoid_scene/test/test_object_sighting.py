@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, DynamicObject, Reason
+from hoid_common.values import CameraModel, DynamicObject, ObjectState
 from hoid_scene.tracks.object_sighting import DepthImage, measure
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
@@ -17,7 +17,7 @@ NAMES = ('person', 'cup')
 
 
 def box(class_name: str, box_px: tuple[float, float, float, float] = BOX_PX) -> DynamicObject:
-    return DynamicObject(class_name, box_px, 0.9, -1, Reason.HANDLED)
+    return DynamicObject(class_name, box_px, 0.9, -1, ObjectState.HANDLED)
 
 
 @pytest.mark.parametrize('class_name', NAMES)

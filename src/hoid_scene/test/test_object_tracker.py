@@ -9,11 +9,11 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import UNKNOWN, CameraModel, DynamicObject, FloatArray, Reason
+from hoid_common.values import UNKNOWN, CameraModel, DynamicObject, FloatArray, ObjectState
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.grid.floor import Floor
 from hoid_scene.tracks.object_sighting import DepthImage, measure
-from hoid_scene.tracks.object_tracker import ObjectState, ObjectTracker, TrackedObject
+from hoid_scene.tracks.object_tracker import ObjectTracker, TrackedObject
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 CONFIG = ObjectTrackerConfig()
@@ -30,11 +30,11 @@ class Thing(NamedTuple):
     left: float
     up: float
     size_m: tuple[float, float] = (0.2, 0.2)  # width, height
-    reason: Reason = Reason.STATIC
+    reason: ObjectState = ObjectState.AT_REST
 
 
 def person(ahead: float, left: float, up: float = -0.35, height: float = 1.7) -> Thing:
-    return Thing('person', ahead, left, up, (0.5, height), Reason.PERSON)
+    return Thing('person', ahead, left, up, (0.5, height), ObjectState.PERSON)
 
 
 class World:
@@ -106,7 +106,9 @@ def test_a_carried_object_gets_its_new_place_and_keeps_its_id() -> None:
     assert rest.state is ObjectState.AT_REST
     for i in range(16):
         left = 0.8 - 0.1 * i
-        tracks = world.show(person(2.2, left), Thing('cup', 2.0, left, 0, reason=Reason.HANDLED))
+        tracks = world.show(
+            person(2.2, left), Thing('cup', 2.0, left, 0, reason=ObjectState.HANDLED)
+        )
     carried = next(track for track in tracks if track.class_name == 'cup')
     assert carried.state is ObjectState.HANDLED
     assert carried.velocity_map_mps[1] == pytest.approx(-1.0, abs=0.2)
@@ -122,7 +124,7 @@ def test_a_carried_object_gets_its_new_place_and_keeps_its_id() -> None:
 def test_what_moves_undetected_is_tracked_and_forgotten_where_it_rests() -> None:
     world = World()
     for i in range(16):
-        tracks = world.show(Thing(UNKNOWN, 2.0, 0.8 - 0.1 * i, 0, (0.3, 0.5), Reason.MOVING))
+        tracks = world.show(Thing(UNKNOWN, 2.0, 0.8 - 0.1 * i, 0, (0.3, 0.5), ObjectState.MOVING))
     (track,) = tracks
     assert (track.class_name, track.state) == (UNKNOWN, ObjectState.MOVING)
     np.testing.assert_allclose(track.position_map_m[1:], (-0.7, 0), atol=0.05)
@@ -155,7 +157,7 @@ def test_an_object_in_hands_far_from_where_it_was_hidden_keeps_its_id() -> None:
         world.show(person(1.4, 0.8), twin)  # stands before the cup, whose box is gone
     for i in range(4):
         left = 0.0 + 0.05 * i  # near the twin, which stays where it is
-        held = Thing('cup', 1.9, left, 0.3, reason=Reason.HANDLED)
+        held = Thing('cup', 1.9, left, 0.3, reason=ObjectState.HANDLED)
         tracks = world.show(person(2.0, left), held, twin, person(1.4, 0.8))
     cups = {t.track_id: t for t in tracks if t.class_name == 'cup'}
     assert cups.keys() == set(numbers.values())
@@ -170,7 +172,7 @@ def test_a_predicted_box_neither_makes_nor_moves_an_object() -> None:
     (rest,) = tracks
     for i in range(20):
         left = 0.7 - 0.1 * i
-        predicted = Thing('cup', 3.0, left, 0.2, reason=Reason.PREDICTED)
+        predicted = Thing('cup', 3.0, left, 0.2, reason=ObjectState.PREDICTED)
         tracks = world.show(person(2.2, left), predicted, Thing('cup', 2.0, 0.8, 0))
     (cup,) = [track for track in tracks if track.class_name == 'cup']
     assert (cup.track_id, cup.state) == (rest.track_id, ObjectState.AT_REST)
@@ -183,7 +185,7 @@ def test_a_box_behind_a_person_is_not_handled() -> None:
     for _ in range(10):
         tracks = world.show(tv)
     (rest,) = tracks
-    overlapped = Thing('tv', 5.0, 0, 0, size_m=(0.8, 0.8), reason=Reason.HANDLED)
+    overlapped = Thing('tv', 5.0, 0, 0, size_m=(0.8, 0.8), reason=ObjectState.HANDLED)
     for i in range(20):
         tracks = world.show(overlapped, person(2.0, 1.0 - 0.1 * i))
     (track,) = [track for track in tracks if track.class_name == 'tv']
@@ -204,7 +206,7 @@ def test_two_people_keep_their_ids_and_a_blip_is_not_published() -> None:
 def test_objects_without_depth_are_left_out() -> None:
     depth = np.zeros((240, 320), np.float32)
     image = DepthImage.of(CAMERA, depth, T_BODY_OPTICAL)
-    cup = DynamicObject('cup', (100, 100, 150, 150), 0.9, -1, Reason.STATIC)
+    cup = DynamicObject('cup', (100, 100, 150, 150), 0.9, -1, ObjectState.AT_REST)
     assert measure(cup, image, None, None) is None
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatArray, Reason
+from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatArray, ObjectState
 from hoid_scene.objects.object_view import ObjectCamera, Views
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 BOX = (200.0, 120.0, 360.0, 240.0)
-SCREEN = DynamicObject('tv', BOX, 0.9, -1, Reason.STATIC)
+SCREEN = DynamicObject('tv', BOX, 0.9, -1, ObjectState.AT_REST)
 WALL_M, FRAME_PX = 4.5, 3
 
 

@@ -8,7 +8,8 @@ import yaml
 
 from hoid_common import se3
 from hoid_common.errors import InputError
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_common.values import ObjectState
+from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map_state import ObjectMapState
 from hoid_scene.objects.object_query import ObjectQuery, find
 from hoid_scene.objects.object_text import object_table, objects_yaml
@@ -66,10 +67,10 @@ def test_the_next_session_finds_what_is_gone_moved_and_new() -> None:
     second = next_session(world.map.export(UIDS))
     after = second.look(TABLE, target, VASE, times=10)
     book = only(after, 'book')
-    assert book.state is PlaceState.MOVED
+    assert book.state is ObjectState.MOVED
     assert book.object_id == only(before, 'book').object_id
     assert np.linalg.norm(book.center_map_m - target.center_m) < 0.06
-    assert only(after, 'cup').state is PlaceState.GONE
+    assert only(after, 'cup').state is ObjectState.GONE
     assert [item.class_name for item in after if item.is_new] == ['vase']
     assert [item.class_name for item in find(after, ObjectQuery(state='new'))] == ['vase']
 

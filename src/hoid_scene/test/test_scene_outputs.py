@@ -15,12 +15,12 @@ from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import cloud_from_msg, header_to_msg
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, DynamicObject, Reason
+from hoid_common.values import CameraModel, DynamicObject, ObjectState
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.config.object_map_config import ObjectMapConfig
 from hoid_scene.config.scene_config import SceneConfig
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.ros import outputs
 from hoid_scene.ros.object_map_messages import (
     object_map_markers_to_msg,
@@ -36,7 +36,7 @@ from hoid_scene.ros.outputs import (
 )
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import SceneRequest
-from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
+from hoid_scene.tracks.object_tracker import TrackedObject
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 EVERY = frozenset(output.name for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS))
@@ -101,7 +101,7 @@ def floor_scene(object_map: ObjectMapConfig | None = None) -> SceneMapper:
     keyframes = KeyframePoses(1, one, one, 0, T_map_camera[None])
     if object_map is not None:
         depth_m[44:76, 54:106] -= 0.2
-    bag = DynamicObject('bag', (50.0, 40.0, 110.0, 80.0), 0.9, -1, Reason.STATIC)
+    bag = DynamicObject('bag', (50.0, 40.0, 110.0, 80.0), 0.9, -1, ObjectState.AT_REST)
     for i in range(3):
         request = SceneRequest(STAMP_NS + i * 500_000_000, T_map_camera, 0, keyframes, True, True)
         scene.fuse(request, depth_m, np.zeros((120, 160, 3), np.uint8), ())
@@ -188,9 +188,9 @@ def test_objects_at_rest_are_detections_with_their_classes() -> None:
     T[:3, 3] = 1.0, 2.0, 3.0
     scores = (('cup', 3.0), ('bottle', 1.0))
     at_rest = MapObject(
-        4, 'cup', scores, PlaceState.AT_REST, T, np.array([0.1, 0.2, 0.3]), 5, 1, STAMP_NS, 0.8
+        4, 'cup', scores, ObjectState.AT_REST, T, np.array([0.1, 0.2, 0.3]), 5, 1, STAMP_NS, 0.8
     )
-    gone = replace(at_rest, object_id=5, state=PlaceState.GONE)
+    gone = replace(at_rest, object_id=5, state=ObjectState.GONE)
     header = Header(frame_id='map')
     (found,) = object_map_to_msg((at_rest, gone), header).detections
     assert found.id == '4'

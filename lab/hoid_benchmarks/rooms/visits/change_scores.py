@@ -11,7 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from hoid_benchmarks.rooms.object_scores import FoundObject, rating, score_objects
 from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.visits.true_changes import ChangeKind, TrueChange, TrueVisits
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_common.values import ObjectState
+from hoid_scene.objects.mapped_object import MapObject
 
 
 class Claim(NamedTuple):
@@ -79,7 +80,7 @@ def claimed_changes(saved: Sequence[MapObject], now: Sequence[MapObject]) -> lis
                 out.append(Claim(ChangeKind.NEW, None, item))
         elif old.is_present and not item.is_present:
             out.append(Claim(ChangeKind.GONE, old, None))
-        elif item.state is PlaceState.MOVED and item.moved_ns != old.moved_ns:
+        elif item.state is ObjectState.MOVED and item.moved_ns != old.moved_ns:
             out.append(Claim(ChangeKind.MOVED, old, item))
     return out
 

@@ -22,7 +22,7 @@ from hoid_common.values import (
     FilterResult,
     Float32Array,
     FloatArray,
-    Reason,
+    ObjectState,
     RgbdFrame,
     Trajectory,
 )
@@ -169,7 +169,7 @@ class ViewLog:
             array=boxes,
             array_format=rr.Box2DFormat.XYXY,
             labels=[_label(item) for item in objects],
-            colors=[REASON_BGR[item.reason][::-1] for item in objects],
+            colors=[REASON_BGR[item.state][::-1] for item in objects],
         )
         self._stream.log(BOXES, shown)
 
@@ -205,9 +205,9 @@ def _label(item: DynamicObject) -> str:
 
     For people and static objects the reason is left out.
     """
-    if item.reason in (Reason.STATIC, Reason.PERSON):
+    if item.state in (ObjectState.AT_REST, ObjectState.PERSON):
         return label(item)
-    return f'{label(item)} {item.reason.name.lower()}'
+    return f'{label(item)} {item.state.name.lower()}'
 
 
 def _depth_png(depth_m: Float32Array) -> bytes:

@@ -12,7 +12,7 @@ from hoid_common.io.untrusted import open_regular
 from hoid_common.store.table import Table
 
 APPLICATION_ID = int.from_bytes(b'hoid', 'big')
-VERSION = 1  # of all tables together; a change of any table adds one
+VERSION = 2  # of all tables together; a change of any table adds one
 # The form of the SQL text of every table (`Table.sql`): nothing of it is ever executed, neither
 # when rows are read or written, nor when they are checked.
 PLAIN_TABLE = re.compile(

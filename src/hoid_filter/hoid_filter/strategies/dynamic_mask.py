@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hoid_common.values import BoolArray, Float32Array, IntArray, Reason
+from hoid_common.values import BoolArray, Float32Array, IntArray, ObjectState
 from hoid_filter.config import PlusConfig
 from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.strategies.depth_regions import STRIDE_PX, subsampled_boxes
@@ -71,7 +71,7 @@ def _nearest(size: int, low_size: int) -> IntArray:
 
 def mask_objects(
     snapshot: TrackSnapshot,
-    reasons: tuple[Reason, ...],
+    reasons: tuple[ObjectState, ...],
     low_depth_m: Float32Array,
     plus: PlusConfig,
 ) -> BoolArray:
@@ -82,10 +82,10 @@ def mask_objects(
     if the object's depth is unknown, or with `keep_background` off. Predicted boxes are enlarged
     by 10 % to each side first.
     """
-    dynamic = [n for n, reason in enumerate(reasons) if reason is not Reason.STATIC]
+    dynamic = [n for n, reason in enumerate(reasons) if reason is not ObjectState.AT_REST]
     if not dynamic:
         return np.zeros(low_depth_m.shape, np.bool_)
-    is_seen = np.array([reasons[n] is not Reason.PREDICTED for n in dynamic], np.bool_)
+    is_seen = np.array([reasons[n] is not ObjectState.PREDICTED for n in dynamic], np.bool_)
     is_person = [snapshot.tracks[n].is_person for n in dynamic]
     boxes = snapshot.boxes_xyxy_px[dynamic]
     margin = _PREDICTION_MARGIN * (boxes[:, 2:] - boxes[:, :2]) * ~is_seen[:, None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import PERSON, BoolArray, ByteArray, Detections, Float32Array, Reason
+from hoid_common.values import PERSON, BoolArray, ByteArray, Detections, Float32Array, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, TrackLimits
@@ -127,7 +127,7 @@ def _tracked_objects(snapshot: TrackSnapshot, found: Interactions) -> ObjectVerd
     reported = [
         n
         for n, track in enumerate(tracks)
-        if not track.is_missed or found.reasons[n] is not Reason.STATIC
+        if not track.is_missed or found.reasons[n] is not ObjectState.AT_REST
     ]
     return ObjectVerdicts.of(
         snapshot.boxes_xyxy_px[reported].astype(np.float32),

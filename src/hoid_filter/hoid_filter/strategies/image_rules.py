@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import PERSON, ByteArray, Detections, Reason
+from hoid_common.values import PERSON, ByteArray, Detections, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.prediction import BoxPredictor
 from hoid_filter.detections.sanitize import sanitize
@@ -23,8 +23,16 @@ _MAX_CLASSES = 256  # classes whose role is cached; detectors for COCO have 80
 # Chosen, not tuned: the strategy is a baseline of the experiments.
 _WINDOW_PX, _MAX_DEPTH_GAP_M = 40, 0.3
 # The reason of a dynamic box by its role; a static box has role 0.
-_DETECTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PERSON, ROLE_CANDIDATE: Reason.HANDLED}
-_PREDICTED = {0: Reason.STATIC, ROLE_PERSON: Reason.PREDICTED, ROLE_CANDIDATE: Reason.PREDICTED}
+_DETECTED = {
+    0: ObjectState.AT_REST,
+    ROLE_PERSON: ObjectState.PERSON,
+    ROLE_CANDIDATE: ObjectState.HANDLED,
+}
+_PREDICTED = {
+    0: ObjectState.AT_REST,
+    ROLE_PERSON: ObjectState.PREDICTED,
+    ROLE_CANDIDATE: ObjectState.PREDICTED,
+}
 
 
 class Rule(NamedTuple):
@@ -107,7 +115,7 @@ class NoFilter:
             found.boxes_xyxy_px,
             found.class_names,
             found.scores,
-            (Reason.STATIC,) * len(found),
+            (ObjectState.AT_REST,) * len(found),
             depths_m=box_center_depths_m(image.depth_m, found.boxes_xyxy_px, self._sample_box_px),
         )
         return Verdict(objects, image.depth_m.size, None)
@@ -163,6 +171,6 @@ def align_detections(image: FilterInput, predictor: BoxPredictor) -> AlignedDete
     return AlignedDetections(detections, is_detected)
 
 
-def _reasons(dynamic_roles: ByteArray, is_detected: bool) -> tuple[Reason, ...]:
+def _reasons(dynamic_roles: ByteArray, is_detected: bool) -> tuple[ObjectState, ...]:
     reason_of = _DETECTED if is_detected else _PREDICTED
     return tuple([reason_of[role] for role in dynamic_roles.tolist()])

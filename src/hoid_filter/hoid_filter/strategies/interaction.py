@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoid_common.values import BoolArray, FloatArray, Reason
+from hoid_common.values import BoolArray, FloatArray, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.tracks import BoxTrack
 from hoid_native import overlap_ratios
@@ -17,7 +17,7 @@ from hoid_native import overlap_ratios
 class Interactions:
     """The interaction of each of N tracked objects with people."""
 
-    reasons: tuple[Reason, ...]  # N reasons why a track is static or dynamic
+    reasons: tuple[ObjectState, ...]  # N reasons why a track is static or dynamic
     # (N,) ratio of the box that is covered by the person who handles the object, or, where nobody
     # handles it, by the person who covers most; 0 for people, and if there are no people.
     overlap_ratios: FloatArray
@@ -77,7 +77,7 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
 
 def _reasons(
     snapshot: TrackSnapshot, is_handled: BoolArray, config: FilterConfig
-) -> tuple[Reason, ...]:
+) -> tuple[ObjectState, ...]:
     """Store on each track whether it is handled, and return the reasons of all tracks.
 
     With `remember`, an object stays dynamic until it was observed unhandled for `rest_s`.
@@ -93,14 +93,14 @@ def _reasons(
     return tuple(reasons)
 
 
-def _reason(track: BoxTrack, stamp_ns: int, is_dynamic: bool, is_handled: bool) -> Reason:
+def _reason(track: BoxTrack, stamp_ns: int, is_dynamic: bool, is_handled: bool) -> ObjectState:
     if not is_dynamic:
-        return Reason.STATIC
+        return ObjectState.AT_REST
     if track.seen_ns != stamp_ns:
-        return Reason.PREDICTED
+        return ObjectState.PREDICTED
     if track.is_person:
-        return Reason.PERSON
-    return Reason.HANDLED if is_handled else Reason.REMEMBERED
+        return ObjectState.PERSON
+    return ObjectState.HANDLED if is_handled else ObjectState.REMEMBERED
 
 
 def _flags(values: Iterable[bool]) -> BoolArray:

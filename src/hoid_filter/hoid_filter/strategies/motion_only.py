@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hoid_common.values import UNKNOWN, Reason
+from hoid_common.values import UNKNOWN, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.motion.moving_regions import MovingRegions
 from hoid_filter.strategies.depth_regions import subsampled_pixels
@@ -34,7 +34,7 @@ def moving_objects(regions: MovingRegions) -> ObjectVerdicts:
         regions.boxes_xyxy_px,
         (UNKNOWN,) * num,
         np.ones(num, np.float32),
-        (Reason.MOVING,) * num,
+        (ObjectState.MOVING,) * num,
         depths_m=regions.depths_m,
         velocities_mps=regions.velocities_mps,
     )

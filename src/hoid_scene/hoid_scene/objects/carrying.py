@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import NS_PER_S, FloatArray
-from hoid_scene.objects.mapped_object import MappedObject, PlaceState
+from hoid_common.values import NS_PER_S, FloatArray, ObjectState
+from hoid_scene.objects.mapped_object import MappedObject
 from hoid_scene.objects.segmentation import Segment
-from hoid_scene.tracks.object_track import SETTLED, ObjectState, TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 
 # None of these numbers was tuned.
 _SAME_M = 0.35  # a settled track nearer than this to an object is the object's track
@@ -72,7 +72,7 @@ class Carrying:
         If it had left its place, it has no holder any more.
         """
         if not item.is_present:
-            item.state = PlaceState.AT_REST if item.moved_from_m is None else PlaceState.MOVED
+            item.state = ObjectState.AT_REST if item.moved_from_m is None else ObjectState.MOVED
             item.holder_id = -1
 
     def follow(
@@ -118,7 +118,7 @@ class Carrying:
         }
         for track in tracks:
             near = by_class.get(track.class_name)
-            if track.state not in SETTLED or not near:
+            if not track.state.is_at_rest or not near:
                 continue
             distances_m = np.linalg.norm(
                 centers_m[track.class_name] - track.position_map_m, axis=1
@@ -155,7 +155,7 @@ class Carrying:
             if p.state is ObjectState.PERSON
         ]
         distance_m, person_id = min(people, default=(np.inf, -1))
-        item.leave(PlaceState.HANDLED, stamp_ns)
+        item.leave(ObjectState.HANDLED, stamp_ns)
         item.holder_id = person_id if distance_m < _HOLDER_M else -1
 
     def _joined(
@@ -211,7 +211,7 @@ class Carrying:
         if not _may_be(item, other) or not _is_reliable(item):
             return 0
         is_same_track = item.track_id == other.track_id != -1
-        has_left = item.state is PlaceState.HANDLED or item.num_through >= _MIN_THROUGH
+        has_left = item.state is ObjectState.HANDLED or item.num_through >= _MIN_THROUGH
         if is_same_track and (other.was_carried or has_left):
             return 3
         track = tracks.get(item.track_id)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray
+from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray, ObjectState
 from hoid_native import cells_of, pixels_on_surface, share_in_box, share_on_surface, trimmed_box
 from hoid_scene.grid.floor import Floor
 from hoid_scene.level.upright_box import Level, UprightBox, extended_back, on_floor, upright_box
@@ -41,18 +40,6 @@ _SAME_UP = 0.01  # chosen: 0.6 degrees; a box is fitted again if the vertical tu
 _SEEN_GAIN, _MISSED_LOSS, _THROUGH_LOSS = 0.3, 0.03, 0.35
 
 
-class PlaceState(Enum):
-    """Whether an object is at rest, handled or gone; the values are stored in map files."""
-
-    AT_REST = 0  # where it was first seen
-    MOVED = 1  # at rest where it was put down after it had been moved
-    HANDLED = 2  # a person moves it; its position is its last place of rest
-    GONE = 3  # its place was seen empty; its position is this place
-
-
-AT_PLACE = (PlaceState.AT_REST, PlaceState.MOVED)
-
-
 @dataclass(frozen=True, eq=False)
 class MapObject:
     """The published value of an object of the map."""
@@ -60,7 +47,7 @@ class MapObject:
     object_id: int
     class_name: str  # the class with the largest sum of scores
     class_scores: tuple[tuple[str, float], ...]  # sums of the scores of each class, largest first
-    state: PlaceState
+    state: ObjectState
     T_map_object: FloatArray  # (4, 4) pose of the center of the box, whose z axis points up
     size_m: FloatArray  # (3,) extent along the axes of the box
     num_sightings: int  # number of images in which it was detected at rest
@@ -72,11 +59,17 @@ class MapObject:
     moved_from_map_m: FloatArray | None = None
     moved_ns: int = 0  # stamp of its last sighting at the place before; 0: it was not moved
     is_new: bool = False  # whether a loaded map did not contain it, although it is seen often
+    num_views: int = 0  # number of directions, at least 10 degrees apart, of its detections
+
+    @property
+    def score(self) -> float:
+        """Mean score of the detections, in [0, 1]."""
+        return sum(score for _, score in self.class_scores) / self.num_sightings
 
     @property
     def is_present(self) -> bool:
         """Return whether the object is at rest: AT_REST or MOVED."""
-        return self.state in AT_PLACE
+        return self.state.is_at_rest
 
     @property
     def center_map_m(self) -> FloatArray:
@@ -95,7 +88,7 @@ class MappedObject:
 
     def __init__(self, object_id: int, place: Place, stamp_ns: int) -> None:
         self.object_id = object_id
-        self.state = PlaceState.AT_REST
+        self.state = ObjectState.AT_REST
         self.scores: dict[str, float] = {}  # sum of the detections' scores, by class
         # Images in which it was detected with its surface, and those that showed its surface.
         self.num_sightings = self.num_visible = 0
@@ -158,7 +151,7 @@ class MappedObject:
     @property
     def is_present(self) -> bool:
         """Return whether the object is at rest: AT_REST or MOVED."""
-        return self.state in AT_PLACE
+        return self.state.is_at_rest
 
     def box_m(self) -> tuple[FloatArray, FloatArray]:
         """Return the lowest and the highest corner (3,) [m] of the measured box, object frame.
@@ -284,7 +277,7 @@ class MappedObject:
         if not self._is_missing:
             self.num_visible += 1
         elif self.is_confirmed and self.is_present:
-            self.leave(PlaceState.GONE, stamp_ns)
+            self.leave(ObjectState.GONE, stamp_ns)
         self.probability *= 1 - _MISSED_LOSS
 
     def note_seen_through(self) -> None:
@@ -339,10 +332,10 @@ class MappedObject:
         self.last_ns, self.track_id = other.last_ns, other.track_id
         self.probability, self.num_through, self.num_absent = other.probability, 0, 0
         self.was_carried, self.is_cut = other.was_carried, other.is_cut
-        self.state = PlaceState.MOVED
+        self.state = ObjectState.MOVED
         self._changed()
 
-    def leave(self, state: PlaceState, stamp_ns: int) -> None:
+    def leave(self, state: ObjectState, stamp_ns: int) -> None:
         """Record that the object is not at its place any more.
 
         Args:
@@ -379,6 +372,7 @@ class MappedObject:
             None if before_m is None else se3.transform(T, before_m[None])[0],
             self.moved_ns,
             is_new,
+            len(self._views),
         )
 
     def _full_box(self, level: Level, floor: Floor | None) -> UprightBox:

@@ -23,7 +23,7 @@ from hoid_common.values import (
     DynamicObject,
     Float32Array,
     IntArray,
-    Reason,
+    ObjectState,
 )
 from hoid_scene.grid.floor import Floor
 from hoid_scene.level.upright_box import Level
@@ -43,7 +43,7 @@ from hoid_scene.objects.association import (
 )
 from hoid_scene.objects.carrying import Carrying, is_at_rest, is_brief
 from hoid_scene.objects.cloud_labels import CloudLabeler, CloudLabels
-from hoid_scene.objects.mapped_object import MapObject, MappedObject, PlaceState
+from hoid_scene.objects.mapped_object import MapObject, MappedObject
 from hoid_scene.objects.object_map_state import ObjectMapState
 from hoid_scene.objects.object_view import ObjectCamera, ObjectView
 from hoid_scene.objects.place import Anchor, Place
@@ -225,7 +225,7 @@ class ObjectMap:
 
     def _is_measured(self, item: DynamicObject) -> bool:
         """Return whether a box was detected, not predicted, and its class and score are usable."""
-        is_detected = item.reason is not Reason.PREDICTED and item.class_name != UNKNOWN
+        is_detected = item.state is not ObjectState.PREDICTED and item.class_name != UNKNOWN
         return is_detected and item.score >= self._min_score
 
     def _take_id(self) -> int:
@@ -297,8 +297,8 @@ class ObjectMap:
         shown, through = seen.visible_share + seen.through_share, seen.through_share
         if shown >= _SHOWN_SHARE and through >= _THROUGH_SHARE * shown:
             item.note_seen_through()
-            if item.num_through >= _MAX_THROUGH and item.state is not PlaceState.HANDLED:
-                item.leave(PlaceState.GONE, stamp_ns)
+            if item.num_through >= _MAX_THROUGH and item.state is not ObjectState.HANDLED:
+                item.leave(ObjectState.GONE, stamp_ns)
         elif seen.visible_share >= _VISIBLE_SHARE:
             uv = seen.uv_px[seen.is_visible]
             boxes = (view.pixels_of(person.box_xyxy_px) for person in people)

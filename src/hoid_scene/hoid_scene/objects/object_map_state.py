@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from hoid_common.io.records import Array, Record, column
 from hoid_common.poses.keyframe_poses import KeyframePoses
-from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-from hoid_scene.objects.mapped_object import MappedObject, PlaceState
+from hoid_common.values import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    ObjectState,
+)
+from hoid_scene.objects.mapped_object import MappedObject
 from hoid_scene.objects.place import Place
 from hoid_scene.objects.voxel_set import VoxelSet
 
@@ -36,7 +43,7 @@ class ObjectMapState(Record):
     object_id: Annotated[IntArray, column('i8', 'objects')]
     anchor: Annotated[NDArray[np.int32], column('i4', 'objects')]  # row of the saved keyframe
     T_anchor_object: Annotated[FloatArray, column('f8', 'objects', 4, 4)]  # anchor: its keyframe
-    state: Annotated[NDArray[np.uint8], column('u1', 'objects')]  # value of a `PlaceState`
+    state: Annotated[NDArray[np.uint8], column('u1', 'objects')]  # value of a `ObjectState`
     num_sightings: Annotated[IntArray, column('i8', 'objects')]
     num_visible: Annotated[IntArray, column('i8', 'objects')]
     num_through: Annotated[IntArray, column('i8', 'objects')]
@@ -162,7 +169,7 @@ class ObjectMapState(Record):
         for name in _COPIED:
             value = getattr(self, name)[o]
             setattr(item, name, value.copy() if value.ndim else value.item())
-        item.state, item.is_cut = PlaceState(int(self.state[o])), False
+        item.state, item.is_cut = ObjectState(int(self.state[o])), False
         item.moved_from_m = self.moved_from_m[o].copy() if self.was_moved[o] else None
         item.scores = {
             decoded(self.class_name[c]): float(self.class_score[c]) for c in rows.classes

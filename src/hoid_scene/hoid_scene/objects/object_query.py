@@ -8,11 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.errors import InputError
-from hoid_common.values import FloatArray
-from hoid_scene.objects.mapped_object import AT_PLACE, MapObject, PlaceState
+from hoid_common.values import FloatArray, ObjectState
+from hoid_scene.objects.mapped_object import MapObject
 
 _PRESENT, _NEW, _ANY = 'present', 'new', 'any'
-STATES = (_PRESENT, *(state.name.lower() for state in PlaceState), _NEW, _ANY)
+_OF_OBJECTS = (
+    ObjectState.AT_REST,
+    ObjectState.MOVED,
+    ObjectState.HANDLED,
+    ObjectState.GONE,
+    ObjectState.TENTATIVE,
+)
+STATES = (_PRESENT, *(state.name.lower() for state in _OF_OBJECTS), _NEW, _ANY)
 
 
 class ObjectQuery(NamedTuple):
@@ -59,7 +66,7 @@ def _is_meant(item: MapObject, query: ObjectQuery) -> bool:
         return False
     match query.state:
         case 'present':
-            return item.state in AT_PLACE
+            return item.state.is_at_rest
         case 'new':
             return item.is_new
         case 'any':

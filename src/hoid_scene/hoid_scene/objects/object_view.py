@@ -57,6 +57,9 @@ class Views:
         self._directions: FloatArray = np.empty((0, 3))
         self._counts: list[int] = []
 
+    def __len__(self) -> int:
+        return len(self._counts)
+
     def weight(self, direction: FloatArray) -> float:
         """Count a detection from a direction (3,), a unit vector; return how much it counts.
 

@@ -20,13 +20,13 @@ from visualization_msgs.msg import MarkerArray
 
 from hoid_common.ros import conversions
 from hoid_common.ros.large_messages.serialized import cloud_to_cdr
-from hoid_common.values import ByteArray, FloatArray
+from hoid_common.values import ByteArray, FloatArray, ObjectState
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.grid.steady_grid import GridPatch
 from hoid_scene.objects.cloud_labels import CloudLabels
 from hoid_scene.ros.markers import LabeledBox, markers_of, vector_to_msg
-from hoid_scene.tracks.object_tracker import ObjectState, TrackedObject
+from hoid_scene.tracks.object_tracker import TrackedObject
 
 _COLORS = {
     ObjectState.PERSON: ColorRGBA(r=0.9, g=0.2, b=0.2, a=0.5),

@@ -16,14 +16,15 @@ from vision_msgs.msg import (
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common.ros import conversions
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_common.values import ObjectState
+from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.ros.markers import LabeledBox, markers_of, vector_to_msg
 
 _COLORS = {
-    PlaceState.AT_REST: ColorRGBA(r=0.3, g=0.7, b=0.3, a=0.4),
-    PlaceState.MOVED: ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.5),
-    PlaceState.HANDLED: ColorRGBA(r=1.0, g=0.6, b=0.1, a=0.3),
-    PlaceState.GONE: ColorRGBA(r=0.5, g=0.5, b=0.5, a=0.15),
+    ObjectState.AT_REST: ColorRGBA(r=0.3, g=0.7, b=0.3, a=0.4),
+    ObjectState.MOVED: ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.5),
+    ObjectState.HANDLED: ColorRGBA(r=1.0, g=0.6, b=0.1, a=0.3),
+    ObjectState.GONE: ColorRGBA(r=0.5, g=0.5, b=0.5, a=0.15),
 }
 
 
@@ -56,6 +57,8 @@ def mapped_object_to_msg(item: MapObject) -> MappedObject:
         pose=conversions.pose_to_msg(item.T_map_object),
         size=vector_to_msg(item.size_m),
         probability=item.probability,
+        score=item.score,
+        views=item.num_views,
         sightings=item.num_sightings,
         first_seen=conversions.stamp_to_msg(item.first_ns),
         last_seen=conversions.stamp_to_msg(item.last_ns),
@@ -70,7 +73,7 @@ def _labeled_box(item: MapObject) -> LabeledBox:
     text = f'{item.class_name} {item.object_id}'
     if item.is_present and item.is_new:
         text += ': new'
-    elif item.state is not PlaceState.AT_REST:
+    elif item.state is not ObjectState.AT_REST:
         text += f': {item.state.name.lower()}'
     pose = conversions.pose_to_msg(item.T_map_object)
     return LabeledBox(item.object_id, pose, item.size_m, text, _COLORS[item.state])

@@ -14,9 +14,9 @@ from hoid_common.store.checks import (
     require,
     within,
 )
+from hoid_common.values import ObjectState
 from hoid_scene.dense.submap import SPAN
 from hoid_scene.dense.submap_state import SubmapState
-from hoid_scene.objects.mapped_object import PlaceState
 from hoid_scene.objects.object_map_state import ObjectMapState, decoded
 from hoid_scene.objects.voxel_set import NUM_KEYS
 
@@ -44,7 +44,16 @@ def check_objects(state: ObjectMapState) -> None:
     require(len(np.unique(state.object_id)) == len(state), 'two objects have the same number')
     require((state.anchor >= 0).all(), 'an object has no keyframe')
     require(are_poses(state.T_anchor_object), "an object's pose is invalid")
-    require(within(state.state, 0, len(PlaceState)), "an object's state is unknown")
+    known = [
+        item.value
+        for item in (
+            ObjectState.AT_REST,
+            ObjectState.MOVED,
+            ObjectState.HANDLED,
+            ObjectState.GONE,
+        )
+    ]
+    require(np.isin(state.state, known).all(), "an object's state is unknown")
     for name in ('num_sightings', 'num_visible'):
         require(within(getattr(state, name), 1, MAX_COUNT), f"an object's {name} is invalid")
     for name in ('first_ns', 'last_ns', 'left_ns', 'moved_ns'):

@@ -9,11 +9,10 @@ sec. 6.2).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
-from hoid_common.values import PERSON, S_PER_NS, FloatArray, Reason
+from hoid_common.values import PERSON, S_PER_NS, FloatArray, ObjectState
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.tracks.object_sighting import Sighting
 
@@ -21,19 +20,6 @@ from hoid_scene.tracks.object_sighting import Sighting
 _START_SPEED_MPS = 1.0  # standard deviation of the velocity of a new track, a walking pace
 _MIN_IMAGES_WITHOUT = 5  # images that must see through an object's place before it counts as gone
 _FADE_S = 0.5  # time constant with which the velocity of an undetected object decays
-
-
-class ObjectState(Enum):
-    """The state of a tracked object; the values are those of hoid_msgs/TrackedObject."""
-
-    PERSON = 0
-    HANDLED = 1  # a person moves it
-    AT_REST = 2  # at rest where it was first seen, or where it was at rest before
-    MOVED = 3  # at rest in another place than before it was handled
-    MOVING = 4  # noticed by its motion only, of unknown class
-
-
-SETTLED = (ObjectState.AT_REST, ObjectState.MOVED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +54,7 @@ class KalmanTrack:
         self.state = ObjectState.AT_REST
         if self.class_name == PERSON:
             self.state = ObjectState.PERSON
-        elif sighting.detection.reason is Reason.MOVING:
+        elif sighting.detection.state is ObjectState.MOVING:
             self.state = ObjectState.MOVING
         elif sighting.detection.is_dynamic:
             self.state = ObjectState.HANDLED
@@ -88,7 +74,7 @@ class KalmanTrack:
     @property
     def is_settled(self) -> bool:
         """Return whether the object is at rest."""
-        return self.state in SETTLED
+        return self.state.is_at_rest
 
     @property
     def is_confirmed(self) -> bool:

@@ -12,13 +12,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hoid_common.values import NS_PER_S, PERSON, S_PER_NS, DynamicObject, FloatArray, Reason
+from hoid_common.values import NS_PER_S, PERSON, S_PER_NS, DynamicObject, FloatArray, ObjectState
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.grid.floor import Floor
 from hoid_scene.tracks.object_sighting import DepthImage, Sighting, measure
-from hoid_scene.tracks.object_track import KalmanTrack, ObjectState, TrackedObject
+from hoid_scene.tracks.object_track import KalmanTrack, TrackedObject
 
-__all__ = ['ObjectState', 'ObjectTracker', 'TrackedObject']
+__all__ = ['ObjectTracker', 'TrackedObject']
 
 # None of these numbers was tuned.
 _OCCLUDED_M = 0.15  # a surface this far in front of an object's place occludes the object
@@ -230,7 +230,7 @@ def _is_measured(item: DynamicObject) -> bool:
 
     A box that was predicted from older images does not show where an object is.
     """
-    return item.class_name == PERSON or item.reason is not Reason.PREDICTED
+    return item.class_name == PERSON or item.state is not ObjectState.PREDICTED
 
 
 def _is_handled(item: DynamicObject) -> bool:
@@ -238,7 +238,7 @@ def _is_handled(item: DynamicObject) -> bool:
 
     Objects that were noticed by their motion only may move by themselves.
     """
-    return item.class_name != PERSON and item.is_dynamic and item.reason is not Reason.MOVING
+    return item.class_name != PERSON and item.is_dynamic and item.state is not ObjectState.MOVING
 
 
 def _priority(item: DynamicObject) -> tuple[bool, bool]:

@@ -8,7 +8,7 @@ from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.messages import MAX_DETECTIONS
-from hoid_common.values import MAX_NAME_LENGTH, DynamicObject, Reason
+from hoid_common.values import MAX_NAME_LENGTH, DynamicObject, ObjectState
 
 _MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size
 
@@ -17,7 +17,7 @@ def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ..
     """Return the objects of a message, with the filter's verdict on each.
 
     Raises:
-        MessageError: There are more than MAX_DETECTIONS, a reason is unknown, a class name is too
+        MessageError: There are more than MAX_DETECTIONS, a state is unknown, a class name is too
             long, or a box or score is out of range.
     """
     if len(msg.objects) > MAX_DETECTIONS:
@@ -48,8 +48,8 @@ def dynamic_objects_to_msg(
 
 
 def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
-    if msg.reason not in {reason.value for reason in Reason}:
-        raise MessageError(f'dynamic_objects.reason is {msg.reason}; see hoid_msgs/DynamicObject')
+    if msg.state not in {state.value for state in ObjectState}:
+        raise MessageError(f'dynamic_objects.state is {msg.state}; see hoid_msgs/ObjectState')
     if len(msg.class_name) > MAX_NAME_LENGTH:
         raise MessageError(
             f'dynamic_objects: a class name has {len(msg.class_name)} characters, '
@@ -69,7 +69,7 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
         box_xyxy_px,
         msg.score,
         msg.track_id,
-        Reason(msg.reason),
+        ObjectState(msg.state),
         msg.overlap_ratio,
         msg.depth_gap_m,
         (x, y, z),
@@ -85,7 +85,7 @@ def _object_to_msg(obj: DynamicObject) -> DynamicObjectMsg:
         score=float(obj.score),
         track_id=obj.track_id,
         dynamic=obj.is_dynamic,
-        reason=obj.reason.value,
+        state=obj.state.value,
         x_min=x_min,
         y_min=y_min,
         x_max=x_max,
