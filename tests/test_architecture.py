@@ -46,7 +46,7 @@ LAYERS = {
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping
         < loops < store < mapper map_joining < processes
-        < slam_map statistics < robot_frames slam late_verdicts < leveling robot_map < session
+        < robot_frames late_verdicts < slam_map < slam < leveling < session
         < ros < node
     """,
     'hoid_bags': """

@@ -129,6 +129,6 @@ def test_a_large_map_is_copied_in_parts_and_arrives_whole(
     clouds = bench.join('map_points')
     bench.await_count(clouds, 1)
     found_m = conversions.cloud_from_msg(clouds[0]).points_m
-    expected_m: FloatArray = bench.session.robot_map.points_m()
+    expected_m: FloatArray = bench.session.map.points_m()
     assert len(found_m) > 200
     np.testing.assert_allclose(found_m, expected_m, atol=1e-5)

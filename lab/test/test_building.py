@@ -156,7 +156,7 @@ def test_two_drives_are_equal_whatever_their_cpu_times() -> None:
         delay = Delay(stall_s=1.0, stall_at_s=2.0)
         with Drive(FeatureCamera(building), route.trajectory(), delay) as drive:
             drive.run(0, 40)
-            return drive.session.robot_map.trajectory('online').T_world_camera
+            return drive.session.map.trajectory('online').T_world_camera
 
     np.testing.assert_array_equal(driven(), driven())
 
@@ -167,7 +167,7 @@ def test_a_tiled_map_is_valid_and_starts_with_the_map_itself() -> None:
     route.to_junction(1, 0)
     with Drive(FeatureCamera(building), route.trajectory()) as drive:
         drive.run(0, 40)
-        content = drive.session.robot_map.export()
+        content = drive.session.map.export()
 
     three = tiled(content, 3)
 

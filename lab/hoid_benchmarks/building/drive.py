@@ -83,7 +83,7 @@ class Drive:
         self.joins: list[JoinError] = []
         self._log = _JoinLog(self._add_join)
         if self.content is not None:
-            self.session.robot_map.load(self.content)
+            self.session.map.load(self.content)
 
     def __enter__(self) -> Self:
         self._logger.addHandler(self._log)
@@ -119,11 +119,11 @@ class Drive:
     @property
     def num_keyframes(self) -> int:
         """Return the number of keyframes in the tracker's map."""
-        return len(self.session.slam.map.atlas.keyframes)
+        return len(self.session.map.atlas.keyframes)
 
     def ate_m(self, kind: str = 'final') -> float:
         """Return the RMSE of the absolute trajectory error; `kind` is `final` or `online`."""
-        estimate = self.session.robot_map.trajectory(kind)
+        estimate = self.session.map.trajectory(kind)
         return evaluate(estimate, self.truth).ate_rmse_m
 
     @property
@@ -140,7 +140,7 @@ class Drive:
         """Return the largest entry of R R^T - I of all poses: online, final and keyframes."""
         R = np.concatenate(
             [
-                self.session.robot_map.trajectory(kind).T_world_camera[:, :3, :3]
+                self.session.map.trajectory(kind).T_world_camera[:, :3, :3]
                 for kind in ('online', 'final', 'keyframes')
             ]
         )

@@ -12,7 +12,6 @@ import psutil
 
 from hoid_benchmarks.building.drive import Drive
 from rgbd_slam.records.disk_array import temporary_folder
-from rgbd_slam.robot_map import LoadedMap
 from rgbd_slam.store import map_file
 from rgbd_slam.store.map_writer import MapWriter
 from rgbd_slam.store.running_map import RunningMap
@@ -39,14 +38,14 @@ def checkpoint_costs(drive: Drive, drive_on: Callable[[], None]) -> dict[str, An
     """
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as directory:
         running = RunningMap(directory, 'benchmark')
-        writer = running.writer(drive.session.slam.map.atlas)
+        writer = running.writer(drive.session.map.atlas)
         first = _write(drive, writer)
         before = drive.num_keyframes
         drive_on()
         more = _write(drive, writer)
         stored, read_s = _timed(running.read)
         assert stored is not None
-        if stored.map.digest() != drive.session.robot_map.export().map.digest():
+        if stored.map.digest() != drive.session.map.export().map.digest():
             raise AssertionError('the checkpoint is not the map')
     return {
         'first checkpoint MB': first.num_bytes / _MB,
@@ -68,15 +67,15 @@ def load_costs(drive: Drive) -> dict[str, Any]:
     session = drive.session
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as directory:
         path = Path(directory) / 'large.hoidmap'
-        map_file.save(path, session.robot_map.export())
+        map_file.save(path, session.map.export())
         content, load_s = _timed(lambda: map_file.load(path))
-    prepared, prepare_s = _timed(lambda: session.robot_map.prepare_load(content))
-    loaded: list[LoadedMap] = []
-    first_uid = session.robot_map.begin_load(prepared, loaded.append)
-    _, restore_s = _timed(lambda: prepared.loading.restore(first_uid))
+    loading, prepare_s = _timed(lambda: session.map.prepare_load(content))
+    loaded: list[bool] = []
+    session.map.begin_load(loading, lambda: loaded.append(True))
+    _, restore_s = _timed(loading.restore)
     drive.worker.serve_all()
-    _, swap_s = _timed(session.slam.map.update)
-    if len(loaded) != 1 or len(session.slam.map.atlas.keyframes) != len(content.map):
+    _, swap_s = _timed(session.map.update)
+    if len(loaded) != 1 or len(session.map.atlas.keyframes) != len(content.map):
         raise AssertionError('the map is not loaded')
     return {'load s': load_s + prepare_s + restore_s, 'swap ms': _MS * swap_s}
 
@@ -89,7 +88,7 @@ def _write(drive: Drive, writer: MapWriter) -> Written:
         part, copy_s = _timed(writer.copy)
         longest_s = max(longest_s, copy_s)
         session = drive.session
-        is_complete = writer.append(part, session.robot_map.header(session.stamp_ns))
+        is_complete = writer.append(part, session.map.header(session.stamp_ns))
     cpu_s = time.process_time() - start_s
     return Written(cpu_s, _MS * longest_s, _written_bytes() - before)
 

@@ -74,8 +74,8 @@ def driven_map(building: Building, seed: int) -> tuple[Trajectory, int, MapFile]
         while drive.num_keyframes < BASE_KEYFRAMES:
             n = len(drive.images)
             drive.run(n, n + 1)
-        drive.session.slam.map.finish()
-        return truth, len(drive.images), drive.session.robot_map.export()
+        drive.session.map.finish()
+        return truth, len(drive.images), drive.session.map.export()
 
 
 def _measured(

@@ -118,7 +118,7 @@ def _drive(building: Building, course: _Course, delay: Delay, seed: int) -> dict
     truth = course.route.trajectory(seed)
     with Drive(FeatureCamera(building, seed), truth, delay) as drive:
         drive.run(0, course.num_images)
-        drive.session.slam.map.finish()
+        drive.session.map.finish()
         stalled = next((a.answer_s for a in drive.worker.answers if a.is_stalled), None)
         return {
             'route': course.name,

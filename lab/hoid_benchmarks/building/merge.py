@@ -177,5 +177,5 @@ def _map_of(building: Building, key: CellKey, seed: int) -> MapFile:
 def _driven(camera: FeatureCamera, truth: Trajectory) -> MapFile:
     with Drive(camera, truth) as drive:
         drive.run()
-        drive.session.slam.map.finish()
-        return drive.session.robot_map.export()
+        drive.session.map.finish()
+        return drive.session.map.export()

@@ -159,7 +159,7 @@ def with_virtual_mapper(session: SlamSession, config: SlamConfig, delay: Delay) 
     """Replace the mapper of a session that has not started yet."""
     camera = StereoCamera.from_model(session.camera, config.camera)
     worker = VirtualWorker(camera, config, delay)
-    session.slam.map.mapper = MapperProcess(
-        camera, session.slam.map.atlas, config, worker=worker, clock=lambda: worker.now_s
+    session.map.mapper = MapperProcess(
+        camera, session.map.atlas, config, worker=worker, clock=lambda: worker.now_s
     )
     return worker

@@ -92,8 +92,8 @@ def publishing(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
 def _measured(content: MapFile) -> dict[str, Any]:
     config = SlamNodeConfig()
     session = SlamSession(content.camera, config, RobotFrames())
-    session.robot_map.load(content)
-    session.slam.map.atlas.keyframes.is_loaded[:] = False  # so that they are part of the path
+    session.map.load(content)
+    session.map.atlas.keyframes.is_loaded[:] = False  # so that they are part of the path
     row: dict[str, Any] = {
         'keyframes': len(content.map),
         'points': len(content.map.position_m),
@@ -137,14 +137,14 @@ class _Rounds:
         start_s, end_s = time.thread_time(), time.monotonic() + _IDLE_S
         with _Ticker() as ticker:
             while (left_s := end_s - time.monotonic()) > 0:
-                self._session.robot_map.has_changed |= changing
+                self._session.map.has_changed |= changing
                 self._executor.spin_once(timeout_sec=min(left_s, _POLL_S))
         return _Idle((time.thread_time() - start_s) / _IDLE_S, ticker.longest_s)
 
     def _round(self, arrived: Connection) -> _Round:
         """Change the map, and spin until a message of each topic has arrived."""
         sizes: dict[str, int] = {}
-        self._session.robot_map.has_changed = True
+        self._session.map.has_changed = True
         own_s, all_s, wall_s = time.thread_time(), time.process_time(), time.monotonic()
         with _Ticker() as ticker:
             while sizes.keys() != _TYPES.keys():

@@ -25,7 +25,7 @@ from hoid_scene.store import scene_file
 from hoid_scene.tracks.object_tracker import TrackedObject
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
-from rgbd_slam.statistics import SlamStats
+from rgbd_slam.slam_map import SlamStats
 from rgbd_slam.store import map_file
 
 Tracks = dict[int, tuple[TrackedObject, ...]]
@@ -91,7 +91,7 @@ def map_room(
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
         filtered = feature_filter.process(frame, detect(frame))
         image = session.process(filtered.features).image
-        request = scheduler.pick(image, session.robot_map.keyframes)
+        request = scheduler.pick(image, session.map.keyframes)
         if request is None:
             continue
         if request.track_objects:
@@ -105,13 +105,13 @@ def map_room(
                 observer.fuse(request, frame, filtered.objects)
         if publish.take_due(frame.stamp_ns):
             scene.grid(scene.cloud())  # estimates the floor, which the tracks of people need
-    session.slam.map.finish()
+    session.map.finish()
     session.close()
-    scene.correct(session.robot_map.keyframes(), force=True)
+    scene.correct(session.map.keyframes(), force=True)
     if files.save is not None:
         _save(files.save, session, scene)
     cloud = scene.cloud()
-    trajectory = session.robot_map.trajectory('final')
+    trajectory = session.map.trajectory('final')
     return MappedRoom(
         cloud,
         scene.grid(cloud),
@@ -125,14 +125,14 @@ def map_room(
 
 def _load(path: Path, session: SlamSession, scene: SceneMapper, *, localize: bool) -> None:
     content = map_file.load(path)
-    loaded = session.robot_map.load(content, extend=not localize)
-    scene.correct(loaded.keyframes)
+    uids = session.map.load(content, extend=not localize)
+    scene.correct(session.map.keyframes())
     saved = scene_file.read_file(path)
-    scene_file.load(scene, saved.renamed(content.keyframes().uids, loaded.keyframe_uids))
+    scene_file.load(scene, saved.renamed(content.keyframes().uids, uids))
     session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
 
 def _save(path: Path, session: SlamSession, scene: SceneMapper) -> None:
-    map_file.save(path, session.robot_map.export())
-    uids = session.robot_map.keyframes().uids
+    map_file.save(path, session.map.export())
+    uids = session.map.keyframes().uids
     scene_file.add_to_file(path, scene_file.exported(scene, uids))

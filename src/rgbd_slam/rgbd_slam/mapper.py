@@ -70,7 +70,7 @@ class Mapper:
         self._configured_camera = camera
         self._config = config
         self._background = background
-        self._closer = LoopCloser(atlas, camera, config, background=background)
+        self.closer = LoopCloser(atlas, camera, config, background=background)
         self.loops = LoopCounts()
         self._close_limit_m = config.camera.close_limit_m
 
@@ -99,7 +99,7 @@ class Mapper:
         self.map.update_connections(i)
         local_bundle_adjustment(self.map, request.measured_camera, i, self._config.mapping)
         cull_keyframes(self.map, i, self._config.mapping, self._close_limit_m)
-        self.loops = self.loops.with_event(self._closer.process(i))
+        self.loops = self.loops.with_event(self.closer.process(i))
         return i
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
@@ -118,13 +118,13 @@ class Mapper:
             loops: Its loop edges, between rows of the saved map.
         """
         if not keep:
-            self._closer.close()  # its place index describes the old map
-            self._closer = LoopCloser(
+            self.closer.close()  # its place index describes the old map
+            self.closer = LoopCloser(
                 self.map, self._configured_camera, self._config, background=self._background
             )
         camera = self._configured_camera
         restore(self.map, state, camera, first_uid, keep=keep, loops=loops)
-        self._closer.index_places()
+        self.closer.index_places()
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
         """Take over the map of a mapping process that has died; this mapper's map must be empty.
@@ -137,29 +137,9 @@ class Mapper:
         self.map.version += 1  # of the changes from now on
         self.loops = loops
 
-    def poll(self) -> bool:
-        """Apply a finished global adjustment to the map; return whether one was applied.
-
-        An adjustment that was requested while it ran is started.
-        """
-        return self._closer.poll()
-
-    @property
-    def is_adjusting(self) -> bool:
-        """Return whether a global adjustment is running in the background."""
-        return self._closer.is_adjusting
-
-    def finish_adjustment(self, limit_s: float) -> None:
-        """Repeat the last global adjustment if keyframes have been added to its map since then.
-
-        Waits up to `limit_s` for a global adjustment that is running, and as long for the repeated
-        one; see `LoopCloser.settle`. A map that was never adjusted globally stays as it is.
-        """
-        self._closer.settle(limit_s)
-
     def close(self) -> None:
         """Stop the global adjustment in the background without applying it."""
-        self._closer.close()
+        self.closer.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
         """Add the keyframe to the map and return its row, or None as described at `insert`.

@@ -147,10 +147,8 @@ class RgbdSlamNode(ManagedNode):
         self.diagnostics.set_value('state', status.state.name.lower())
         self.diagnostics.set_count('images processed', status.frames_processed)
         self.diagnostics.set_count('images missing', status.frames_dropped)
-        self.diagnostics.set_count(
-            'mapping processes that died', session.slam.map.mapper.num_restarts
-        )
-        self.diagnostics.set_count('invalid poses', session.slam.map.atlas.guard.num_refused)
+        self.diagnostics.set_count('mapping processes that died', session.map.mapper.num_restarts)
+        self.diagnostics.set_count('invalid poses', session.map.atlas.guard.num_refused)
         self.diagnostics.set_count(
             'old poses that no file takes', session.slam.trajectory.num_unwritten
         )

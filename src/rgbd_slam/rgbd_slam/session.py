@@ -20,13 +20,19 @@ from rgbd_slam.late_verdicts import LateVerdicts
 from rgbd_slam.leveling import Leveling
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames, RobotPose
-from rgbd_slam.robot_map import RobotMap
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.statistics import status_message
 from rgbd_slam.tracking.image_stream import DroppedFrameCounter
 from rgbd_slam.tracking.motion_sources import MotionSource
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
+_MESSAGES = {
+    SlamState.NOT_INITIALIZED: 'waiting for an image with enough static features that have depth',
+    SlamState.TRACKING: '',
+    SlamState.LOST: 'too few map points are seen; trying to recognize a mapped place',
+    SlamState.PAUSED: 'paused; call ~/resume to continue',
+}
+_IN_OTHER_MAP = 'in a new map since the last loss; it is merged when a mapped place is recognized'
+_TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something large moves'
 _LATE_S = 2.0  # chosen: many times the usual time of the mapper for a keyframe, 20 to 50 ms
 _LATE_MAPPER = (
     'the mapper has not answered for {:.0f} s; {} requests wait and the map does not grow: free '
@@ -52,8 +58,7 @@ class Processed(NamedTuple):
 class SlamSession:
     """Runs SLAM on a stream of features.
 
-    `slam` is the core with its map, odometry and trajectory; `robot_map` is the same map in the
-    robot's map frame, for publishing, saving and loading.
+    `slam` is the core with odometry and trajectory, and `map` is its map.
 
     Args:
         camera: The camera of the images that the features come from.
@@ -83,11 +88,12 @@ class SlamSession:
         self.slam = RgbdSlam(
             camera,
             config,
+            frames,
             background=background,
             imu=imu,
             motion_sources=motion_sources,
         )
-        self.robot_map = RobotMap(self.slam, frames, camera, config.camera)
+        self.map = self.slam.map
         self.is_paused = False  # True: images are ignored
         self.stamp_ns = 0  # of the latest image that was tracked
         self._frames, self._leveling = frames, Leveling(frames, imu)
@@ -101,7 +107,7 @@ class SlamSession:
 
     def close(self) -> None:
         """End the mapping process; poses and map stay readable."""
-        self.slam.map.mapper.close()
+        self.map.mapper.close()
 
     def process(self, features: Features) -> Processed:
         """Call `track` and then `learn` for one image, and return all results of the image.
@@ -138,7 +144,7 @@ class SlamSession:
         self._num_processed += 1
         is_in_main_map = self.slam.odometry.is_in_main_map
         is_turned = self._leveling.update(result, is_in_main_map=is_in_main_map)
-        self.robot_map.has_changed |= result.is_keyframe or is_turned
+        self.map.has_changed |= result.is_keyframe or is_turned
         if result.is_keyframe:
             self._late.note_keyframe()
         status = self._status(result.state, result)
@@ -154,7 +160,7 @@ class SlamSession:
             MessageError: Features are called dynamic, but the keyframe has another number of them.
         """
         if self._late.changes_keyframe(verdicts):
-            self.slam.map.mapper.retract(verdicts)
+            self.map.mapper.retract(verdicts)
 
     def status(self) -> SlamStatus:
         """Return the status without an image, with the state PAUSED or else NOT_INITIALIZED."""
@@ -163,7 +169,7 @@ class SlamSession:
     @property
     def mode(self) -> SlamMode:
         """Return whether the session extends its map or only localizes in it."""
-        return SlamMode.MAPPING if self.slam.map.is_growing else SlamMode.LOCALIZATION
+        return SlamMode.MAPPING if self.map.is_growing else SlamMode.LOCALIZATION
 
     def set_mode(self, mode: SlamMode) -> None:
         """Start or stop extending the map.
@@ -172,11 +178,11 @@ class SlamSession:
             ConfigError: There is no map to localize in.
             MapFileError: The map was made with a camera that differs too much to extend it.
         """
-        if mode is SlamMode.LOCALIZATION and self.slam.map.is_empty:
+        if mode is SlamMode.LOCALIZATION and self.map.is_empty:
             raise ConfigError('there is no map to localize in: load one, or map first')
         if mode is SlamMode.MAPPING:
-            self.robot_map.check_extendable()
-        self.slam.map.is_growing = mode is SlamMode.MAPPING
+            self.map.check_extendable()
+        self.map.is_growing = mode is SlamMode.MAPPING
 
     def relocalize_near(self, T_map_base: FloatArray, sigma_m: float, sigma_rad: float) -> None:
         """Discard the pose; search near a given pose before the whole map from the next image on.
@@ -190,7 +196,7 @@ class SlamSession:
         Raises:
             ConfigError: The session is mapping.
         """
-        if self.slam.map.is_growing:
+        if self.map.is_growing:
             raise ConfigError('an initial pose needs the mode localization; see set_mode')
         hint = PoseHint(self._frames.camera_at(T_map_base), sigma_m, sigma_rad)
         self.slam.relocalize_near(hint)
@@ -207,7 +213,7 @@ class SlamSession:
             result.image_covariance,
         )
         poses = np.stack([pose.T_map_odom, pose.T_odom_base])
-        return pose if self.slam.map.atlas.guard.are_valid(poses, 'the robot').all() else None
+        return pose if self.map.atlas.guard.are_valid(poses, 'the robot').all() else None
 
     def _image(self, result: TrackingResult, *, is_in_main_map: bool) -> TrackedImage | None:
         """Return the pose of this image in the map; None if it was not measured."""
@@ -220,7 +226,7 @@ class SlamSession:
             self._frames.T_map_core @ slam.odometry.pose(),
             keyframe_uid,
             is_in_main_map,
-            slam.map.is_growing,
+            self.map.is_growing,
         )
 
     def _status(self, state: SlamState, result: TrackingResult | None = None) -> SlamStatus:
@@ -234,7 +240,7 @@ class SlamSession:
             keyframes=stats.num_keyframes,
             map_points=stats.num_map_points,
             maps=stats.num_maps,
-            mapper_queue=self.slam.map.mapper.queue_length,
+            mapper_queue=self.map.mapper.queue_length,
             loops=stats.num_loops,
             merges=stats.num_merges,
             relocalizations=stats.num_relocalizations,
@@ -244,7 +250,16 @@ class SlamSession:
         )
 
     def _message(self, state: SlamState, result: TrackingResult | None) -> str:
-        waiting_s = self.slam.map.mapper.waiting_s
+        """Return a text that explains the state; '' for undisturbed tracking."""
+        waiting_s = self.map.mapper.waiting_s
         if state is SlamState.TRACKING and waiting_s > _LATE_S:
-            return _LATE_MAPPER.format(waiting_s, self.slam.map.mapper.queue_length)
-        return status_message(state, result, self.slam.odometry.is_in_main_map)
+            return _LATE_MAPPER.format(waiting_s, self.map.mapper.queue_length)
+        if result is not None and result.note:
+            return result.note
+        if state is SlamState.TRACKING and not self.slam.odometry.is_in_main_map:
+            return _IN_OTHER_MAP
+        if result is not None and result.competing is not None:
+            competing = result.competing
+            shares = competing.chosen_share, competing.competing_share
+            return _TWO_MOTIONS.format(*(100 * share for share in shares))
+        return _MESSAGES[state]

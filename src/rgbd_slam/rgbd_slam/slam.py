@@ -3,38 +3,34 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
-from hoid_common.values import CameraModel, Features, FloatArray, IntArray
+from hoid_common.values import CameraModel, Features, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.mapper import KeyframeRequest
-from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame, StereoCamera, check_octaves
-from rgbd_slam.model.map_state import MapState
+from rgbd_slam.model.frame import Frame, check_octaves
 from rgbd_slam.model.points import PointTallies
 from rgbd_slam.model.tracked_frame import tracked_keyframe
-from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.noise_estimator import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
-from rgbd_slam.processes.map_loading import MapLoading
-from rgbd_slam.slam_map import SlamMap
-from rgbd_slam.statistics import SlamStats, slam_stats
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.slam_map import SlamMap, SlamStats
 from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
-from rgbd_slam.tracking.loss import LossTimer, NewMapPolicy, OffMapWatch
 from rgbd_slam.tracking.motion_sources import MotionSource
-from rgbd_slam.tracking.odometry import Odometry
+from rgbd_slam.tracking.odometry import Bridge, Odometry
 from rgbd_slam.tracking.relocalization import Relocalizer
 from rgbd_slam.tracking.rolling_shutter import RollingShutter
 from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 from rgbd_slam.tracking.tracking_result import TrackingResult
+from rgbd_slam.tracking.tracking_state import TrackingStates
 from rgbd_slam.tracking.warm_up import WarmUp
 
 _MS = 1e3
@@ -47,11 +43,12 @@ class RgbdSlam:
     """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017).
 
     `map` holds the keyframes and points and the mapper that extends them, `odometry` the last
-    tracked pose, and `trajectory` the poses of the frames so far.
+    tracked pose, `states` how that pose is known, and `trajectory` the poses of the frames so far.
 
     Args:
         camera: The camera of the images that the features come from.
         config: Parameters.
+        frames: The robot's frames; None: the camera is level at the start.
         background: True: the mapper runs in a separate process, as on a robot; call
             `map.mapper.close` in the end. False: each keyframe is mapped before `learn` returns,
             so that runs repeat bit for bit.
@@ -68,6 +65,7 @@ class RgbdSlam:
         self,
         camera: CameraModel,
         config: SlamConfig,
+        frames: RobotFrames | None = None,
         *,
         background: bool = False,
         imu: Imu | None = None,
@@ -75,29 +73,25 @@ class RgbdSlam:
     ) -> None:
         self._config = config
         self._model = camera
-        self._camera = StereoCamera.from_model(camera, config.camera)
-        atlas = self._atlas = Atlas(config.camera.scale_factor, config.camera.num_octaves)
-        self.trajectory = TrajectoryRecorder(atlas)
+        self.map = SlamMap(camera, config, frames or RobotFrames(), background=background)
+        self.map.on_replaced = self._forget_pose
+        atlas, stereo = self.map.atlas, self.map.stereo
+        self._atlas, self._camera, self.trajectory = atlas, stereo, self.map.recorder
         self._warm_up = WarmUp(atlas, self.trajectory, config.tracking)
         gyro = None if imu is None else InertialMotion(imu)
         self.odometry = Odometry(atlas, gyro, motion_sources)
-        self.map = SlamMap(
-            atlas, self._camera, config, self.trajectory.redirect, background=background
-        )
-        self._loss_timer = LossTimer()
-        self._new_map = NewMapPolicy(atlas, self._camera, config)
+        self.states = TrackingStates(atlas, stereo, config)
         self._repeated = RepeatedImages()
         self._tracked: TrackingResult | None = None  # of the last image that was tracked
-        self._noise = NoiseEstimator(self._camera)
+        self._noise = NoiseEstimator(stereo)
         self._shutter = RollingShutter(*camera.size_px)
-        self._tracker = Tracker(self._camera, atlas, config.tracking, config.seed)
+        self._tracker = Tracker(stereo, atlas, config.tracking, config.seed)
         if imu is not None:
             self._tracker.min_inliers = self.odometry.min_inliers
-        self._relocalizer = Relocalizer(atlas, self._camera, self._tracker, config)
-        close_px = self._camera.baseline_px_m / config.camera.close_limit_m
+        self._relocalizer = Relocalizer(atlas, self.map.places, self._tracker)
+        close_px = stereo.baseline_px_m / config.camera.close_limit_m
         self._policy = KeyframePolicy(atlas, config.keyframes, close_px)
         self._tallies = PointTallies(atlas.points)
-        self._off_map = OffMapWatch(config.tracking.min_inliers)
 
     def process(self, features: Features) -> TrackingResult:
         """Call `track` and then `learn`, and return the result; it raises the errors of both."""
@@ -107,7 +101,7 @@ class RgbdSlam:
         """Return the estimated pose of one frame. Call `learn` before tracking the next one.
 
         First, the changes that the mapper has finished are applied to the map. A lost camera is
-        relocalized; the very first frame, or one after a loss (`NewMapPolicy`), may start a map.
+        relocalized; the very first frame, or one after a loss (`TrackingStates`), may start a map.
         A copy of the last tracked image only gets a predicted pose (`RepeatedImages`).
 
         Raises:
@@ -121,7 +115,17 @@ class RgbdSlam:
             and self._repeated.original_ns == original.stamp_ns
         ):
             return self._predict(original, features.stamp_ns, repetition)
-        result = self._estimate_pose(self._prepare(features))
+        frame, start_s = self._prepare(features), time.thread_time()
+        self.map.update()
+        self.odometry.follow(frame.stamp_ns)
+        tracking = None if self.map.is_empty else self._find(frame)
+        if tracking is not None:
+            result = self._tracked = self._result(tracking, start_s)
+        elif self.map.is_empty:
+            self.states.no_map()
+            result = self._start_map(frame, np.eye(4))  # this pose is the map's origin
+        else:
+            result = self._miss(frame)
         return replace(result, note=self._relocalizer.take_note() or result.note)
 
     def learn(self, result: TrackingResult) -> TrackingResult:
@@ -152,40 +156,16 @@ class RgbdSlam:
         self._relocalizer.relocalize_near(hint)
         self._forget_pose()
 
-    def prepare_load(self, state: MapState, *, keep: bool) -> MapLoading:
-        """Return a saved map for `begin_load`. Any thread may call this.
-
-        With `keep`, the running map stays beside the saved one until a recognized place merges the
-        two. Otherwise it is discarded, and the camera is relocalized in the saved one.
-        """
-        return MapLoading(
-            state,
-            self._camera,
-            self._config,
-            running=self._atlas if keep else None,
-            prepare=self._relocalizer.prepare_index,
-        )
-
-    def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
-        """Begin to load a map as `SlamMap.begin_load` does; then relocalize if it replaces one."""
-
-        def loaded(uids: IntArray) -> None:
-            self._relocalizer.use_prepared_index()
-            if not loading.keeps_running:
-                self._forget_pose()
-            on_loaded(uids)
-
-        return self.map.begin_load(loading, loaded)
-
     def reconfigure(self, config: SlamConfig) -> None:
         """Apply the parameters that may change at run time."""
         self._config = config
+        self.states.new_map_after_s = config.places.new_map_after_s
         self._policy.reconfigure(config.keyframes)
 
     @property
     def stats(self) -> SlamStats:
         """Return the size of the main map and the numbers of maps and events; see `SlamStats`."""
-        return slam_stats(self._atlas, self.map.mapper.loops, self._relocalizer.num_found)
+        return self.map.stats(self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
         """Return the undistorted frame with virtual right columns, without rolling shutter.
@@ -194,27 +174,41 @@ class RgbdSlam:
         """
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
-        if self._loss_timer.add(frame.stamp_ns):
+        if self.states.image(frame.stamp_ns):
             self.odometry.forget_velocity()
             self._policy.restart()
         twist, _ = self.odometry.twist_at(frame.stamp_ns)
         return self._shutter.compensated(frame, self._camera, twist)
 
-    def _estimate_pose(self, frame: Frame) -> TrackingResult:
-        start_s = time.thread_time()
-        self.map.update()
-        self.odometry.follow(frame.stamp_ns)
-        if self.map.is_empty:
-            return self._start_map(frame, np.eye(4))  # the first camera pose is the map's origin
-        bridge = self.odometry.bridge() if self.trajectory.is_bridged else None
-        tracking = self._track(frame) or self._relocalize(frame)
+    def _find(self, frame: Frame) -> TrackerOutput | None:
+        """Track a frame from the last one, or relocalize it; None: the camera is lost.
+
+        When it is relocalized, T_odom_camera moves by the motion that external odometry or the
+        gyro has measured since the last tracked frame.
+        """
+        odometry, last, num_bridged = self.odometry, self.odometry.last, self.states.num_bridged
+        bridge = odometry.bridge() if num_bridged else None
+        tracking = None
+        if last is not None:
+            prior = odometry.prior()
+            tracking = self._tracker.track(frame, last, *odometry.predict(), prior=prior)
         if tracking is None:
-            return self._handle_loss(frame)
-        self.odometry.advance(tracking)
+            # While the map grows, a later merge connects the maps; in localization nothing does.
+            in_main_map = not self.map.is_growing
+            tracking = self._relocalizer.relocalize(frame, in_main_map=in_main_map)
+            if tracking is None:
+                return None
+            odometry.bridge()
+            odometry.restart_from(tracking.tracked)
+        odometry.advance(tracking)
         if bridge is not None:
-            self.trajectory.end_bridge(bridge.T_map_camera, tracking.tracked)
-        self._tracked = TrackingResult(
-            frame.stamp_ns,
+            self.trajectory.end_bridge(num_bridged, bridge.T_map_camera, tracking.tracked)
+        self.states.tracked(tracking.tracked.frame, is_on_map=tracking.is_on_map)
+        return tracking
+
+    def _result(self, tracking: TrackerOutput, start_s: float) -> TrackingResult:
+        return TrackingResult(
+            tracking.tracked.frame.stamp_ns,
             SlamState.TRACKING,
             T_map_camera=tracking.tracked.T_map_camera,
             T_odom_camera=self.odometry.T_odom_camera,
@@ -224,10 +218,9 @@ class RgbdSlam:
             num_inliers=tracking.num_inliers,
             stage_ms={'track': _MS * (time.thread_time() - start_s)},
             competing=tracking.consensus.competing,
-            note=self._off_map.add(frame.stamp_ns, is_on_map=tracking.is_on_map),
+            note=self.states.note,
             to_learn=tracking,
         )
-        return self._tracked
 
     def _predict(
         self, original: TrackingResult, stamp_ns: int, repetition: Repetition
@@ -272,8 +265,7 @@ class RgbdSlam:
         self._policy.inserted(frame.stamp_ns)
         tracked = tracked_keyframe(frame, self._atlas, uid)
         self.odometry.restart_from(tracked)
-        self._loss_timer.reset()
-        self._new_map.started()
+        self.states.started()
         self.trajectory.add(tracked)
         self._warm_up.begin(frame.stamp_ns)
         return TrackingResult(
@@ -288,62 +280,42 @@ class RgbdSlam:
             is_keyframe=True,
         )
 
-    def _track(self, frame: Frame) -> TrackerOutput | None:
-        """Track a frame from the last one, starting at predicted poses; None if that fails."""
-        last = self.odometry.last
-        if last is None:
-            return None
-        odometry = self.odometry
-        return self._tracker.track(frame, last, *odometry.predict(), prior=odometry.prior())
-
-    def _relocalize(self, frame: Frame) -> TrackerOutput | None:
-        """Relocalize a lost frame in the map and continue from it; None if its place is unknown.
-
-        T_odom_camera moves by the motion that external odometry or the gyro has measured since the
-        last tracked frame.
-        """
-        # While the map grows, a later merge connects the maps; in localization nothing does.
-        tracking = self._relocalizer.relocalize(frame, in_main_map=not self.map.is_growing)
-        if tracking is not None:
-            self.odometry.bridge()
-            self.odometry.restart_from(tracking.tracked)
-        return tracking
-
-    def _handle_loss(self, frame: Frame) -> TrackingResult:
+    def _miss(self, frame: Frame) -> TrackingResult:
         """Return the pose by external odometry or the gyro, if there is any, for a lost frame.
 
-        If `NewMapPolicy` wants it, start a new map at that pose instead, or at the last known one.
+        If it is time for a new map, it starts at that pose instead, or at the last known one.
         """
-        self.odometry.forget_velocity()
-        bridge = self.odometry.bridge()
-        limit_s = self._config.places.new_map_after_s
-        if self.map.takes_keyframes and self._new_map.wants(
-            frame,
-            self.odometry.last,
-            self._loss_timer.lost_s,
-            limit_s,
-            is_bridged=bridge is not None and bridge.is_short,
-        ):
-            pose = bridge.T_map_camera if bridge else self.odometry.pose()
-            before, started = self.odometry.last, self._start_map(frame, pose)
+        odometry = self.odometry
+        odometry.forget_velocity()
+        bridge = odometry.bridge()
+        is_short = bridge is not None and bridge.is_short
+        self.states.missed(is_followed=bridge is not None, is_recorded=is_short)
+        if self.map.takes_keyframes and self.states.wants_map(frame, odometry.last):
+            started = self._start_next_map(frame, bridge)
             if started.is_keyframe:
-                if bridge is not None and bridge.is_short:
-                    self.trajectory.link(before, self.odometry.last, bridge.T_last_camera)
                 return started
         if bridge is None:
             return TrackingResult(frame.stamp_ns, SlamState.LOST)
-        if bridge.is_short:
-            lost = self.odometry.extrapolated(frame.stamp_ns, bridge.T_last_camera)
-            self.trajectory.add(lost, is_bridged=True)
+        if is_short:
+            self.trajectory.add(odometry.extrapolated(frame.stamp_ns, bridge.T_last_camera))
         return TrackingResult(
             frame.stamp_ns,
             SlamState.LOST,
             T_map_camera=bridge.T_map_camera,
-            T_odom_camera=self.odometry.T_odom_camera,
-            covariance=self.odometry.in_map(bridge.covariance),
+            T_odom_camera=odometry.T_odom_camera,
+            covariance=odometry.in_map(bridge.covariance),
             image_covariance=bridge.image_covariance,
             note=bridge.note,
         )
+
+    def _start_next_map(self, frame: Frame, bridge: Bridge | None) -> TrackingResult:
+        """Start a map after a loss; link it with the one before if a gyro has bridged the loss."""
+        before = self.odometry.last
+        pose = self.odometry.pose() if bridge is None else bridge.T_map_camera
+        started = self._start_map(frame, pose)
+        if started.is_keyframe and bridge is not None and bridge.is_short:
+            self.trajectory.link(before, self.odometry.last, bridge.T_last_camera)
+        return started
 
     def _update_estimates(self, tracking: TrackerOutput) -> None:
         """Update point counts, measured noise, rolling shutter and trajectory from a frame.
@@ -357,8 +329,6 @@ class RgbdSlam:
             view = self.odometry.moving_view(tracking)
             self._shutter.add(view, self._atlas, self._noise.camera)
         self._tracker.use_camera(self._noise.camera)
-        self._loss_timer.reset()
-        self._new_map.found(tracked.frame)
         self.trajectory.add(tracked)
         self._warm_up.add(tracked)
         self._warm_up.reestimate_next(self._noise.camera)
@@ -396,5 +366,5 @@ class RgbdSlam:
     def _forget_pose(self) -> None:
         self.odometry.restart_from(None)
         self._tracked = None
-        self._loss_timer.reset()  # the time until a new map is started counts from now
+        self.states.discarded()
         self.odometry.forget_velocity()

@@ -1,64 +1,143 @@
-"""The map of the running SLAM together with the mapper that extends it."""
+"""The map of the running SLAM: grows by keyframes, is read in the map frame, saved and loaded."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import secrets
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from hoid_common.values import FloatArray, IntArray
+from hoid_common import se3
+from hoid_common.errors import ConfigError
+from hoid_common.poses.keyframe_poses import KeyframePoses
+from hoid_common.values import (
+    BoolArray,
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    Trajectory,
+)
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
-from rgbd_slam.model.map_change import Redirect
+from rgbd_slam.model.loop_edge import renumbered
+from rgbd_slam.model.map_state import snapshot
+from rgbd_slam.model.trajectory import (
+    TrajectoryRecorder,
+    current_pass,
+    keyframe_poses,
+    main_map,
+)
+from rgbd_slam.places.place_finder import PlaceFinder
+from rgbd_slam.processes.inline_mapper import InlineMapper
 from rgbd_slam.processes.map_loading import MapLoading
-from rgbd_slam.processes.mapper_client import InlineMapper, MapperClient
 from rgbd_slam.processes.mapper_process import MapperProcess
+from rgbd_slam.records.soa_table import DEAD
+from rgbd_slam.robot_frames import RobotFrames
+from rgbd_slam.store.map_file import MapFile, check_extendable
+from rgbd_slam.store.tables import MapHeader
+
+
+@dataclass(frozen=True)
+class SlamStats:
+    """The size of the main map (the one with most keyframes), and numbers since the start."""
+
+    # Of the main map; before the first keyframe is inserted, the number of pending keyframes.
+    num_keyframes: int
+    num_map_points: int  # of the main map
+    # More than one after a loss, or after a saved map was loaded beside the running one, until the
+    # maps are merged.
+    num_maps: int = 0
+    num_loops: int = 0
+    num_merges: int = 0
+    num_relocalizations: int = 0
+
+
+class MapPoses(NamedTuple):
+    """Copied poses of the K keyframes of the main map, in order of insertion."""
+
+    map_id: int | None  # id of the main map; None: it is the only map
+    stamps_ns: IntArray  # (K,)
+    is_loaded: BoolArray  # (K,) whether the keyframe is from a saved map
+    T_core_camera: FloatArray  # (K, 4, 4) in the core's map frame
+
+
+class CopiedPoints(NamedTuple):
+    """Copied positions of R successive rows of the table of map points."""
+
+    position_m: Float32Array  # (R, 3) in the core's map frame; without meaning if not shown
+    is_shown: BoolArray  # (R,) whether the row holds a point of the map to be shown
+    is_last: bool  # True: these are the last rows of the table
 
 
 class SlamMap:
-    """The tracker's copy of the map (`atlas`) and the mapper that extends it (`mapper`).
+    """The map of the running SLAM with the mapper that extends it.
 
-    A mapper in a process of its own changes this copy only during a method call (`update`, or one
-    that calls it), so that the caller decides between which two frames the map changes.
+    `atlas` has its tables in the core's map frame, the optical frame of the first camera pose;
+    methods return poses and points in the robot's map frame (REP 105, z up). With a mapper in a
+    process of its own, `atlas` is the tracker's copy. It changes during `insert`, `update`,
+    `finish` and `load` only, so that the caller decides between which two images it changes.
 
     Args:
-        atlas: The map, still empty.
-        camera: The camera with the configured noise.
+        camera: The camera.
         config: Parameters of the core.
-        on_redirects: Called by each `update` with the keyframes, if any, that were removed since
-            the last call; each redirect gives the parent that replaces a removed keyframe.
+        frames: The robot's frames.
         background: True: the mapper runs in a process of its own, as on a robot. False: each
             keyframe is mapped before `insert` returns, so that runs repeat bit for bit.
 
     Raises:
-        MapperStoppedError: The mapping process does not start.
+        ConfigError: No place index has the configured name.
+        MapperStoppedError: The mapping process does not start. All methods that update the map
+            raise it too: the process has ended for good or does not respond, or a saved map could
+            not be restored.
     """
 
     def __init__(
-        self,
-        atlas: Atlas,
-        camera: StereoCamera,
-        config: SlamConfig,
-        on_redirects: Callable[[tuple[Redirect, ...]], None],
-        *,
-        background: bool,
+        self, camera: CameraModel, config: SlamConfig, frames: RobotFrames, *, background: bool
     ) -> None:
-        self.atlas = atlas
-        mapper = MapperProcess if background else InlineMapper
-        self.mapper: MapperClient = mapper(camera, atlas, config)
+        self.frames, self.stereo = frames, StereoCamera.from_model(camera, config.camera)
+        self._camera = self._made_with = camera
+        self._config = config
+        self._octaves = config.camera.scale_factor, config.camera.num_octaves
+        self.atlas = Atlas(*self._octaves)
+        self.recorder = TrajectoryRecorder(self.atlas)
+        self.places = PlaceFinder(self.atlas, self.stereo, config.places, config.seed)
+        self.mapper: MapperProcess | InlineMapper = (
+            MapperProcess(self.stereo, self.atlas, config)
+            if background
+            else InlineMapper(self.stereo, self.atlas, config)
+        )
         self.is_growing = True  # False: localization, no keyframe is inserted
-        self._on_redirects = on_redirects
-        self._on_loaded: Callable[[], None] | None = None  # while a saved map is on its way
-        self._is_leaving = False  # whether that map will replace the running one
+        self.session = secrets.token_hex(8)  # name of the map, a new one when it is replaced
+        self.has_changed = False  # in a way that `take_change` does not notice by itself
+        self._last_state: object = None  # at the last `take_change`
+        self._loading: MapLoading | None = None
+        self._on_loaded: Callable[[], None] = _ignore
+        self.on_replaced: Callable[[], None] = _ignore  # called when a saved map is in use instead
         self._next_map_id = 0  # the id of a map that was merged into another is not used again
-        self._next_uid = 0  # uid of the next keyframe
+        self._next_uid = 0  # of a keyframe
 
     @property
     def is_empty(self) -> bool:
         """Return whether the map has no keyframe, not even one that waits for the mapper."""
         return len(self.atlas.keyframes) == 0 and not self.atlas.pending
+
+    @property
+    def takes_keyframes(self) -> bool:
+        """Return whether keyframes may be inserted: not while the map is about to be replaced."""
+        is_leaving = self._loading is not None and not self._loading.keeps_running
+        return self.is_growing and not is_leaving
+
+    @property
+    def is_loading(self) -> bool:
+        """Return whether a saved map is being loaded that is not in use yet."""
+        return self._loading is not None
+
+    # ---- growing
 
     def start(self, frame: Frame, T_map_camera: FloatArray) -> int:
         """Start another map beside the existing ones and return the uid of its first keyframe."""
@@ -76,89 +155,243 @@ class SlamMap:
         return self._next_uid - count
 
     def insert(self, request: KeyframeRequest) -> None:
-        """Send a keyframe to the mapper, and apply the changes that the mapper has finished.
-
-        The keyframe is in `atlas.pending` until the mapper has inserted it.
-
-        Raises:
-            MapperStoppedError: As in `update`.
-        """
+        """Send a keyframe to the mapper; it is in `atlas.pending` until it is mapped."""
         self.mapper.insert(request)
         self.update()
 
     def update(self) -> None:
-        """Apply the changes that the mapper has finished, without waiting for unfinished ones.
-
-        Removed keyframes are passed to `on_redirects`. If a saved map is loaded, the function that
-        `begin_load` was given is called.
-
-        Raises:
-            MapperStoppedError: The mapping process has ended for good, does not respond, or a
-                saved map could not be restored.
-        """
+        """Apply the changes that the mapper has finished, without waiting for unfinished ones."""
         self.mapper.update()
-        self._on_redirects(self.atlas.redirects.take())
-        if self._on_loaded is not None and not self.mapper.is_loading:
-            on_loaded, self._on_loaded = self._on_loaded, None
-            self._is_leaving = False
-            self._count_maps()
-            on_loaded()
-
-    def _count_maps(self) -> None:
-        keyframes = self.atlas.keyframes
-        self._next_map_id = 1 + int(keyframes.map_id[keyframes.alive].max())
+        self.recorder.redirect(self.atlas.redirects.take())
+        if self._loading is not None and not self.mapper.is_loading:
+            self._use_loaded(self._loading)
 
     def finish(self) -> None:
-        """Wait until every inserted keyframe is mapped and global adjustment has ended.
+        """Wait until every keyframe is mapped and a final global adjustment has ended.
 
-        The last global adjustment is repeated first if keyframes have been added since then; see
-        `LoopCloser.settle`. If an adjustment does not end within a time limit, a warning is logged
-        and it is not awaited.
-
-        Raises:
-            MapperStoppedError: As in `update`.
+        The adjustment is repeated if keyframes have been added since the last one. It is awaited
+        for a limited time, after which a warning is logged.
         """
         self.mapper.finish()
         self.update()
 
-    @property
-    def is_loading(self) -> bool:
-        """Return whether a saved map is being loaded that is not in the map yet."""
-        return self._on_loaded is not None
+    # ---- reading, in the robot's map frame
+
+    def stats(self, num_relocalizations: int) -> SlamStats:
+        """Return the size of the main map, and the numbers of maps and events."""
+        keyframes, points, loops = self.atlas.keyframes, self.atlas.points, self.mapper.loops
+        sizes, main = np.bincount(keyframes.map_id[keyframes.alive]), main_map(keyframes)
+        num_maps = int(np.count_nonzero(sizes))
+        is_in_main = points.alive & (points.map_id == main) if num_maps > 1 else None
+        return SlamStats(
+            int(sizes[main]) if num_maps else len(self.atlas.pending),
+            len(points) if is_in_main is None else int(np.count_nonzero(is_in_main)),
+            num_maps,
+            loops.closed,
+            loops.merged,
+            num_relocalizations,
+        )
+
+    def take_change(self) -> bool:
+        """Return whether the map has changed since the last call; True at the first call."""
+        atlas = self.atlas
+        sizes = len(atlas.keyframes), len(atlas.points), len(atlas.pending)
+        state = atlas.version, sizes, self.mapper.loops  # each applied report has a new version
+        changed = self.has_changed or state != self._last_state
+        self.has_changed, self._last_state = False, state
+        return changed
 
     @property
-    def takes_keyframes(self) -> bool:
-        """Return whether keyframes may be inserted now.
+    def pose_version(self) -> tuple[str, int, bytes]:
+        """Return a value that differs after each change of a keyframe's pose in the map frame."""
+        return self.session, self.atlas.version, self.frames.T_map_core.tobytes()
 
-        None is inserted into a map that a saved one is about to replace.
+    def keyframes(self) -> KeyframePoses:
+        """Return the keyframe poses of all maps; only the main map is in the map frame."""
+        return self.frames.keyframes(keyframe_poses(self.atlas))
+
+    def points_m(self) -> FloatArray:
+        """Return the (N, 3) points [m] of the main map."""
+        points = self.atlas.points
+        is_main = points.map_id == main_map(self.atlas.keyframes)
+        return self.frames.points_m(points.position_m[points.alive & is_main])
+
+    def copy_poses(self) -> MapPoses:
+        """Copy the keyframe poses of the main map between two images.
+
+        `path_of` and `cameras_of` convert the copy, in any thread.
         """
-        return self.is_growing and not self._is_leaving
+        keyframes = self.atlas.keyframes
+        map_id, rows = main_map(keyframes), keyframes.indices_by_uid()
+        is_main = keyframes.map_id[rows] == map_id
+        rows = rows[is_main]
+        return MapPoses(
+            None if is_main.all() else map_id,
+            keyframes.stamp_ns[rows],
+            keyframes.is_loaded[rows],
+            keyframes.T_map_camera[rows],
+        )
 
-    def begin_load(self, loading: MapLoading, on_loaded: Callable[[IntArray], None]) -> int:
-        """Begin to load a saved map; return the uid of its first keyframe.
+    def copy_points(self, map_id: int | None, first: int, count: int) -> CopiedPoints:
+        """Copy `count` rows of the table of points, without those after the last shown point.
 
-        Tracking continues in the running map meanwhile. Unless it is kept, it gets no new
-        keyframes, and in any case no map is started. Another thread must call `loading.restore`
-        with that uid; an `update` then exchanges the maps. A mapper in this process exchanges them
-        before this call returns.
+        A large map is copied part by part between images, because copying it at once would delay
+        an image. `shown_points_m` converts the copy, in any thread.
 
         Args:
-            loading: The saved map. If it keeps the running map, the mapper must be settled.
-            on_loaded: Called by the `update` after the exchange, or the one that makes it, with
-                the (K,) uids of the saved keyframes.
+            map_id: Id of the map whose points are shown; None: those of all maps.
+            first: The first row.
+            count: Number of rows, of which those beyond the end of the table are left out.
         """
-        first_uid = self.take_uids(len(loading))
-        uids = first_uid + np.arange(len(loading))
-        self._on_loaded = lambda: on_loaded(uids)
-        self._is_leaving = not loading.keeps_running
-        self.mapper.begin_load(loading, first_uid)
-        return first_uid
+        points, rows = self.atlas.points, slice(first, first + count)
+        is_shown = points.uid[rows] != DEAD
+        if map_id is not None:
+            is_shown &= points.map_id[rows] == map_id
+        num_used = len(is_shown) - int(is_shown[::-1].argmax()) if is_shown.any() else 0
+        return CopiedPoints(
+            points.position_m[first : first + num_used].astype(np.float32),
+            is_shown[:num_used],
+            first + count >= points.capacity,
+        )
 
-    def finish_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Restore the map of `begin_load`, which returned `first_uid`; wait until it is loaded.
+    def path_of(self, poses: MapPoses) -> Trajectory:
+        """Return the poses T_map_base of the robot's base at this session's keyframes.
+
+        Only keyframes since the stamps last jumped back are included; their stamps increase.
+        """
+        is_own = ~poses.is_loaded
+        path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
+        return self.frames.bases(path)
+
+    def cameras_of(self, poses: MapPoses) -> FloatArray:
+        """Return the copied keyframe poses as T_map_camera (K, 4, 4)."""
+        return self.frames.T_map_core @ poses.T_core_camera
+
+    def shown_points_m(self, rows: CopiedPoints) -> Float32Array:
+        """Return the (N, 3) shown points [m] of copied rows."""
+        T_map_core = self.frames.T_map_core.astype(np.float32)
+        shown_m = rows.position_m.take(np.flatnonzero(rows.is_shown), axis=0)
+        return shown_m @ T_map_core[:3, :3].T + T_map_core[:3, 3]
+
+    def trajectory(self, kind: str) -> Trajectory:
+        """Return the camera poses T_map_camera of a kind: `final`, `online` or `keyframes`.
+
+        Online poses are those that were estimated when the images arrived. Final poses follow from
+        the present map; call `finish` before. See `TrajectoryRecorder` for images that they lack.
 
         Raises:
-            MapperStoppedError: As in `update`, or the mapping process takes too long.
+            ConfigError: There is no such kind.
+            InputError: The file of old poses cannot be read.
         """
-        self.mapper.finish_load(loading, first_uid)
+        return Trajectory.joined(self.trajectory_parts(kind))
+
+    def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
+        """Return the poses of `trajectory` in parts that any thread may iterate over.
+
+        Raises:
+            ConfigError: There is no such kind.
+        """
+        # An adjustment before final poses are read moves keyframes but changes no numbers.
+        self.has_changed |= kind == 'final'
+        return map(self.frames.cameras, self.recorder.parts(kind))
+
+    # ---- saving and loading
+
+    def export(self) -> MapFile:
+        """Copy the map for a file (0.04 ms per keyframe).
+
+        Raises:
+            ConfigError: There is no map.
+        """
+        atlas = self.atlas
+        if len(atlas.keyframes) == 0:
+            raise ConfigError('nothing has been mapped yet: there is nothing to save')
+        state = snapshot(atlas).moved(self.frames.T_map_core)
+        uids = keyframe_poses(atlas).uids
+        loops = renumbered(atlas.loops, {uid: uid for uid in uids.tolist()})
+        return MapFile(self._camera, *self._octaves, state, uids, loops, self.session)
+
+    def header(self, stamp_ns: int) -> MapHeader:
+        """Return the header of the map for a file; `stamp_ns` is that of the latest image."""
+        T_map_core = self.frames.T_map_core
+        return MapHeader(self._camera, *self._octaves, T_map_core, self.session, stamp_ns)
+
+    def check_extendable(self) -> None:
+        """Raise MapFileError if the camera differs too much from that of the map to extend it."""
+        check_extendable(self._made_with, self._camera)
+
+    def prepare_load(
+        self, content: MapFile, *, keep: bool = False, extend: bool = True
+    ) -> MapLoading:
+        """Return a saved map for `begin_load`. Any thread may call this.
+
+        From now on, the map frame is not leveled, because it becomes that of the saved map.
+
+        Args:
+            content: The saved map.
+            keep: True: continue in the running map until a place of the saved map is recognized.
+                False: discard the running map, and relocalize the camera in the saved map.
+            extend: Whether the map will be extended, and not only localized in.
+
+        Raises:
+            MapFileError: The map was made with a camera that differs too much to extend it, or
+                with other features.
+        """
+        state = content.seen_by(self._camera, *self._octaves, extend=extend).map
+        self.frames.is_fixed = True
+        return MapLoading(
+            state.moved(se3.inverse(self.frames.T_map_core)),
+            self.stereo,
+            self._config,
+            running=self.atlas if keep else None,
+            loops=content.loops_by_row,
+            places=self.places,
+            made_with=content.camera,
+        )
+
+    def begin_load(self, loading: MapLoading, on_loaded: Callable[[], None]) -> None:
+        """Begin to load a saved map, and continue in the running one meanwhile.
+
+        Another thread must call `loading.restore`; a later `update` then exchanges the maps. A
+        mapper in this process needs no other thread. If the running map is kept, the mapper must
+        be settled; otherwise the running map gets no new keyframes.
+
+        Args:
+            loading: The saved map.
+            on_loaded: Called by the `update` that exchanges the maps, between two images.
+        """
+        loading.first_uid = self.take_uids(len(loading))
+        self._loading, self._on_loaded = loading, on_loaded
+        self.mapper.begin_load(loading)
+
+    def load(self, content: MapFile, *, extend: bool = True) -> IntArray:
+        """Replace the map by a saved one, and return the (K,) uids of its keyframes.
+
+        Raises:
+            MapFileError: As in `prepare_load`; the running map is unchanged.
+        """
+        loading = self.prepare_load(content, extend=extend)
+        self.finish_load(loading)
+        return loading.uids
+
+    def finish_load(self, loading: MapLoading) -> None:
+        """Load a prepared map before the call returns."""
+        self.begin_load(loading, _ignore)
+        self.mapper.finish_load(loading)
         self.update()
+
+    def _use_loaded(self, loading: MapLoading) -> None:
+        keyframes = self.atlas.keyframes
+        self._next_map_id = 1 + int(keyframes.map_id[keyframes.alive].max())
+        if loading.index is not None:
+            self.places.use_index(loading.index)
+        self._loading, self.has_changed = None, True
+        self._made_with = loading.made_with or self._made_with
+        if not loading.keeps_running:
+            self.session = secrets.token_hex(8)
+            self.on_replaced()
+        self._on_loaded()
+
+
+def _ignore() -> None:
+    pass

@@ -116,4 +116,4 @@ def test_a_checkpoint_has_the_header_of_its_own_session(
     tested = new_checkpoints(tmp_path, monkeypatch, lambda: current[0])
     assert is_written.wait(LIMIT_S)
     tested.close(is_asked_for=True)
-    assert written[0] is sessions[1].slam.map.atlas
+    assert written[0] is sessions[1].map.atlas

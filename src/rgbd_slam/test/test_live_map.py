@@ -121,9 +121,11 @@ def test_retracted_observations_are_removed_from_both_copies(
     assert_same(live.points, offline.points)
 
 
-def loading_of(saved: MapState, running: Atlas | None = None) -> MapLoading:
+def loading_of(saved: MapState, first_uid: int, running: Atlas | None = None) -> MapLoading:
     camera = StereoCamera.from_model(CAMERA, CONFIG.camera)
-    return MapLoading(saved, camera, CONFIG, running=running)
+    loading = MapLoading(saved, camera, CONFIG, running=running)
+    loading.first_uid = first_uid
+    return loading
 
 
 def test_a_loaded_map_is_the_same_live_and_offline(
@@ -132,9 +134,9 @@ def test_a_loaded_map_is_the_same_live_and_offline(
     saved = snapshot(offline_run(monkeypatch, 30)[0])
     offline, client, live = RgbdSlam(CAMERA, CONFIG), *mapper
     load(offline, saved)
-    loading = loading_of(saved)
-    client.begin_load(loading, 0)
-    client.finish_load(loading, 0)
+    loading = loading_of(saved, 0)
+    client.begin_load(loading)
+    client.finish_load(loading)
     assert_same(live.keyframes, offline.map.atlas.keyframes)
     assert_same(live.points, offline.map.atlas.points)
 
@@ -152,12 +154,12 @@ def test_a_map_that_is_loaded_in_the_background_replaces_the_running_one(
             client.insert(request)
     client.wait()
     before, uids = snapshot(live).digest(), live.points.uid.copy()
-    loading = loading_of(saved)
-    client.begin_load(loading, 100)
+    loading = loading_of(saved, 100)
+    client.begin_load(loading)
     client.update()
     assert client.is_loading
     assert snapshot(live).digest() == before  # tracking continues in it
-    loading.restore(100)
+    loading.restore()
     client.wait()
     assert not client.is_loading
     assert snapshot(live).digest() == saved.digest()
@@ -188,16 +190,16 @@ def test_a_map_that_is_loaded_beside_the_running_one_delays_no_keyframe(
         mapper_client.start_map(*start)
         mapper_client.insert(first)
     client.wait()
-    loading = loading_of(saved, live)
-    client.begin_load(loading, 100)
-    wanted.map.mapper.begin_load(loading_of(saved, wanted.map.atlas), 100)
+    loading = loading_of(saved, 100, live)
+    client.begin_load(loading)
+    wanted.map.mapper.begin_load(loading_of(saved, 100, wanted.map.atlas))
     before = snapshot(live).digest()
     for request in later:  # while the map is being loaded
         client.insert(request)
         wanted.map.mapper.insert(request)
     assert set(live.pending) == {request.uid for request in later}
     assert snapshot(live).digest() == before  # tracking continues in it
-    loading.restore(100)
+    loading.restore()
     client.wait()
     assert not client.is_loading
     assert not live.pending

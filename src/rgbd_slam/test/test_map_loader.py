@@ -59,12 +59,12 @@ def test_a_loaded_map_is_used_and_its_keyframes_are_published(
     keyframes: Any = Keyframes()
     done = Event()
     loader = MapLoader(node, lambda: session, keyframes, lambda: None)
-    content = before.robot_map.export()
+    content = before.map.export()
     loader.load_first(session, content, '/maps/a.hoidmap', done.set, extend=True)
     assert done.is_set()
     assert not node.warnings
-    uids = session.robot_map.keyframes().uids.tolist()
-    saved = before.robot_map.keyframes().uids.tolist()
+    uids = session.map.keyframes().uids.tolist()
+    saved = before.map.keyframes().uids.tolist()
     assert keyframes.loaded == [('/maps/a.hoidmap', saved, uids, False)]
     found = session.process(world.features(5 * PERIOD_NS, poses[5]))
     assert found.status.state is SlamState.TRACKING

@@ -61,7 +61,7 @@ def test_a_mode_that_was_switched_is_a_success(
     modes: list[SlamMode] = []
     mapper = SimpleNamespace(is_settled=is_settled)
     slam_map = SimpleNamespace(mapper=mapper, update=lambda: None)
-    session: Any = SimpleNamespace(slam=SimpleNamespace(map=slam_map), set_mode=modes.append)
+    session: Any = SimpleNamespace(map=slam_map, set_mode=modes.append)
     node, other = FakeNode(), FakeNode()
     fake: Any = node
     unused: Any = other

@@ -6,16 +6,17 @@ from multiprocessing import Pipe
 
 import pytest
 
+from rgbd_slam import mapper
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.mapper import Mapper
+from rgbd_slam.loops.loop_closer import LoopCloser
 from rgbd_slam.processes import mapper_worker
 from rgbd_slam.processes.mapper_worker import MapperServer, Settle, run_mapper
 
 from .ring_world import CAMERA
 
 
-class FailingMapper(Mapper):
-    """A mapper whose background adjustment fails when it is polled."""
+class FailingCloser(LoopCloser):
+    """Its background adjustment fails when it is polled."""
 
     is_adjusting = True
 
@@ -27,7 +28,7 @@ class FailingMapper(Mapper):
 def test_an_adjustment_that_failed_is_reported_once_as_its_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(mapper_worker, 'Mapper', FailingMapper)
+    monkeypatch.setattr(mapper, 'LoopCloser', FailingCloser)
     server = MapperServer(CAMERA, SlamConfig())
     assert not server.serve(Settle(0.0)).is_settled
     report = server.poll()

@@ -9,12 +9,11 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
-from hoid_common.values import NS_PER_S, Features, FloatArray
+from hoid_common.values import Features, FloatArray
 from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu, MeasuredRotation
 from rgbd_slam.slam import RgbdSlam
-from rgbd_slam.tracking.loss import OffMapWatch
 
 from .world import CAMERA, PERIOD_NS, World, position_errors_m, sway
 
@@ -137,14 +136,6 @@ def test_new_ground_starts_a_map_before_a_gyro_stops_bridging(
     lost = [covering(seen(world, n, POSES[20]), depth_m, seed=n) for n in range(20, 90)]
     states = [slam.process(features).state for features in lost]
     assert [n for n, state in enumerate(states) if state is TRACKING] == starts
-
-
-def test_a_pose_without_the_map_for_a_second_is_reported() -> None:
-    watch = OffMapWatch(30)
-    step_ns = NS_PER_S // 10
-    notes = [watch.add(k * step_ns, is_on_map=k == 2) for k in range(14)]
-    assert [k for k, note in enumerate(notes) if note] == [13]
-    assert notes[13].startswith('for 1 s fewer than 30 points of the map have been seen')
 
 
 def test_a_map_starts_in_the_first_sharp_image_and_in_a_poor_view_after_a_second() -> None:

@@ -186,8 +186,8 @@ def test_an_image_with_an_invalid_pose_is_lost_and_its_pose_not_published(
         is_broken = 10 <= n < 15
         published.append(session.process(world.features(n * PERIOD_NS, poses[n])).pose is not None)
     assert published == [not 10 <= n < 15 for n in range(30)]
-    assert len(session.robot_map.trajectory('online')) == 25
-    assert session.slam.map.atlas.guard.num_refused >= 5
+    assert len(session.map.trajectory('online')) == 25
+    assert session.map.atlas.guard.num_refused >= 5
 
 
 def test_refused_poses_are_said_once_in_five_seconds(caplog: pytest.LogCaptureFixture) -> None:

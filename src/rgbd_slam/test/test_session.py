@@ -37,21 +37,21 @@ def test_a_tracked_image_has_a_pose_relative_to_a_keyframe() -> None:
         image = each.image
         assert image is not None
         assert image.stamp_ns == n * PERIOD_NS
-        assert image.keyframe_uid in session.robot_map.keyframes().uids
+        assert image.keyframe_uid in session.map.keyframes().uids
         assert image.is_in_main_map
         assert image.is_growing
-    assert session.slam.stats.num_keyframes == len(session.robot_map.copy_poses().stamps_ns)
+    assert session.slam.stats.num_keyframes == len(session.map.copy_poses().stamps_ns)
 
 
 def test_the_pose_is_known_before_the_image_changes_the_map() -> None:
     session, world = new_session(), World()
     see(session, world, 0)
     for n, T_world_camera in enumerate(POSES[1:40], start=1):
-        before = snapshot(session.slam.map.atlas).digest()
+        before = snapshot(session.map.atlas).digest()
         tracked = session.track(world.features(n * PERIOD_NS, T_world_camera))
         assert tracked.pose is not None
-        assert snapshot(session.slam.map.atlas).digest() == before
-        assert len(session.robot_map.trajectory('online').stamps_ns) == n
+        assert snapshot(session.map.atlas).digest() == before
+        assert len(session.map.trajectory('online').stamps_ns) == n
         assert session.learn(tracked).pose is tracked.pose
     assert session.slam.stats.num_keyframes > 1
 
@@ -93,23 +93,23 @@ def test_a_paused_session_ignores_images_and_resumes_where_it_was() -> None:
     assert (paused.pose, paused.image) == (None, None)
     session.is_paused = False
     assert see(session, world, 2).status.state is SlamState.TRACKING
-    assert session.robot_map.trajectory('online').stamps_ns.tolist() == [0, 2 * PERIOD_NS]
+    assert session.map.trajectory('online').stamps_ns.tolist() == [0, 2 * PERIOD_NS]
 
 
 def test_reading_the_state_of_a_session_changes_nothing() -> None:
     session, world = new_session(), World()
     for n in range(10):
         see(session, world, n)
-    atlas = session.slam.map.atlas
+    atlas = session.map.atlas
     before, version = snapshot(atlas).digest(), atlas.version
     for _ in range(2):
-        assert session.slam.map.mapper.is_settled
-        assert session.slam.map.is_growing
-        assert not session.slam.map.is_empty
-        assert session.slam.map.mapper.queue_length == 0
-        assert session.slam.map.mapper.num_restarts == 0
+        assert session.map.mapper.is_settled
+        assert session.map.is_growing
+        assert not session.map.is_empty
+        assert session.map.mapper.queue_length == 0
+        assert session.map.mapper.num_restarts == 0
         assert session.mode is SlamMode.MAPPING
-    assert (snapshot(session.slam.map.atlas).digest(), session.slam.map.atlas.version) == (
+    assert (snapshot(session.map.atlas).digest(), session.map.atlas.version) == (
         before,
         version,
     )
@@ -170,9 +170,9 @@ def test_poses_that_the_mapping_process_has_moved_are_a_change_of_the_map() -> N
     session, world = new_session(), World()
     for n in range(10):
         see(session, world, n)
-    atlas, robot_map = session.slam.map.atlas, session.robot_map
-    assert robot_map.take_change()
-    assert not robot_map.take_change()
+    atlas, slam_map = session.map.atlas, session.map
+    assert slam_map.take_change()
+    assert not slam_map.take_change()
     mapper = Atlas(1.2, 8)
     whole = atlas.whole()
     mapper.apply(whole)
@@ -182,5 +182,5 @@ def test_poses_that_the_mapping_process_has_moved_are_a_change_of_the_map() -> N
     stats = session.slam.stats
     atlas.apply(mapper.changes_since(whole.version))
     assert session.slam.stats == stats
-    assert robot_map.take_change()
-    assert not robot_map.take_change()
+    assert slam_map.take_change()
+    assert not slam_map.take_change()

@@ -6,7 +6,9 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
+from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.slam import RgbdSlam
 
 CAMERA = CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0)
@@ -87,6 +89,7 @@ def position_errors_m(estimate: Trajectory, poses: FloatArray) -> FloatArray:
 
 def load(slam: RgbdSlam, state: MapState, *, keep: bool = False) -> IntArray:
     """Load a saved map, wait until it is loaded, and return the (K,) uids of its keyframes."""
-    loading, found = slam.prepare_load(state, keep=keep), list[IntArray]()
-    slam.map.finish_load(loading, slam.begin_load(loading, found.append))
-    return found[0]
+    running = slam.map.atlas if keep else None
+    loading = MapLoading(state, slam.map.stereo, SlamConfig(), running=running)
+    slam.map.finish_load(loading)
+    return loading.uids

@@ -71,8 +71,8 @@ def _drive(world: str, seed: int) -> dict[str, Any]:
     truth = route.trajectory(seed)
     with Drive(FeatureCamera(building, seed), truth) as drive:
         drive.run()
-        drive.session.slam.map.finish()
-        found, atlas = revisits(truth), drive.session.slam.map.atlas
+        drive.session.map.finish()
+        found, atlas = revisits(truth), drive.session.map.atlas
         return {
             'world': world,
             'way m': length_m(truth.T_world_camera),

@@ -58,10 +58,10 @@ def tour(seed: int, num_floors: int = 1, way_m: float = DEFAULT_WAY_M) -> Outcom
     truth = tour_route(building, way_m / num_floors).trajectory(seed)
     with Drive(FeatureCamera(building, seed), truth, Delay(cpu_factor=1.0)) as drive:
         drive.run()
-        drive.session.slam.map.finish()
+        drive.session.map.finish()
         found = revisits(truth)
-        missed = [r for r in found if not is_connected(drive.session.slam.map.atlas, r)]
-        final = drive.session.robot_map.trajectory('final')
+        missed = [r for r in found if not is_connected(drive.session.map.atlas, r)]
+        final = drive.session.map.trajectory('final')
         floors_mm = [1e3 * _ate_of_floor_m(final, truth, n) for n in range(num_floors)]
         row: dict[str, Any] = {
             'floors': num_floors,

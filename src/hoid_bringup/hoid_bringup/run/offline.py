@@ -30,7 +30,7 @@ from hoid_scene.store import scene_file
 from rgbd_slam.inertial.report import ImuReport, report_of
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import Processed, SlamSession
-from rgbd_slam.statistics import SlamStats
+from rgbd_slam.slam_map import SlamStats
 from rgbd_slam.store import map_file
 
 _LOG = logging.getLogger(__name__)
@@ -103,9 +103,9 @@ class OfflinePipeline:
                 differs too much.
         """
         content = map_file.load(path)
-        loaded = self._session.robot_map.load(content, extend=not localize)
-        self._scene.correct(loaded.keyframes)
-        scene = scene_file.read_file(path).renamed(content.keyframes().uids, loaded.keyframe_uids)
+        uids = self._session.map.load(content, extend=not localize)
+        self._scene.correct(self._session.map.keyframes())
+        scene = scene_file.read_file(path).renamed(content.keyframes().uids, uids)
         scene_file.load(self._scene, scene)
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
@@ -118,8 +118,8 @@ class OfflinePipeline:
             HoidError: There is no map, or the file cannot be written.
             OSError: The folder cannot be created.
         """
-        content = self._session.robot_map.export()
-        keyframes = self._session.robot_map.keyframes()
+        content = self._session.map.export()
+        keyframes = self._session.map.keyframes()
         self._scene.correct(keyframes)
         path.parent.mkdir(parents=True, exist_ok=True)
         map_file.save(path, content)
@@ -139,7 +139,7 @@ class OfflinePipeline:
             self._imu.advance(frame.stamp_ns)
         done = self._session.process(filtered.features)
         track_ms = _MS_PER_S * (time.thread_time() - start_s)
-        request = self._scheduler.pick(done.image, self._session.robot_map.keyframes)
+        request = self._scheduler.pick(done.image, self._session.map.keyframes)
         if request is not None:
             self._scene.use(request, frame.depth_m, frame.image_bgr, filtered.objects)
         if self._imu is not None:
@@ -184,9 +184,9 @@ class OfflinePipeline:
             recording: Path of the recording to write into the summary; None: no path.
         """
         session, scene = self._session, self._scene
-        session.slam.map.finish()
+        session.map.finish()
         session.close()
-        scene.correct(session.robot_map.keyframes(), force=True)
+        scene.correct(session.map.keyframes(), force=True)
         cloud = scene.cloud() if scene.num_voxels else None
         grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
@@ -197,10 +197,10 @@ class OfflinePipeline:
             options=options,
             frames_total=len(sequence),
             frames_processed=self.num_processed,
-            final=session.robot_map.trajectory('final'),
-            online=session.robot_map.trajectory('online'),
-            keyframes=session.robot_map.trajectory('keyframes'),
-            map_points_m=session.robot_map.points_m(),
+            final=session.map.trajectory('final'),
+            online=session.map.trajectory('online'),
+            keyframes=session.map.trajectory('keyframes'),
+            map_points_m=session.map.points_m(),
             cloud=cloud,
             grid=grid,
             ground_truth=sequence.ground_truth,

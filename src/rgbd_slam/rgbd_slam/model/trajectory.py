@@ -58,7 +58,6 @@ class TrajectoryRecorder:
         self._frames = RecordStore(_FRAME, 'old poses of the trajectory')
         self._removed = RecordStore(_REMOVED, 'old keyframes of the trajectory')
         self._links: list[_MapLink] = []
-        self._first_bridged: int | None = None  # since the last tracked frame; None: no frame is
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -68,22 +67,8 @@ class TrajectoryRecorder:
         """Return the number of old frames kept in memory because no file can store them."""
         return self._frames.num_unwritten
 
-    @property
-    def is_bridged(self) -> bool:
-        """Return whether the pose of the last frame was predicted, because images failed."""
-        return self._first_bridged is not None
-
-    def add(self, tracked: TrackedFrame, *, is_bridged: bool = False) -> None:
-        """Add a frame; its poses are copied.
-
-        Args:
-            tracked: The frame.
-            is_bridged: Whether its pose was predicted because images failed; see `end_bridge`.
-        """
-        if not is_bridged:
-            self._first_bridged = None
-        elif self._first_bridged is None:
-            self._first_bridged = len(self)
+    def add(self, tracked: TrackedFrame) -> None:
+        """Add a frame; its poses are copied."""
         self._frames.append(
             (
                 tracked.frame.stamp_ns,
@@ -138,20 +123,23 @@ class TrajectoryRecorder:
             T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
             self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
 
-    def end_bridge(self, T_map_predicted: FloatArray, found: TrackedFrame) -> None:
+    def end_bridge(
+        self, num_bridged: int, T_map_predicted: FloatArray, found: TrackedFrame
+    ) -> None:
         """Correct the final poses of bridged frames by the first tracked pose after them.
 
         The difference between the tracked and the predicted pose is spread over the time since the
-        last tracked frame. The online poses stay as published. Nothing is corrected if no frame is
-        bridged, or if the camera was found in another map.
+        last tracked frame. The online poses stay as published. Nothing is corrected if the camera
+        was found in another map.
 
         Args:
+            num_bridged: Number of the latest frames whose poses were predicted.
             T_map_predicted: (4, 4) pose of `found` as it was predicted like those of the bridged
                 frames.
             found: The tracked frame.
         """
-        first = self._first_bridged
-        if not first:
+        first = len(self) - num_bridged
+        if not 0 < first < len(self):
             return
         frames = [self._frames[n] for n in range(first - 1, len(self))]
         T_reference_map = self._inverse_reference(frames[-1], found)

@@ -185,22 +185,14 @@ class MapperProcess:
         """Queue the removal of the observations of a keyframe's dynamic features."""
         self._append(verdicts)
 
-    def begin_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Request that a saved map is loaded; see `MapperClient.begin_load`.
-
-        Requests that follow apply to the new map.
-        """
+    def begin_load(self, loading: MapLoading) -> None:
+        """Request that a saved map is loaded. Requests that follow apply to the new map."""
         self._loading = loading
-        self._append(loading.request(first_uid))
+        self._append(loading.request())
 
-    def finish_load(self, loading: MapLoading, first_uid: int) -> None:
-        """Restore the map of `begin_load` for the tracker, and wait until the mapper has it too.
-
-        Raises:
-            MapperStoppedError: The process takes too long or cannot be kept running, or the map
-                could not be restored.
-        """
-        loading.restore(first_uid)
+    def finish_load(self, loading: MapLoading) -> None:
+        """Restore the map of `begin_load` for the tracker; wait until the mapper has it too."""
+        loading.restore()
         self.wait(_LOAD_S)
 
     @property

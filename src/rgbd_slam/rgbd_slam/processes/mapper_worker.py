@@ -110,7 +110,7 @@ class MapperServer:
             case FeatureVerdicts():
                 mapper.retract(request)
             case Settle(limit_s):
-                mapper.finish_adjustment(limit_s)
+                mapper.closer.settle(limit_s)
             case Resume(whole, loops):
                 mapper.resume(whole, loops)
                 self._version = whole.version  # the tracker has this map already
@@ -129,9 +129,9 @@ class MapperServer:
         An adjustment that has failed is reported as well, because the map is then settled. None is
         returned while there is nothing to report.
         """
-        was_adjusting = self._mapper.is_adjusting
-        is_applied = self._mapper.poll()
-        has_ended = was_adjusting and not self._mapper.is_adjusting
+        was_adjusting = self._mapper.closer.is_adjusting
+        is_applied = self._mapper.closer.poll()
+        has_ended = was_adjusting and not self._mapper.closer.is_adjusting
         return self._report(completes_request=False) if is_applied or has_ended else None
 
     def close(self) -> None:
@@ -142,7 +142,7 @@ class MapperServer:
         points = self.map.points
         self._version = self.map.skip_changes()
         loaded = Loaded(self._version, 0 if keep else int(points.uid[points.alive].min()))
-        return MapperReport(loaded, self._mapper.loops, True, not self._mapper.is_adjusting)
+        return MapperReport(loaded, self._mapper.loops, True, not self._mapper.closer.is_adjusting)
 
     def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:
         """Return the report of the changes since the last report.
@@ -154,7 +154,7 @@ class MapperServer:
         """
         change = self.map.changes_since(self._version, with_features=not has_features)
         self._version = change.version
-        is_settled = not self._mapper.is_adjusting
+        is_settled = not self._mapper.closer.is_adjusting
         return MapperReport(change, self._mapper.loops, completes_request, is_settled)
 
 

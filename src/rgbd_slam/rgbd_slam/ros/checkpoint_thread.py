@@ -196,13 +196,13 @@ class CheckpointThread:
         session = self._find_session()
         if session is None or self.is_paused:
             return None
-        atlas = session.slam.map.atlas
+        atlas = session.map.atlas
         if len(atlas.keyframes) == 0:
             return None
         if self._writer is None or self._writer.atlas is not atlas:
             return _Task(self._running.writer(atlas), None, keeps_stored=not self.continues_stored)
         is_same = atlas.version == self._written and self._running.path.exists()
-        header = session.robot_map.header(session.stamp_ns)
+        header = session.map.header(session.stamp_ns)
         return _Task(self._writer, header if is_same else None, keeps_stored=False)
 
     def _open(self, task: _Task) -> bool:
@@ -227,11 +227,11 @@ class CheckpointThread:
         session = self._find_session()
         if session is None or writer is not self._writer or not writer.is_open:
             return None
-        if session.slam.map.atlas is not writer.atlas:
+        if session.map.atlas is not writer.atlas:
             return None
         start_s = time.perf_counter()
         part, version = writer.copy(), writer.atlas.version
-        header = session.robot_map.header(session.stamp_ns)
+        header = session.map.header(session.stamp_ns)
         return _Copied(part, header, version, time.perf_counter() - start_s)
 
     def _append(self, writer: MapWriter, copied: _Copied) -> bool:

@@ -106,7 +106,7 @@ class Checkpoints:
             self._logger.warning(f'the checkpoint is not used: {error}')
             return False  # it is kept, because a corrected camera info that fits it may follow
         self._forget_stored()
-        session.slam.map.is_growing = False
+        session.map.is_growing = False
         self._search_end_ns = stamp_ns + _RELOCALIZE_NS
         assert self._thread is not None
         self._thread.is_paused = self._thread.continues_stored = True
@@ -129,7 +129,7 @@ class Checkpoints:
         """
         if self._search_end_ns is None:
             return done
-        if session.slam.map.is_loading:
+        if session.map.is_loading:
             self._search_end_ns = max(self._search_end_ns, session.stamp_ns + _RELOCALIZE_NS)
         is_found = done.status.state is SlamState.TRACKING
         message = _SEARCHING
@@ -156,7 +156,7 @@ class Checkpoints:
         session = self._find_session()
         if session is None or session.mode is not SlamMode.MAPPING:
             return
-        if number := len(session.slam.map.atlas.keyframes):
+        if number := len(session.map.atlas.keyframes):
             self._logger.warning(
                 f'map of {number} keyframes is not kept, because the node stores none '
                 '(checkpoint_period_s is 0, or it began in localization): call save_map before'

@@ -96,7 +96,7 @@ class KeyframeOutputs:
         if image is None or session is None or not self._images.is_wanted:
             return
         is_known = self._last.keyframes.row_of(image.keyframe_uid) is not None
-        if is_known and self._last.session == session.robot_map.session:
+        if is_known and self._last.session == session.map.session:
             self._publish_change()
         else:
             self._publish()
@@ -111,14 +111,14 @@ class KeyframeOutputs:
         session = self._find_session()
         if session is None:
             return SessionKeyframes('', None, False, NO_KEYFRAMES)
-        robot_map = session.robot_map
+        slam_map = session.map
         return SessionKeyframes(
-            robot_map.session,
+            slam_map.session,
             session.camera,
             bool(self._frames.base),
-            robot_map.keyframes(),
+            slam_map.keyframes(),
             self._loaded,
-            robot_map.frames.T_camera_base if self._frames.base else None,
+            slam_map.frames.T_camera_base if self._frames.base else None,
         )
 
     def _message(self, known: SessionKeyframes) -> KeyframePosesMsg:
@@ -131,7 +131,7 @@ class KeyframeOutputs:
         session = self._find_session()
         if session is None or time.monotonic() < self._next_s:
             return
-        if self._published != session.robot_map.pose_version:
+        if self._published != session.map.pose_version:
             self._publish()
 
     def _publish(self) -> None:
@@ -140,6 +140,6 @@ class KeyframeOutputs:
         start_s, session = time.monotonic(), self._find_session()
         self._last = self._present()
         self._poses.publish(self._message(self._last))
-        self._published = None if session is None else session.robot_map.pose_version
+        self._published = None if session is None else session.map.pose_version
         end_s = time.monotonic()
         self._next_s = end_s + max(_PERIOD_S, (end_s - start_s) / _MAX_SHARE)

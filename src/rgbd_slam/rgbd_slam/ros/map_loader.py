@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from threading import Thread
+from threading import Event, Thread
 from typing import TypeVar
 
 from rclpy.node import Node
 
 from hoid_common.errors import HoidError, InputError
 from hoid_common.values import IntArray
-from rgbd_slam.robot_map import LoadedMap, PreparedMap
+from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
@@ -75,17 +75,15 @@ class MapLoader:
                 session has ended.
             MapperStoppedError: The mapping process takes too long, or cannot be kept running.
         """
-        prepared = session.robot_map.prepare_load(content, keep=keep, extend=extend)
-        results: list[LoadedMap] = []
-        first_uid = self._poll(
+        loading, loaded = session.map.prepare_load(content, keep=keep, extend=extend), Event()
+        saved_uids = content.keyframes().uids
+        self._poll(
             session,
-            lambda: self._begin(
-                session, prepared, source, content.keyframes().uids, results.append
-            ),
+            lambda: self._begin(session, loading, source, saved_uids, loaded.set) or None,
             _QUEUE_S,
             'keyframes or an adjustment of the map still occupy the mapper; try again',
         )
-        self._complete(session, prepared, first_uid, results)
+        self._complete(session, loading, loaded)
 
     def load_first(
         self,
@@ -114,85 +112,78 @@ class MapLoader:
             MapFileError: The map does not fit the camera.
             MapperStoppedError: The mapping process cannot be kept running.
         """
-        prepared = session.robot_map.prepare_load(content, extend=extend)
-        results: list[LoadedMap] = []
+        loading, is_loaded = session.map.prepare_load(content, extend=extend), Event()
 
-        def loaded(result: LoadedMap) -> None:
-            results.append(result)
+        def loaded() -> None:
+            is_loaded.set()
             on_loaded()
 
-        first_uid = self._begin(session, prepared, source, content.keyframes().uids, loaded)
-        assert first_uid is not None  # nothing was requested from the new mapper before
+        # Nothing was requested from the new mapper before, so that this begins at once.
+        self._begin(session, loading, source, content.keyframes().uids, loaded)
 
         def complete() -> None:
             try:
-                self._complete(session, prepared, first_uid, results)
+                self._complete(session, loading, is_loaded)
             except HoidError as error:
                 self._logger.warning(f'the map is not loaded completely: {error}')
 
         Thread(target=complete, name='first map', daemon=True).start()
         end_s = time.monotonic() + _PATIENCE_S
-        while not results and time.monotonic() < end_s:
+        while not is_loaded.is_set() and time.monotonic() < end_s:
             time.sleep(_SHORT_POLL_S)
-            session.slam.map.update()
+            session.map.update()
 
     def _begin(
         self,
         session: SlamSession,
-        prepared: PreparedMap,
+        loading: MapLoading,
         source: str,
         saved_uids: IntArray,
-        on_loaded: Callable[[LoadedMap], None],
-    ) -> int | None:
-        """Begin to load a map, and return the uid of its first keyframe.
+        on_loaded: Callable[[], None],
+    ) -> bool:
+        """Begin to load a map, and return True.
 
-        None is returned, and no loading begins, while the mapper has requests, and if the running
+        False is returned, and no loading begins, while the mapper has requests, and if the running
         map is kept, also while it is adjusted.
 
         Raises:
             InputError: Another map is being loaded.
         """
-        keep, running = prepared.loading.keeps_running, session.slam.map
+        keep, running = loading.keeps_running, session.map
         if running.is_loading:
             raise InputError('another map is being loaded; try again')
         running.update()
         if running.mapper.queue_length > 0 or (keep and not running.mapper.is_settled):
-            return None
+            return False
         if not keep and len(running.atlas.keyframes) > 0:
             self._keep_running()
 
-        def loaded(result: LoadedMap) -> None:
-            self._keyframes.note_loaded(source, saved_uids, result.keyframe_uids, keep=keep)
-            on_loaded(result)
+        def loaded() -> None:
+            self._keyframes.note_loaded(source, saved_uids, loading.uids, keep=keep)
+            on_loaded()
 
-        return session.robot_map.begin_load(prepared, loaded)
+        running.begin_load(loading, loaded)
+        return True
 
-    def _complete(
-        self,
-        session: SlamSession,
-        prepared: PreparedMap,
-        first_uid: int,
-        results: list[LoadedMap],
-    ) -> LoadedMap:
+    def _complete(self, session: SlamSession, loading: MapLoading, loaded: Event) -> None:
         """Restore a map for the tracker, and wait until the tracker uses it.
 
         Args:
             session: The session.
-            prepared: The map, whose loading was begun.
-            first_uid: Uid of its first keyframe.
-            results: Receives the loaded map when the tracker uses it.
+            loading: The map, whose loading was begun.
+            loaded: Is set when the tracker uses it.
 
         Raises:
             InputError: It takes too long, or the session has ended.
         """
-        prepared.loading.restore(first_uid)
+        loading.restore()
 
-        def loaded() -> LoadedMap | None:
-            session.slam.map.update()
-            return results[0] if results else None
+        def is_loaded() -> bool | None:
+            session.map.update()
+            return loaded.is_set() or None
 
         late = 'the mapper has not loaded the map in ten minutes; free the computer'
-        return self._poll(session, loaded, _LOAD_S, late)
+        self._poll(session, is_loaded, _LOAD_S, late)
 
     def _poll(
         self, session: SlamSession, function: Callable[[], T | None], limit_s: float, late: str

@@ -31,9 +31,9 @@ from hoid_common.ros.large_messages.serialized import (
 )
 from hoid_common.values import ByteArray, Float32Array
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.robot_map import MapPoses, RobotMap
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
+from rgbd_slam.slam_map import MapPoses, SlamMap
 
 # Chosen: largest share of one core for making and publishing map_points, path and keyframes, so
 # that they are sent less often for large maps. Those for 10,000 keyframes with 1.7 million points
@@ -46,7 +46,7 @@ _ROWS = 2**19
 class _Snapshot(NamedTuple):
     """The poses of the map at one time, copied in the node's thread."""
 
-    robot_map: RobotMap
+    map: SlamMap
     header: Header
     poses: MapPoses
 
@@ -115,7 +115,7 @@ class MapOutputs:
         session = self._session()
         if session is None or self._is_busy:
             return
-        if session.robot_map.take_change() or self._is_retried:
+        if session.map.take_change() or self._is_retried:
             self._outdated.update(self._makers)
             self._is_retried = False
         wanted = [publisher for publisher in self._outdated if publisher.is_wanted]
@@ -126,7 +126,7 @@ class MapOutputs:
 
     def _snapshot(self, session: SlamSession) -> _Snapshot:
         header = conversions.header_to_msg(session.stamp_ns, self._frame)
-        return _Snapshot(session.robot_map, header, session.robot_map.copy_poses())
+        return _Snapshot(session.map, header, session.map.copy_poses())
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
@@ -146,21 +146,21 @@ class MapOutputs:
 
     def _points(self, snapshot: _Snapshot) -> ByteArray:
         """Return the serialized cloud of the main map's points, which are copied part by part."""
-        robot_map, map_id = snapshot.robot_map, snapshot.poses.map_id
+        slam_map, map_id = snapshot.map, snapshot.poses.map_id
         points_m: list[Float32Array] = []
         for first in count(0, _ROWS):
-            copy = partial(robot_map.copy_points, map_id, first, _ROWS)
+            copy = partial(slam_map.copy_points, map_id, first, _ROWS)
             rows = self._node_thread.call(copy)
-            points_m.append(robot_map.shown_points_m(rows))
+            points_m.append(slam_map.shown_points_m(rows))
             if rows.is_last:
                 break
         return cloud_to_cdr(conversions.Cloud(np.concatenate(points_m)), snapshot.header)
 
 
 def _path(snapshot: _Snapshot) -> ByteArray:
-    path = snapshot.robot_map.path_of(snapshot.poses)
+    path = snapshot.map.path_of(snapshot.poses)
     return path_to_cdr(path.stamps_ns, path.T_world_camera, snapshot.header)
 
 
 def _keyframes(snapshot: _Snapshot) -> ByteArray:
-    return keyframes_to_cdr(snapshot.robot_map.cameras_of(snapshot.poses), snapshot.header)
+    return keyframes_to_cdr(snapshot.map.cameras_of(snapshot.poses), snapshot.header)

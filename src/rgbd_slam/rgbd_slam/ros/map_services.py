@@ -122,7 +122,7 @@ class MapServices:
     def _save(self, request: SaveMap.Request) -> str:
         path = self._new_path(request.name, MAP)
         session = self._node_thread.call(self._session)
-        if len(session.slam.map.atlas.keyframes) == 0:
+        if len(session.map.atlas.keyframes) == 0:
             raise InputError('nothing has been mapped yet: there is nothing to save')
         with replaced(path) as aside:
             if not self._copy_stored(aside):
@@ -142,12 +142,12 @@ class MapServices:
             InputError: The map was discarded meanwhile.
             MapFileError: It cannot be written.
         """
-        writer = MapWriter(session.slam.map.atlas, lambda: Database.create(path, TABLES))
+        writer = MapWriter(session.map.atlas, lambda: Database.create(path, TABLES))
 
         def copy() -> tuple[MapPart, MapHeader]:
             if self._session() is not session:
                 raise InputError('the map was discarded meanwhile: there is nothing to save')
-            return writer.copy(), session.robot_map.header(session.stamp_ns)
+            return writer.copy(), session.map.header(session.stamp_ns)
 
         writer.begin()
         is_complete = False
@@ -163,7 +163,7 @@ class MapServices:
         path, note = self._new_path(request.name, TRAJECTORY), ''
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
-        parts = self._node_thread.call(lambda: self._session().robot_map.trajectory_parts(kind))
+        parts = self._node_thread.call(lambda: self._session().map.trajectory_parts(kind))
         written = write_whole(path, lambda aside: write_tum_parts(aside, parts))
         return f'{written} written to {path}{note}'
 
@@ -179,7 +179,7 @@ class MapServices:
         return self._is_settled_by(end_s)
 
     def _request_settle(self) -> None:
-        self._session().slam.map.mapper.settle()
+        self._session().map.mapper.settle()
 
     def _is_settled_by(self, end_s: float) -> bool:
         """Wait until the mapper has completed all its work; return whether it has by `end_s`.
@@ -189,7 +189,7 @@ class MapServices:
         """
 
         def settled() -> bool | None:
-            slam_map = self._session().slam.map
+            slam_map = self._session().map
             slam_map.update()
             return slam_map.mapper.is_settled or None
 

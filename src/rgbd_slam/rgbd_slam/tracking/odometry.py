@@ -80,8 +80,7 @@ class Odometry:
         self._gyro = gyro
         self._sources: list[MotionSource] = [] if gyro is None else [gyro]
         self._sources += [ConstantVelocity(), *further_sources]
-        self._T_odom_last = np.eye(4)
-        self._is_bridged = False  # True: a motion source has replaced the tracker since `last`
+        self._T_odom_last = self.T_odom_camera
         self._pose_noise = PoseNoise()
 
     def follow(self, stamp_ns: int) -> None:
@@ -160,9 +159,10 @@ class Odometry:
         T_last_camera = se3.inverse(self.last.current_pose(self._atlas)) @ tracked.T_map_camera
         elapsed_ns = tracked.frame.stamp_ns - self.last.frame.stamp_ns
         self._observe(T_last_camera, elapsed_ns)
-        if self._is_bridged or elapsed_ns <= 0:
+        is_bridged = self._is_bridged
+        if is_bridged or elapsed_ns <= 0:
             self._pose_noise.restart()
-        if self._is_bridged:
+        if is_bridged:
             self.bridge()  # poses that were published while bridging are not corrected
         else:
             self._move(T_last_camera)
@@ -180,7 +180,6 @@ class Odometry:
         motion = self._bridged_motion()
         if self.last is None or motion is None:
             return None
-        self._is_bridged = True
         self._move(motion.T_last_camera)
         A = se3.adjoint(se3.inverse(motion.T_last_camera))
         return Bridge(
@@ -216,7 +215,7 @@ class Odometry:
         The motion sources measure from the new last frame on, if there is one.
         """
         self.last = tracked
-        self._T_odom_last, self._is_bridged = self.T_odom_camera, False
+        self._T_odom_last = self.T_odom_camera
         if tracked is not None:
             for source in self._sources:
                 source.start(tracked.frame.stamp_ns)
@@ -314,6 +313,11 @@ class Odometry:
         if not tracking.is_on_map:
             A = se3.adjoint(se3.inverse(T_last_camera))
             self.covariance = self.covariance + A @ before @ A.T
+
+    @property
+    def _is_bridged(self) -> bool:
+        """Return whether a motion source has replaced the tracker since the last tracked frame."""
+        return self.T_odom_camera is not self._T_odom_last
 
     def _move(self, T_last_camera: FloatArray) -> None:
         self.T_odom_camera = se3.orthonormalized(self._T_odom_last @ T_last_camera)

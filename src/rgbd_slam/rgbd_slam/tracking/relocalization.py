@@ -6,12 +6,10 @@ import logging
 
 import numpy as np
 
-from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.place_finder import FoundPlace, PlaceFinder
-from rgbd_slam.places.place_index import PlaceIndex
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 
@@ -27,41 +25,19 @@ _NOT_THERE = 'not found at the pose given; looking everywhere'
 class Relocalizer:
     """Relocalizes single frames in the map.
 
-    The place index is updated only when a frame is relocalized, so that it takes no time while the
-    camera is tracked.
-
     Args:
         atlas: The map.
-        camera: The camera with its configured noise.
+        finder: Finds places in the map. Its index is updated only when a frame is relocalized, so
+            that it takes no time while the camera is tracked.
         tracker: Refines the pose of a recognized frame.
-        config: Parameters.
     """
 
-    def __init__(
-        self, atlas: Atlas, camera: StereoCamera, tracker: Tracker, config: SlamConfig
-    ) -> None:
+    def __init__(self, atlas: Atlas, finder: PlaceFinder, tracker: Tracker) -> None:
         self.num_found = 0  # relocalized frames
-        self._atlas = atlas
-        self._tracker = tracker
-        self._finder = PlaceFinder(atlas, camera, config.places, config.seed)
-        self._next_index: PlaceIndex | None = None  # of a map that is being loaded
+        self._atlas, self._finder, self._tracker = atlas, finder, tracker
         self._hint: PoseHint | None = None
         self._num_hinted = 0  # frames searched near the hint
         self._note = self._logged = ''
-
-    def prepare_index(self, atlas: Atlas) -> None:
-        """Make the place index of a map that will replace the present one, in any thread.
-
-        Without this call, the first relocalization makes the index, which takes 2 s for 10,000
-        keyframes.
-        """
-        self._next_index = self._finder.index_of(atlas)
-
-    def use_prepared_index(self) -> None:
-        """Use the prepared index, if there is one, because its map has replaced the old map."""
-        if self._next_index is not None:
-            self._finder.use_index(self._next_index)
-            self._next_index = None
 
     def relocalize_near(self, hint: PoseHint) -> None:
         """Store an approximate camera pose, near which `relocalize` searches first from now on.

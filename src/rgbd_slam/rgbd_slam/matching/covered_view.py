@@ -1,0 +1,58 @@
+"""Tests whether something in front of a lost camera, such as a person, hides the map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hoid_common.values import FloatArray, IntArray
+from rgbd_slam.matching.local_map import find_local_map, visible_points
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.tracked_frame import TrackedFrame
+
+_CELL_PX = 80.0  # chosen: side of the cells of the image in which depths are compared
+# Chosen: a surface hides a map point if the point is farther away than the surface by more than a
+# quarter. The motion of a camera between two images changes depths by less.
+_HIDDEN_RATIO = 1.25
+_COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden in a covered view
+
+
+def is_view_covered(
+    atlas: Atlas, camera: StereoCamera, frame: Frame, last: TrackedFrame, max_keyframes: int
+) -> bool:
+    """Return whether a surface in the frame hides most map points in view of the last pose.
+
+    Args:
+        atlas: The map.
+        camera: The camera.
+        frame: A frame in which the camera was not found.
+        last: The last tracked frame.
+        max_keyframes: Largest number of keyframes whose points are compared.
+    """
+    T_camera_map, seen = last.current_pose(atlas), last.current_points(atlas)
+    local_map = find_local_map(atlas, seen[seen != NO_POINT], last.reference_uid, max_keyframes)
+    view = visible_points(atlas, camera, T_camera_map, local_map.points, radius=1.0)
+    k = np.flatnonzero(frame.has_depth)
+    if not len(k) or not len(view.points):
+        return False
+    pixels = np.hstack([frame.measurement_px[k, :2].T, view.queries.projection_px[:2]])
+    cells = _cells(camera, pixels)
+    of_feature, of_point = cells[: len(k)], cells[len(k) :]
+    count = np.bincount(of_feature, minlength=cells.max() + 1)
+    sum_per_m = np.bincount(of_feature, 1.0 / frame.depth_m[k], cells.max() + 1)
+    has_surface = count[of_point] > 0
+    of_point, points = of_point[has_surface], view.points[has_surface]
+    point_m = atlas.points.position_m[points] @ T_camera_map[2, :3] + T_camera_map[2, 3]
+    is_hidden = point_m * sum_per_m[of_point] / count[of_point] > _HIDDEN_RATIO
+    return bool(is_hidden.sum() > _COVERED_SHARE * len(view.points))
+
+
+def _cells(camera: StereoCamera, pixels: FloatArray) -> IntArray:
+    """Return the (N,) indices of the cells of the undistorted image for (2, N) pixels.
+
+    A pixel beyond the left or upper border is assigned to the first column or row.
+    """
+    left, top, right, _ = camera.bounds_px
+    column, row = np.maximum((pixels - np.array([[left], [top]])) // _CELL_PX, 0.0)
+    return np.asarray(row * np.ceil((right - left) / _CELL_PX + 1) + column, np.int64)
