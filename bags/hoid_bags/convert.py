@@ -22,7 +22,8 @@ from hoid_bags.bag.encoding import (
 )
 from hoid_bags.progress import progress
 from hoid_bags.storage.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
-from hoid_bags.tum.tum_folder import ListedImage, TumFolder, open_tum_folder
+from hoid_bags.tum.listing import ListedImage
+from hoid_bags.tum.tum_folder import TumFolder, open_tum_folder
 from hoid_common import topics
 from hoid_common.config import Config, param
 from hoid_common.io.tum_text import NumberTable
@@ -142,7 +143,8 @@ def _num_messages(source: TumFolder) -> int:
 
 def _imu_tables(source: TumFolder) -> list[tuple[str, NumberTable]]:
     """Return the samples of the sensors that the recording has, each with its topic."""
-    tables = ((topics.ACCELEROMETER, source.accelerometer), (topics.IMU, source.gyro))
+    gyro, accelerometer = source.imu
+    tables = ((topics.ACCELEROMETER, accelerometer), (topics.IMU, gyro))
     return [(topic, table) for topic, table in tables if table is not None]
 
 

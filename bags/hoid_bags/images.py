@@ -13,9 +13,10 @@ from hoid_common.errors import InputError, MessageError
 from hoid_common.io.compression.compressed_images import COLOR_READ_FLAGS, decode_image
 from hoid_common.io.image_size import is_jpeg, is_png
 from hoid_common.io.untrusted import read_bytes
-from hoid_common.values import ByteArray, CameraModel, Float32Array
+from hoid_common.values import ByteArray, CameraModel
 
-DepthUnits = NDArray[np.uint16]
+ImageData = bytes | NDArray[Any]
+"""An image as a file stores it, or its pixels."""
 
 _MAX_FILE_BYTES = 256_000_000  # chosen: over twice the largest image, which has 100 MB as BGR
 
@@ -47,23 +48,29 @@ def check_complete(data: bytes, name: object) -> None:
         raise InputError(f'{name}: truncated image ({len(data)} bytes); fetch the file again')
 
 
-def decode_color(data: bytes, name: object) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG file.
+def decode_color(data: ImageData, name: object) -> ByteArray:
+    """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG file; pixels are returned as they are.
 
     Raises:
         InputError: The data is truncated, no PNG or JPEG, too large, or cannot be decoded. The
             text begins with `name`.
     """
+    if isinstance(data, np.ndarray):
+        return data
     return cast('ByteArray', _decode(data, COLOR_READ_FLAGS, name))
 
 
-def decode_depth(data: bytes, name: object) -> DepthUnits:
+def decode_depth(data: ImageData, name: object) -> NDArray[Any]:
     """Return the (H, W) uint16 depth, in the units of the file, of a 16-bit gray PNG.
+
+    Pixels, which may be floats, are returned as they are.
 
     Raises:
         InputError: The data is truncated, no image, too large, or an image of another kind. The
             text begins with `name`.
     """
+    if isinstance(data, np.ndarray):
+        return data
     image = _decode(data, cv2.IMREAD_UNCHANGED, name)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
@@ -71,12 +78,10 @@ def decode_depth(data: bytes, name: object) -> DepthUnits:
             f'{name}: depth must be 16-bit gray,'
             f' got {image.dtype.itemsize * 8}-bit with {channels} channel(s)'
         )
-    return cast('DepthUnits', image)
+    return image
 
 
-def check_size(
-    image: ByteArray | DepthUnits | Float32Array, camera: CameraModel, name: object
-) -> None:
+def check_size(image: NDArray[Any], camera: CameraModel, name: object) -> None:
     """Raise InputError unless an image has the size of the camera; the text begins with `name`."""
     height, width = image.shape[:2]
     if (width, height) != (camera.width_px, camera.height_px):

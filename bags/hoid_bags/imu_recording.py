@@ -73,12 +73,17 @@ def read_own_imu(recording: Path) -> ImuRecording:
     """
     if not is_bag(recording):
         layout = find_layout(recording) or TUM
+        if layout.read_imu is not None:
+            found = ImuRecording(*layout.read_imu(recording))
+            if found == (None, None):
+                raise InputError(f'{recording}: has no samples of an IMU')
+            return found
         names = [str(recording / name) for name in (layout.gyro, layout.accelerometer)]
         names = [name for name in names if Path(name).is_file()]
     else:
         with BagReader(recording) as reader:
-            found = {item.name for item in reader.topics if item.type_name == types.IMU}
-        names = [name for name in (topics.IMU, topics.ACCELEROMETER) if f'/{name}' in found]
+            own = {item.name for item in reader.topics if item.type_name == types.IMU}
+        names = [name for name in (topics.IMU, topics.ACCELEROMETER) if f'/{name}' in own]
     if not names:
         raise InputError(f'{recording}: has no samples of an IMU')
     return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))

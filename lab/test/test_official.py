@@ -52,13 +52,19 @@ def test_sequences_are_found_in_folders_in_folders(tmp_path: Path) -> None:
     assert packed_official(tmp_path) == ['rgbd_dataset_freiburg3_walking_rpy.tgz']
 
 
-def test_folders_of_eth3d_are_known_by_their_files(tmp_path: Path) -> None:
-    folder = tmp_path / 'training/cables_1'
-    folder.mkdir(parents=True)
-    for name in ('rgb.txt', 'calibration.txt'):
-        (folder / name).touch()
-    assert find_official(tmp_path) == {'eth3d_cables_1': folder}
+def test_folders_of_eth3d_and_openloris_are_known_by_their_files(tmp_path: Path) -> None:
+    cables, cafe = tmp_path / 'training/cables_1', tmp_path / 'cafe/cafe1-1'
+    for folder, names in (
+        (cables, ('rgb.txt', 'calibration.txt')),
+        (cafe, ('color.txt', 'aligned_depth.txt')),
+    ):
+        folder.mkdir(parents=True)
+        for name in names:
+            (folder / name).touch()
+    assert find_official(tmp_path) == {'eth3d_cables_1': cables, 'openloris_cafe1_1': cafe}
     assert official_name('eth3d_cables_1') == 'cables_1'
+    assert official_name('openloris_cafe1_1') == 'cafe1_1'
+    assert official_name('holiday') == ''
 
 
 def test_an_archive_that_is_not_unpacked_is_named(tmp_path: Path) -> None:

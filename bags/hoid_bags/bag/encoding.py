@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.images import (
-    DepthUnits,
-    check_size,
-    decode_color,
-    decode_depth,
-    read_image_bytes,
-)
+from hoid_bags.images import check_size, decode_color, decode_depth
 from hoid_bags.storage.bag_types import COMPRESSED_IMAGE, IMAGE, Message
-from hoid_bags.tum.tum_folder import REGISTER_FILES, ListedImage
+from hoid_bags.tum.listing import ListedImage
+from hoid_bags.tum.tum_folder import REGISTER_FILES
 from hoid_common import topics
 from hoid_common.errors import InputError, MessageError
 from hoid_common.inputs.registration import check_multiple
@@ -61,11 +57,12 @@ class ColorEncoder:
                 the camera.
             MessageError: The image cannot be encoded as JPEG.
         """
-        data = read_image_bytes(listed.path)
-        image_bgr = decode_color(data, listed.path)
+        stored = listed.load()
+        image_bgr = decode_color(stored, listed.path)
         check_size(image_bgr, self.camera, listed.path)
         if self.encoding == RAW:
             return bag_messages.image(listed.stamp_ns, image_bgr, 'bgr8')
+        data = stored if isinstance(stored, bytes) else b''
         if self.encoding == JPEG and not is_jpeg(data):
             data = images.encode_jpeg(image_bgr, self.jpeg_quality)
         if self.encoding == PNG and not is_png(data):
@@ -100,8 +97,8 @@ class DepthEncoder:
                 another size than the camera.
             MessageError: The image cannot be encoded as PNG.
         """
-        data = read_image_bytes(listed.path)
-        units = decode_depth(data, listed.path)
+        stored = listed.load()
+        units = decode_depth(stored, listed.path)
         size_px = units.shape[1], units.shape[0]
         try:
             check_multiple(size_px, self.camera.size_px, REGISTER_FILES)
@@ -113,8 +110,8 @@ class DepthEncoder:
         if self.encoding == RAW:
             depth_mm = mm_from_units(units, self.units_per_m)
             return bag_messages.image(listed.stamp_ns, depth_mm, '16UC1')
-        if self.units_per_m == images.MM_PER_M:
-            packed = images.compressed_depth_of_png(data)
+        if self.units_per_m == images.MM_PER_M and isinstance(stored, bytes):
+            packed = images.compressed_depth_of_png(stored)
         else:
             packed = images.encode_compressed_depth(mm_from_units(units, self.units_per_m))
         return bag_messages.compressed_image(
@@ -122,7 +119,7 @@ class DepthEncoder:
         )
 
 
-def mm_from_units(units: DepthUnits, units_per_m: float) -> NDArray[np.uint16]:
+def mm_from_units(units: NDArray[Any], units_per_m: float) -> NDArray[np.uint16]:
     """Return (H, W) uint16 depth in mm, rounded; values beyond 65.535 m become 0, no reading."""
     depth_mm = np.rint(units * (images.MM_PER_M / units_per_m))
     return np.where(depth_mm <= _MAX_MM, depth_mm, 0).astype(np.uint16)
@@ -139,7 +136,7 @@ def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Pat
     if units_per_m == images.MM_PER_M:
         return None
     for image in listed:
-        values = np.unique(decode_depth(read_image_bytes(image.path), image.path))
+        values = np.unique(decode_depth(image.load(), image.path))
         depth_mm = values * (images.MM_PER_M / units_per_m)
         exact = np.rint(depth_mm) * (units_per_m / images.MM_PER_M) == values
         if not exact.all() or depth_mm.max(initial=0) > _MAX_MM:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from hoid_bags.storage.bag_types import (
     deserialize,
 )
 from hoid_common.errors import InputError
+from hoid_common.io.untrusted import open_regular
 from hoid_common.messages import stamp_from_msg
 from hoid_common.values import ByteArray
 
@@ -75,12 +78,7 @@ class VideoDecoder:
     """
 
     def __init__(self, topic: str, codec: str) -> None:
-        if find_spec('av') is None:
-            raise InputError(
-                f'{topic}: is {codec} video, which needs the extra "video": {_INSTALL}'
-            )
-        import av  # noqa: PLC0415 - optional
-
+        av = _import_av(f'{topic}: is {codec} video')
         self._packet, self._errors = av.Packet, av.FFmpegError
         try:
             self._codec: Any = av.CodecContext.create(codec, 'r')
@@ -118,3 +116,52 @@ class VideoDecoder:
                 yield DecodedImage(packet.stamp_ns, log_ns, packet.frame_id, image_bgr)
         for pts in [pts for pts in self._fed if pts < self._next_pts - _MAX_DELAY]:
             del self._fed[pts]  # it gave no image
+
+
+class VideoFile:
+    """The images of a video file, to be read in their order.
+
+    Raises:
+        InputError: PyAV is not installed, or the file is no video.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._av = _import_av(f'{path}: is video')
+        self.path = path
+        self._next = 0
+        self._open()
+        context = self._container.streams.video[0].codec_context
+        self.size_px: tuple[int, int] = context.width, context.height
+
+    def image(self, number: int) -> ByteArray:
+        """Return the (H, W, 3) uint8 BGR image of a number from 0 on; an earlier one is slow.
+
+        Raises:
+            InputError: The video is damaged, or has no such image.
+        """
+        if number < self._next:
+            self._open()
+        try:
+            for i, frame in enumerate(self._frames, self._next):
+                self._next = i + 1
+                if i == number:
+                    return np.ascontiguousarray(frame.to_ndarray(format='bgr24'))
+        except self._av.FFmpegError as error:
+            raise InputError(f'{self.path}: damaged at image {self._next}') from error
+        raise InputError(f'{self.path}: has {self._next} images, not {number + 1}')
+
+    def _open(self) -> None:
+        open_regular(self.path).close()
+        try:
+            self._container: Any = self._av.open(str(self.path))
+            self._frames: Iterator[Any] = self._container.decode(video=0)
+        except (self._av.FFmpegError, IndexError) as error:
+            raise InputError(f'{self.path}: no video') from error
+        self._next = 0
+
+
+def _import_av(what: str) -> Any:
+    """Return the module of PyAV; InputError with the way to install it."""
+    if find_spec('av') is None:
+        raise InputError(f'{what}, which needs the extra "video": {_INSTALL}')
+    return import_module('av')

@@ -1,4 +1,1 @@
-"""Folders in the TUM RGB-D layout and their cameras.
-
-This package does not depend on bags.
-"""
+"""Recordings in folders and files of images, and their cameras; `layouts` lists them."""

@@ -3,41 +3,26 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from hoid_bags.images import (
-    check_size,
-    decode_color,
-    decode_depth,
-    read_image_bytes,
-)
+from hoid_bags.images import check_size, decode_color, decode_depth
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
-from hoid_bags.tum.layouts import TUM, Layout, find_layout, numbered_stamp_ns
+from hoid_bags.tum.layouts import TUM, Layout, find_layout
+from hoid_bags.tum.listing import Images, ListedImage
 from hoid_common.errors import ConfigError, InputError, MessageError
 from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
 from hoid_common.io.images import depth_m_from_units
-from hoid_common.io.tum_text import NumberTable, read_numbers, sorted_rows
-from hoid_common.io.untrusted import check_path_name
+from hoid_common.io.tum_text import NumberTable, read_numbers
 from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory
 
 _LOG = logging.getLogger(__name__)
-_SUFFIXES = ('.jpg', '.jpeg', '.png')
 REGISTER_FILES = 'register the files to color'
-
-
-class ListedImage(NamedTuple):
-    """One color or depth image."""
-
-    stamp_ns: int
-    path: Path
 
 
 @dataclass(frozen=True)
@@ -50,8 +35,8 @@ class TumFolder:
     path: Path
     camera: CameraModel
     depth_units_per_m: float  # depth units per meter in the PNG files
-    color: tuple[ListedImage, ...]  # all color images
-    depth: tuple[ListedImage, ...]  # all depth images
+    color: Images  # all color images
+    depth: Images  # all depth images
     max_gap_ns: int = MAX_PAIR_GAP_NS
     depth_offset_ns: int = 0  # time by which the stamps of depth images are too late
     layout: Layout = TUM
@@ -61,14 +46,16 @@ class TumFolder:
         layout, camera = self.layout, self.camera
         if layout is TUM:
             return ''
-        names = (layout.truth, layout.gyro, layout.accelerometer)
-        others = [name for name in names if name and (self.path / name).exists()]
-        stamps = ', stamps of an assumed 30 Hz' if layout.is_numbered else ''
+        truth = layout.truth_path(self.path)
+        names = dict.fromkeys((layout.gyro, layout.accelerometer))
+        others = [f'truth {truth.name}'] if truth is not None else []
+        others += [f'IMU {name}' for name in names if name and any(self.path.glob(name))]
+        others += [layout.note] if layout.note else []
         return (
             f'{layout.name} layout: color {layout.color} ({len(self.color)}), depth '
             f'{layout.depth} ({len(self.depth)}, {self.depth_units_per_m:g} units per meter), '
-            f'camera {camera.width_px}x{camera.height_px} fx {camera.fx_px:.1f}{stamps}'
-            f'{"".join(f", {name}" for name in others)}'
+            f'camera {camera.width_px}x{camera.height_px} fx {camera.fx_px:.1f}'
+            f'{"".join(f", {text}" for text in others)}'
         )
 
     @property
@@ -93,32 +80,27 @@ class TumFolder:
         The result is None if the file is missing. It is also None, with a warning in the log, if
         the file cannot be read, or has rows and none of them is a pose.
         """
-        path = self.path / self.layout.truth
+        path = self.layout.truth_path(self.path)
         try:
-            return self.layout.read_truth(path) if path.is_file() else None
+            return self.layout.read_truth(path) if path is not None else None
         except InputError as error:
             _LOG.warning('%s; errors are not computed', error)
             return None
 
     @cached_property
-    def accelerometer(self) -> NumberTable | None:
-        """Return accelerations (N, 3) in m/s^2; None: there are none.
+    def imu(self) -> tuple[NumberTable | None, NumberTable | None]:
+        """Return angular velocities (N, 3) in rad/s and accelerations in m/s^2; None: none.
 
         Raises:
-            InputError: The file cannot be read, or has rows and none of them is usable.
+            InputError: A file cannot be read, or has rows and none of them is usable.
         """
-        path = self.path / self.layout.accelerometer
-        return read_numbers(path, columns=3) if path.exists() else None
-
-    @cached_property
-    def gyro(self) -> NumberTable | None:
-        """Return angular velocities (N, 3) in rad/s; None: there are none.
-
-        Raises:
-            InputError: The file cannot be read, or has rows and none of them is usable.
-        """
-        path = self.path / self.layout.gyro
-        return read_numbers(path, columns=3) if path.exists() else None
+        if self.layout.read_imu is not None:
+            return self.layout.read_imu(self.path)
+        gyro, accelerometer = (
+            read_numbers(path, columns=3) if path.is_file() else None
+            for path in (self.path / self.layout.gyro, self.path / self.layout.accelerometer)
+        )
+        return gyro, accelerometer
 
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
@@ -151,9 +133,9 @@ class TumFolder:
     def __iter__(self) -> Iterator[RgbdFrame]:
         unit, aligner = DepthUnitWarning('set --depth-factor'), DepthAligner(REGISTER_FILES)
         for color, depth in self.pairs:
-            image_bgr = decode_color(read_image_bytes(color.path), color.path)
+            image_bgr = decode_color(color.load(), color.path)
             check_size(image_bgr, self.camera, color.path)
-            units = decode_depth(read_image_bytes(depth.path), depth.path)
+            units = decode_depth(depth.load(), depth.path)
             depth_m = depth_m_from_units(units, self.depth_units_per_m)
             try:
                 check_depth_unit(depth_m, f'1/{self.depth_units_per_m:g} m; set --depth-factor')
@@ -191,11 +173,10 @@ def open_tum_folder(
     """
     if depth_units_per_m is not None and not 0 < depth_units_per_m < np.inf:
         raise ConfigError(f'depth units per meter must be positive, got {depth_units_per_m}')
-    if not path.is_dir():
+    if not path.exists():
         raise InputError(f'{path}: no such folder')
     layout = find_layout(path) or TUM
-    read = _read_numbered if layout.is_numbered else _read_list
-    color, depth = (read(path, name) for name in (layout.color, layout.depth))
+    color, depth = layout.read_images(path, layout.color, layout.depth)
     stated = layout.read_camera(path) if camera is None or depth_units_per_m is None else None
     camera = camera or (stated.camera if stated else None)
     if camera is None:
@@ -209,27 +190,3 @@ def open_tum_folder(
     )
     _ = folder.pairs, folder.ground_truth  # their warnings come before the work, not after it
     return folder
-
-
-def _read_numbered(folder: Path, pattern: str) -> tuple[ListedImage, ...]:
-    """Return the images whose names end with a number, in order of it."""
-    numbers = {
-        int(match[1]): path
-        for path in folder.glob(pattern)
-        if (match := re.search(r'(\d+)$', path.stem)) and path.suffix.lower() in _SUFFIXES
-    }
-    if not numbers:
-        raise InputError(f'{folder}: has no images {pattern}')
-    return tuple(ListedImage(numbered_stamp_ns(n), numbers[n]) for n in sorted(numbers))
-
-
-def _read_list(folder: Path, name: str) -> tuple[ListedImage, ...]:
-    path = folder / name
-    rows = sorted_rows(path)
-    if not rows:
-        raise InputError(f'{path}: lists no images')
-    for row in rows:
-        check_path_name(str(folder / row.text), f'{path}: line {row.line}')
-        if not row.text or not (folder / row.text).is_file():
-            raise InputError(f'{path}: line {row.line}: lists "{row.text}", which does not exist')
-    return tuple(ListedImage(row.stamp_ns, folder / row.text) for row in rows)

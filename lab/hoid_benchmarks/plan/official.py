@@ -1,4 +1,4 @@
-"""Finds recordings of TUM RGB-D, Bonn RGB-D Dynamic and ETH3D by their folders."""
+"""Finds recordings of TUM RGB-D, Bonn RGB-D Dynamic, ETH3D and OpenLORIS by their folders."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from hoid_bags.tum.layouts import COLOR_LIST, find_layout
+from hoid_bags.tum.layouts import find_layout
 
 WHERE = (
     'https://cvg.cit.tum.de/data/datasets/rgbd-dataset/download and '
@@ -17,7 +17,8 @@ _DEPTH = 2  # of folders below the given one: archives may unpack to a folder in
 _COPY = r'(?: ?\(\d+\))?'  # a browser's suffix of a second download
 _TUM = re.compile(rf'(?:rgbd[ _-]dataset[ _-])?(?:freiburg|fr)([123])[ _-](.+?){_COPY}', re.I)
 _BONN = re.compile(rf'(?:rgbd[ _-])?bonn[ _-](?!dataset$)(.+?){_COPY}', re.I)
-_ETH3D = 'eth3d_'  # of short names; the folders have any names and are known by their files
+# Starts of the short names by the layout of folders that have any names.
+_BY_FILES = {'ETH3D': 'eth3d_', 'OpenLORIS': 'openloris_'}
 _PACKED = re.compile(r'\.(?:tgz|tar|tar\.gz|zip)$', re.I)
 
 
@@ -39,7 +40,8 @@ def official_name(name: str) -> str:
         return f'rgbd_dataset_freiburg{match[1]}_{match[2]}'
     if match := re.fullmatch(r'bonn_(\w+)', name):
         return f'rgbd_bonn_{match[1]}'
-    return name.removeprefix(_ETH3D) if name.startswith(_ETH3D) else ''
+    start = next(filter(name.startswith, _BY_FILES.values()), name)
+    return name.removeprefix(start)
 
 
 def find_official(folder: Path) -> dict[str, Path]:
@@ -50,7 +52,7 @@ def find_official(folder: Path) -> dict[str, Path]:
     """
     found: dict[str, list[Path]] = {}
     for path in _folders(folder.resolve(), _DEPTH):
-        if name := short_name(path.name) or _eth3d_name(path):
+        if name := short_name(path.name) or _name_by_files(path):
             found.setdefault(name, []).append(path)
     return {
         name: min(found[name], key=lambda p: (not _is_recording(p), len(p.parts), p.name))
@@ -75,15 +77,15 @@ def _folders(folder: Path, depth: int) -> Iterator[Path]:
                 yield from _folders(path, depth - 1)
 
 
-def _eth3d_name(path: Path) -> str:
-    """Return the short name of a folder in the layout of ETH3D; empty for another layout."""
+def _name_by_files(path: Path) -> str:
+    """Return the short name of a folder that is known by its files; empty for another one."""
     layout = find_layout(path)
-    is_eth3d = layout is not None and layout.name == 'ETH3D'
-    return f'{_ETH3D}{_plain(path.name)}' if is_eth3d else ''
+    start = _BY_FILES.get(layout.name) if layout is not None else None
+    return f'{start}{_plain(path.name)}' if start else ''
 
 
 def _is_recording(folder: Path) -> bool:
-    return (folder / COLOR_LIST).is_file()
+    return find_layout(folder) is not None
 
 
 def _plain(words: str) -> str:

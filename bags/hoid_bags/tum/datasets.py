@@ -1,0 +1,204 @@
+"""Cameras, poses and images of published data sets, by the files that describe them."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from hoid_bags.images import read_image_bytes
+from hoid_bags.tum.cameras import camera_from_name
+from hoid_bags.tum.listing import (
+    FolderCamera,
+    Images,
+    ListedImage,
+    json_matrix,
+    json_number,
+    listed_images,
+    matrix_camera,
+    numbered_images,
+    numbered_stamp_ns,
+    pinhole,
+    read_json,
+    read_table,
+)
+from hoid_common.errors import ConfigError, InputError
+from hoid_common.io.image_size import image_size_px
+from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.untrusted import read_text
+from hoid_common.values import (
+    NS_PER_S,
+    CameraModel,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    Trajectory,
+)
+
+# ICL-NUIM states fy = -480, because y of its cameras points up.
+_ICL = CameraModel(640, 480, 481.20, 480.0, 319.5, 239.5)
+_Y_UP = np.diag([1.0, -1.0, 1.0, 1.0])
+_ICL_VECTOR = re.compile(r'cam_(right|up|dir|pos)\s*=\s*\[([^\]]*)\]')
+
+
+def listed(folder: Path, color: str, depth: str) -> tuple[Images, Images]:
+    return listed_images(folder, color), listed_images(folder, depth)
+
+
+def numbered(folder: Path, color: str, depth: str) -> tuple[Images, Images]:
+    return numbered_images(folder, color), numbered_images(folder, depth)
+
+
+def camera_in_name(folder: Path) -> FolderCamera:
+    return FolderCamera(camera_from_name(folder.resolve().name))
+
+
+def eth3d_camera(folder: Path) -> FolderCamera:
+    """Return the camera of calibration.txt (fx fy cx cy), with the size of the first image."""
+    path = folder / 'calibration.txt'
+    fields = read_text(path).split()
+    first = min((folder / 'rgb').glob('*.png'), default=None)
+    size_px = image_size_px(read_image_bytes(first)) if first is not None else None
+    try:
+        fx, fy, cx, cy = map(float, fields)
+        return FolderCamera(CameraModel(*(size_px or (0, 0)), fx, fy, cx, cy))
+    except (ValueError, ConfigError) as error:
+        raise InputError(f'{path}: expected fx fy cx cy of the images in rgb/') from error
+
+
+def openloris_camera(folder: Path) -> FolderCamera:
+    """Return the color camera of sensors.yaml, whose matrix of one row is fx, cx, fy, cy."""
+    path = folder / 'sensors.yaml'
+    if not path.exists():
+        return FolderCamera(None)
+    storage = _opencv_yaml(path)  # its nodes do not keep it
+    camera = storage.getNode('d400_color_optical_frame')
+    try:
+        fx, cx, fy, cy = map(float, camera.getNode('intrinsics').mat().ravel())
+    except (AttributeError, ValueError, cv2.error) as error:
+        raise InputError(f'{path}: has no intrinsics of d400_color_optical_frame') from error
+    size = [camera.getNode(name).real() for name in ('width', 'height')]
+    return FolderCamera(pinhole(path, [*size, fx, fy, cx, cy]))
+
+
+def openloris_truth(path: Path) -> Trajectory:
+    """Return the poses of the color camera; those of the file are of the robot's base."""
+    truth, transforms = read_tum(path), path.parent / 'trans_matrix.yaml'
+    storage = _opencv_yaml(transforms)
+    edges = storage.getNode('trans_matrix')
+    for edge in (edges.at(i) for i in range(edges.size())):
+        names = [edge.getNode(name).string() for name in ('parent_frame', 'child_frame')]
+        T_base_color = edge.getNode('matrix').mat()
+        if names == ['base_link', 'd400_color_optical_frame'] and T_base_color is not None:
+            T = truth.T_world_camera @ np.asarray(T_base_color, float).reshape(4, 4)
+            return Trajectory(truth.stamps_ns, T)
+    raise InputError(f'{transforms}: has no d400_color_optical_frame on base_link')
+
+
+def _opencv_yaml(path: Path) -> cv2.FileStorage:
+    """Return a YAML file of OpenCV, whose tags other parsers do not know."""
+    flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
+    try:
+        return cv2.FileStorage(read_text(path), flags)
+    except (cv2.error, SystemError) as error:
+        raise InputError(f'{path}: is no YAML file of OpenCV') from error
+
+
+def replica_camera(folder: Path) -> FolderCamera:
+    """Return the camera of NICE-SLAM's cam_params.json, in the folder or beside it."""
+    for path in (folder / 'cam_params.json', folder.parent / 'cam_params.json'):
+        if path.exists():
+            found = read_json(path).get('camera')
+            names = ('w', 'h', 'fx', 'fy', 'cx', 'cy')
+            values = [json_number(path, found, name) for name in names]
+            return FolderCamera(pinhole(path, values), json_number(path, found, 'scale'))
+    return FolderCamera(None)
+
+
+def replica_truth(path: Path) -> Trajectory:
+    """Return the poses of a file with a 4x4 matrix T_world_camera in each line, row by row."""
+    T = read_table(path, 16).reshape(-1, 4, 4)
+    return Trajectory(_numbered_stamps(range(len(T))), T)
+
+
+def open3d_camera(folder: Path) -> FolderCamera:
+    """Return the camera of Open3D's intrinsic.json: its matrix is stored column by column."""
+    names = ('intrinsic.json', 'camera_intrinsic.json')
+    path = next(path for name in names if (path := folder / name).exists())
+    found = read_json(path)
+    K = json_matrix(path, found, 'intrinsic_matrix')
+    size_px = [json_number(path, found, name) for name in ('width', 'height')]
+    units_per_m = json_number(path, found, 'depth_scale') if 'depth_scale' in found else 0.0
+    return FolderCamera(matrix_camera(path, size_px, K), units_per_m)
+
+
+def icl_camera(_folder: Path) -> FolderCamera:
+    return FolderCamera(_ICL)
+
+
+def icl_images(folder: Path, associations: str, _depth: str) -> tuple[Images, Images]:
+    """Return the images of lines with a number and a file of depth, then of color."""
+    path = folder / associations
+    colors: list[ListedImage] = []
+    depths: list[ListedImage] = []
+    for line in read_text(path).splitlines():
+        words = line.split()
+        for number, name in zip(words[::2], words[1::2], strict=False):
+            if not number.isdecimal() or not (folder / name).is_file():
+                raise InputError(f'{path}: "{line}": expected a number and a file, twice')
+            image = ListedImage(numbered_stamp_ns(int(number)), folder / name)
+            (depths if name.startswith('depth') else colors).append(image)
+    return tuple(colors), tuple(depths)
+
+
+def icl_truth(path: Path) -> Trajectory:
+    """Return the poses of a `.gt.freiburg` file, whose stamps are numbers of images."""
+    truth = read_tum(path)
+    return _without_y_up((truth.stamps_ns // NS_PER_S).tolist(), truth.T_world_camera)
+
+
+def icl_scene(folder: Path, color: str, depth: str) -> tuple[Images, Images]:
+    """Return the images as POV-Ray made them, with distances in text files."""
+    colors, depths = numbered(folder, color, depth)
+    return colors, tuple(d._replace(read=partial(_icl_depth_m, d.path)) for d in depths)
+
+
+def _icl_depth_m(path: Path) -> Float32Array:
+    """Return the (H, W) depth in m of a text file of distances from the camera's center."""
+    words = read_text(path).split()
+    u, v = np.meshgrid(np.arange(_ICL.width_px), np.arange(_ICL.height_px))
+    rays = (u - _ICL.cx_px) / _ICL.fx_px, (v - _ICL.cy_px) / _ICL.fy_px, np.ones(u.shape)
+    try:
+        distance_m = np.array(words, np.float32).reshape(_ICL.size_px[::-1])
+    except ValueError as error:
+        raise InputError(f'{path}: expected {u.size} distances') from error
+    return np.asarray(distance_m / np.linalg.norm(rays, axis=0), np.float32)
+
+
+def icl_scene_truth(first: Path) -> Trajectory:
+    """Return the poses of POV-Ray's text files, one for each image."""
+    paths = {int(path.stem.rpartition('_')[2]): path for path in first.parent.glob('scene_*.txt')}
+    poses = []
+    for number in sorted(paths):
+        found = dict(_ICL_VECTOR.findall(read_text(paths[number])))
+        try:
+            names = ('right', 'up', 'dir', 'pos')
+            rows = np.array([np.array(found[name].split(','), float) for name in names])
+        except (KeyError, ValueError) as error:
+            raise InputError(f'{paths[number]}: has no pose') from error
+        T = np.eye(4)
+        T[:3] = np.vstack([rows[:3] / np.linalg.norm(rows[:3], axis=1, keepdims=True), rows[3]]).T
+        poses.append(T)
+    return _without_y_up(sorted(paths), np.array(poses).reshape(-1, 4, 4))
+
+
+def _without_y_up(numbers: list[int], T: FloatArray) -> Trajectory:
+    """Return poses (N, 4, 4) of cameras and a world whose y points up, with y down in both."""
+    return Trajectory(_numbered_stamps(numbers), _Y_UP @ T @ _Y_UP)
+
+
+def _numbered_stamps(numbers: list[int] | range) -> IntArray:
+    return np.array([numbered_stamp_ns(number) for number in numbers], np.int64)

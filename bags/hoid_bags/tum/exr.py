@@ -1,0 +1,116 @@
+"""One channel of an OpenEXR image, which the wheels of OpenCV cannot read.
+
+Format: https://openexr.com/en/latest/OpenEXRFileLayout.html, single-part scan lines.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hoid_common.errors import InputError
+from hoid_common.values import ByteArray, Float32Array
+
+_MAGIC: Final = b'\x76\x2f\x31\x01'
+_NOT_SCAN_LINES: Final = 0x1A00  # flags of the version: tiles, deep data, several parts
+_LINES = {0: 1, 2: 1, 3: 16}  # scan lines of a block by compression: none, ZIPS, ZIP
+_TYPES = {0: '<u4', 1: '<f2', 2: '<f4'}  # of a channel
+_MAX_PIXELS = 50_000_000  # chosen: more than any depth camera has
+
+
+def exr_size_px(data: bytes, name: object) -> tuple[int, int]:
+    """Return width and height of an OpenEXR image; an error begins with `name`."""
+    attributes, _ = _header(data, name)
+    return _size_px(attributes, name)
+
+
+def decode_exr(data: bytes, name: object) -> Float32Array:
+    """Return the (H, W) values of channel R, or of the first one if there is no R.
+
+    Raises:
+        InputError: The data is truncated, no such image, or compressed in another way than ZIP.
+    """
+    attributes, at = _header(data, name)
+    width, height = _size_px(attributes, name)
+    try:
+        channels = _channels(attributes['channels'])
+        compression = attributes['compression'][0]
+        if compression not in _LINES:
+            raise InputError(f'{name}: EXR compression {compression} is not known, only none, ZIP')
+        chosen = 'R' if 'R' in channels else next(iter(channels))
+        line_bytes = sum(width * np.dtype(kind).itemsize for kind in channels.values())
+        lines = _LINES[compression]
+        image = np.zeros((height, width), np.float32)
+        first_row = struct.unpack_from('<i', attributes['dataWindow'], 4)[0]
+        for offset in struct.unpack_from(f'<{-(-height // lines)}Q', data, at):
+            row, size = struct.unpack_from('<iI', data, offset)
+            block = data[offset + 8 : offset + 8 + size]
+            count = min(lines, height - (row - first_row))
+            rows = _unpacked(block, count * line_bytes).reshape(count, line_bytes)
+            start = 0
+            for channel, kind in channels.items():
+                end = start + width * np.dtype(kind).itemsize
+                if channel == chosen:
+                    values: NDArray[Any] = np.ascontiguousarray(rows[:, start:end]).view(kind)
+                    image[row - first_row : row - first_row + count] = values
+                start = end
+        return image
+    except (struct.error, zlib.error, ValueError, LookupError, StopIteration) as error:
+        raise InputError(f'{name}: damaged EXR image') from error
+
+
+def _unpacked(block: bytes, size: int) -> ByteArray:
+    """Return the bytes of a block, which is stored as it is if ZIP does not make it smaller."""
+    if len(block) == size:
+        return np.frombuffer(block, np.uint8)
+    packed = np.frombuffer(zlib.decompressobj().decompress(block, size), np.uint8).copy()
+    # Differences of neighbors, of the even bytes first and then the odd ones.
+    packed[1:] -= np.uint8(128)
+    values = np.cumsum(packed, dtype=np.uint8)
+    found = np.empty(size, np.uint8)
+    found[0::2], found[1::2] = np.split(values, [(size + 1) // 2])
+    return found
+
+
+def _header(data: bytes, name: object) -> tuple[dict[str, bytes], int]:
+    """Return the attributes, and the position of the table of blocks."""
+    version = int.from_bytes(data[4:8], 'little')
+    if data[:4] != _MAGIC or version & _NOT_SCAN_LINES:
+        raise InputError(f'{name}: no EXR image of scan lines')
+    attributes: dict[str, bytes] = {}
+    at = 8
+    while data[at : at + 1] != b'\0':
+        key, _, rest = data[at : at + 1024].partition(b'\0')
+        kind, found, _ = rest.partition(b'\0')
+        at += len(key) + len(kind) + 2
+        size = int.from_bytes(data[at : at + 4], 'little')
+        if not found or at + 4 + size > len(data):
+            raise InputError(f'{name}: damaged EXR image')
+        attributes[key.decode('latin-1')] = data[at + 4 : at + 4 + size]
+        at += 4 + size
+    return attributes, at + 1
+
+
+def _size_px(attributes: dict[str, bytes], name: object) -> tuple[int, int]:
+    try:
+        left, top, right, bottom = struct.unpack('<4i', attributes['dataWindow'])
+    except (KeyError, struct.error) as error:
+        raise InputError(f'{name}: damaged EXR image') from error
+    width, height = right - left + 1, bottom - top + 1
+    if width <= 0 or height <= 0 or width * height > _MAX_PIXELS:
+        raise InputError(f'{name}: EXR image of {width}x{height} px')
+    return width, height
+
+
+def _channels(data: bytes) -> dict[str, str]:
+    """Return the data types of the channels by name, in the order in which lines have them."""
+    found = {}
+    while data[:1] not in (b'\0', b''):
+        name, _, rest = data.partition(b'\0')
+        found[name.decode('latin-1')] = _TYPES[struct.unpack_from('<i', rest)[0]]
+        data = rest[16:]
+    return found

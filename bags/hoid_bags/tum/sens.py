@@ -1,0 +1,187 @@
+"""ScanNet's `.sens` files: color, depth, poses and rates of a structured-light scanner.
+
+Format: https://github.com/ScanNet/ScanNet/tree/master/SensReader. Depth is registered to color by
+the calibration in the file.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+
+from hoid_bags.tum.listing import (
+    FolderCamera,
+    Images,
+    ListedImage,
+    matrix_camera,
+    numbered_stamp_ns,
+    resized_camera,
+    resized_color,
+)
+from hoid_common import se3
+from hoid_common.errors import InputError
+from hoid_common.inputs.registration import Registration
+from hoid_common.io.images import depth_m_from_units
+from hoid_common.io.stamps import END_STAMP_NS, in_order
+from hoid_common.io.tum_text import NumberTable
+from hoid_common.io.untrusted import open_regular
+from hoid_common.values import Float32Array, FloatArray, IntArray, Trajectory
+
+SUFFIX = '.sens'
+_VERSION = 4
+_SIZES = struct.Struct('<ii4If')  # compression and size of color and depth, depth units per meter
+_FRAME = struct.Struct('<16f4Q')  # T_world_camera, stamps (us) and bytes of color and depth
+_RATES = struct.Struct('<3d96xQ')  # angular velocity (rad/s), other sensors, stamp (us)
+_JPEG_OR_PNG = (1, 2)
+_RAW_DEPTH, _ZLIB_DEPTH = 0, 1
+_MAX_NAME_BYTES = 4096  # chosen: of the sensor
+_NS_PER_US = 1000
+
+
+class _Frame(NamedTuple):
+    """A frame: its pose, and where the file has its images."""
+
+    T_world_camera: FloatArray  # (4, 4); not finite: the scanner had lost its place
+    stamp_us: int
+    color_at: int
+    color_bytes: int
+    depth_bytes: int  # depth follows color
+
+
+class SensFile:
+    """The content of a file, without the images.
+
+    Raises:
+        InputError: The file is cut off in its head, of another version, or packed in a way that
+            ScanNet does not use.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path if path.suffix == SUFFIX else next(iter(sorted(path.glob(f'*{SUFFIX}'))))
+        self.frames: list[_Frame] = []
+        self.rates = np.empty((0, 4))  # stamp (us), wx, wy, wz (rad/s)
+        with open_regular(self.path) as file:
+            try:
+                num_frames = self._read_head(file)
+                self._read_frames(file, num_frames)
+            except (struct.error, OverflowError) as error:
+                raise InputError(f'{self.path}: damaged, or no recording of ScanNet') from error
+
+    def _read_head(self, file: BinaryIO) -> int:
+        version, length = struct.unpack('<IQ', file.read(12))
+        if version != _VERSION or length > _MAX_NAME_BYTES:
+            raise InputError(f'{self.path}: no recording of ScanNet of version {_VERSION}')
+        file.seek(length, os.SEEK_CUR)
+        # Intrinsics and extrinsics (T_device_camera) of color, then of depth.
+        matrices = np.frombuffer(file.read(256), '<f4').astype(float).reshape(4, 4, 4)
+        color, depth, *sizes, self.units_per_m = _SIZES.unpack(file.read(_SIZES.size))
+        if color not in _JPEG_OR_PNG or depth not in (_RAW_DEPTH, _ZLIB_DEPTH):
+            raise InputError(f'{self.path}: color {color} or depth {depth} is of an unknown kind')
+        self.is_packed = depth == _ZLIB_DEPTH
+        self.depth_camera = matrix_camera(self.path, sizes[2:], matrices[2])
+        full = matrix_camera(self.path, sizes[:2], matrices[0])
+        # Color has about twice the size of depth, but is cropped differently.
+        halves = max(1, round(full.width_px / self.depth_camera.width_px))
+        self.camera = resized_camera(full, (full.width_px // halves, full.height_px // halves))
+        self.T_color_depth = se3.inverse(matrices[1]) @ matrices[3]
+        (num_frames,) = struct.unpack('<Q', file.read(8))
+        return int(num_frames)
+
+    def _read_frames(self, file: BinaryIO, num_frames: int) -> None:
+        """Note the frames that are whole, and the rates after them."""
+        size = os.fstat(file.fileno()).st_size
+        for _ in range(num_frames):
+            head = file.read(_FRAME.size)
+            if len(head) < _FRAME.size:
+                return
+            *pose, stamp_us, _, color_bytes, depth_bytes = _FRAME.unpack(head)
+            at = file.tell()
+            if at + color_bytes + depth_bytes > size:
+                return
+            T = np.array(pose).reshape(4, 4)
+            self.frames.append(_Frame(T, stamp_us, at, color_bytes, depth_bytes))
+            file.seek(color_bytes + depth_bytes, os.SEEK_CUR)
+        if len(count := file.read(8)) == 8:
+            (number,) = struct.unpack('<Q', count)
+            data = file.read(min(number * _RATES.size, size))
+            whole = data[: len(data) // _RATES.size * _RATES.size]
+            rows = [(us, *rates) for *rates, us in _RATES.iter_unpack(whole)]
+            self.rates = np.array(rows).reshape(-1, 4)
+
+    @property
+    def stamps_ns(self) -> IntArray:
+        """Return the stamps (N,) of the frames, of an assumed 30 Hz if the file has none."""
+        stamps_ns = [frame.stamp_us * _NS_PER_US for frame in self.frames]
+        is_time = all(a < b < END_STAMP_NS for a, b in pairwise(stamps_ns))
+        if not is_time or not any(stamps_ns):
+            stamps_ns = [numbered_stamp_ns(i) for i in range(len(stamps_ns))]
+        return np.array(stamps_ns, np.int64)
+
+    def part(self, offset: int, size: int) -> bytes:
+        with open_regular(self.path) as file:
+            file.seek(offset)
+            return file.read(size)
+
+
+class _Depth:
+    """Reads depth images and maps them to color."""
+
+    def __init__(self, source: SensFile) -> None:
+        self._source = source
+        self._register = Registration(source.depth_camera, source.camera, source.T_color_depth)
+
+    def read(self, frame: _Frame) -> Float32Array:
+        """Return the (H, W) depth in m at the pixels of color."""
+        source = self._source
+        data = source.part(frame.color_at + frame.color_bytes, frame.depth_bytes)
+        width, height = source.depth_camera.size_px
+        try:
+            if source.is_packed:
+                data = zlib.decompressobj().decompress(data, 2 * width * height)
+            units = np.frombuffer(data, '<u2').reshape(height, width)
+        except (zlib.error, ValueError) as error:
+            raise InputError(f'{source.path}: damaged depth image') from error
+        return self._register(depth_m_from_units(units, source.units_per_m))
+
+
+def sens_camera(path: Path) -> FolderCamera:
+    return FolderCamera(SensFile(path).camera)
+
+
+def sens_images(path: Path, _color: str, _depth: str) -> tuple[Images, Images]:
+    """Return the color images, at about the size of depth, and depth mapped to them."""
+    source = SensFile(path)
+    depth, stamps_ns = _Depth(source), source.stamps_ns.tolist()
+    if not stamps_ns:
+        raise InputError(f'{source.path}: has no frames')
+    colors, depths = [], []
+    for stamp_ns, frame in zip(stamps_ns, source.frames, strict=True):
+        read = partial(source.part, frame.color_at, frame.color_bytes)
+        color = ListedImage(stamp_ns, source.path, read)
+        colors.append(resized_color(color, source.camera.size_px))
+        depths.append(ListedImage(stamp_ns, source.path, partial(depth.read, frame)))
+    return tuple(colors), tuple(depths)
+
+
+def sens_truth(path: Path) -> Trajectory:
+    """Return the poses of the frames where the scanner knew its place."""
+    source = SensFile(path)
+    T = np.array([frame.T_world_camera for frame in source.frames]).reshape(-1, 4, 4)
+    is_known = np.isfinite(T).all(axis=(1, 2))
+    return Trajectory(source.stamps_ns[is_known], T[is_known])
+
+
+def sens_imu(path: Path) -> tuple[NumberTable | None, None]:
+    """Return the angular velocities; the unit of the accelerations is not documented."""
+    rates = SensFile(path).rates
+    if not len(rates):
+        return None, None
+    order = in_order((rates[:, 0].astype(np.int64) * _NS_PER_US).tolist())
+    return NumberTable(order.stamps_ns, rates[order.positions, 1:]), None
