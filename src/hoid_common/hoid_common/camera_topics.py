@@ -1,8 +1,4 @@
-"""Topics of common camera drivers, so that a camera is chosen by name instead of by three remaps.
-
-The table names the setting with which a driver registers depth to color. Without it, filter and
-dense map do so, if the driver publishes camera_info of depth and /tf_static.
-"""
+"""Topics of common camera drivers, and the settings with which they register depth to color."""
 
 from __future__ import annotations
 
@@ -22,10 +18,7 @@ class CameraTopics(NamedTuple):
     camera_info: str
 
     def remappings(self, namespace: str = '') -> list[tuple[str, str]]:
-        """Return ROS remaps (from, to) of the suite's topics, compressed ones too, to a driver's.
-
-        An empty `namespace` is the driver's default.
-        """
+        """Return remaps (from, to) of the suite's topics to the driver's in a namespace."""
         return topics.camera_remappings(*self.topics(namespace))
 
     def topics(self, namespace: str = '') -> tuple[str, ...]:

@@ -1,10 +1,8 @@
 """Configuration by frozen dataclasses that declare default, description and range of each field.
 
-The configuration of a stage derives from `Config`. It declares each parameter with `param(...)`
-and each nested configuration with `section(...)`. The name of a nested parameter is dotted
-(`extraction.num_features`) and the same in Python, YAML and ROS.
-
-Constants that no user needs to set are class variables beside the parameters.
+A configuration derives from `Config` and declares each parameter with `param(...)`, each nested
+configuration with `section(...)`. Names are dotted (`extraction.num_features`), the same in
+Python, YAML and ROS. Constants are class variables.
 """
 
 from __future__ import annotations
@@ -42,7 +40,7 @@ class ParamSpec:
 
 
 class Param(NamedTuple):
-    """One parameter of a configuration: its dotted name, its value and its specification."""
+    """One parameter of a configuration."""
 
     name: str
     value: Any
@@ -62,37 +60,24 @@ def param(
 ) -> Any:
     """Declare a parameter as a field of a `Config`.
 
-    Args:
-        default: A bool, int, float, str or tuple of strings; values must have the same type, but
-            an int is accepted for a float.
-        description: Text of `ros2 param describe` and of the reference page: what the parameter
-            does, its unit and, for a user parameter, when to change it. An internal parameter has
-            a comment instead.
-        choices: The only values of a string; empty: any string.
-        read_only: False lets the parameter change while the node runs.
-        expert: True hides the parameter from users who do not know the method: a node declares it
-            only with `expert:=true`.
-        internal: True makes it no ROS parameter. It can be set from Python, by `hoid run --set`,
-            and by a profile of an experiment, such as the profile with the rules of ORB-SLAM3.
+    The default is a bool, int, float, str or tuple of strings, and values have its type; an int is
+    accepted for a float. The `description` is that of `ros2 param describe` and of the reference
+    page, with the unit and when to change it. A `read_only` parameter cannot change while the node
+    runs, an `expert` one is declared only with `expert:=true`, and an `internal` one is set from
+    Python and by profiles of experiments only; it has a comment in place of a description.
     """
     spec = ParamSpec(description, minimum, maximum, choices, read_only, expert, internal)
     return field(default=default, metadata={_SPEC: spec})
 
 
 def section(config: type[C], *, expert: bool = False) -> C:
-    """Declare a nested configuration, with expert parameters only if `expert`."""
     nested: C = field(default_factory=config, metadata={_EXPERT_SECTION: expert})
     return nested
 
 
 @dataclass(frozen=True)
 class Config:
-    """Base of all configurations, whose constructor checks the value of every parameter.
-
-    Raises:
-        ConfigError: A value has another type than its default (an int is accepted for a float), is
-            out of range, or is none of the choices.
-    """
+    """Base of all configurations, whose constructor checks every value (or ConfigError)."""
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -102,7 +87,6 @@ class Config:
                 object.__setattr__(self, f.name, checked)
 
     def params(self, prefix: str = '') -> Iterator[Param]:
-        """Yield every parameter, including those of nested configurations, in declared order."""
         for f in fields(self):
             value = getattr(self, f.name)
             if is_dataclass(value):
@@ -113,14 +97,10 @@ class Config:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
     def node_params(self) -> Iterator[Param]:
-        """Yield the parameters that a node may declare: all except the internal parameters."""
         return (leaf for leaf in self.params() if not leaf.spec.is_internal)
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy with new values by dotted name.
-
-        ConfigError for unknown names and bad values.
-        """
+        """Return a copy with new values by dotted name; ConfigError for a bad name or value."""
         known = {leaf.name: leaf for leaf in self.params()}
         for name, value in values.items():
             if name not in known:
@@ -150,10 +130,7 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
-    """Return a value of the right type, range and choices.
-
-    An int becomes a float, `('',)` is `()`.
-    """
+    """Return a checked value; an int becomes a float where one is declared, `('',)` is `()`."""
     if type(value) is int and isinstance(like, float):
         value = float(value)  # YAML reads `3` as an int
     if value == ('',):
@@ -186,8 +163,8 @@ def _range(spec: ParamSpec) -> str:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the end of an error about an unknown name: '; did you mean ...?', or ''.
 
-    It suggests up to three known names that have `name` as their last part or as their section. If
-    there are none, it suggests up to three names of similar spelling, or the most similar one.
+    Suggested are up to three names that have it as their last part or section, or else a similar
+    spelling.
     """
     names = list(known)
     parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]

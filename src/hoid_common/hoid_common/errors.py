@@ -8,7 +8,7 @@ _HEAD_CHARS, _TAIL_CHARS = 600, 300
 class HoidError(Exception):
     """Base of the suite's own errors, most of which a user can cause and correct.
 
-    Its text is printable and of limited length, even when it quotes a hostile file or message.
+    The text is printable and of limited length, even when it quotes a hostile file or message.
     """
 
     def __str__(self) -> str:

@@ -1,7 +1,6 @@
 """Rate limits for repeated log lines: at a fixed period, or with exponential back-off.
 
-rclpy's `throttle_duration_sec` limits each line of code that logs. The classes here limit each
-kind of message.
+rclpy's `throttle_duration_sec` limits each line of code, these classes each kind of message.
 """
 
 from __future__ import annotations
@@ -28,11 +27,7 @@ class LogThrottle:
 
 
 class Backoff:
-    """Reports a lasting problem at once, and again after intervals that double up to a limit.
-
-    A problem that was resolved and returns is reported as a new one, but not before the first
-    interval has passed since its last report.
-    """
+    """Reports a lasting problem at once, and again after intervals that double up to a limit."""
 
     def __init__(self, first_s: float, longest_s: float) -> None:
         self._first_s, self._longest_s = first_s, longest_s
@@ -40,10 +35,7 @@ class Backoff:
         self._interval_s: dict[str, float] = {}  # of active problems, until the next report
 
     def due(self, active: Collection[str], now_s: float) -> list[str]:
-        """Return the active problems to report now.
-
-        Every problem that is not active counts as resolved.
-        """
+        """Return the active problems to report now; any other counts as resolved."""
         self._interval_s = {kind: self._interval_s.get(kind, 0.0) for kind in active}
         due = [kind for kind in active if now_s >= self._earliest_s(kind)]
         for kind in due:
@@ -53,7 +45,6 @@ class Backoff:
         return due
 
     def _earliest_s(self, kind: str) -> float:
-        """Return the earliest time at which a problem may be reported again."""
         if kind not in self._reported_s:
             return -math.inf
         return self._reported_s[kind] + max(self._interval_s[kind], self._first_s)

@@ -1,7 +1,6 @@
 """Values from the fields of messages, by the same rules live and in bags.
 
-The functions take messages of rclpy as well as those of rosbags, whose fields have the same names.
-`io.camera_info` and `io.images` do the same for cameras and images.
+The functions take messages of rclpy and of rosbags, as `io.camera_info` and `io.images` do.
 """
 
 from __future__ import annotations
@@ -27,38 +26,27 @@ class ImuSample(NamedTuple):
 
 
 def stamp_from_msg(stamp: Any) -> int:
-    """Return the time in ns of a builtin_interfaces/Time."""
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def pose_from_msg(msg: Any) -> FloatArray:
     """Return T_a_b (4, 4) of a geometry_msgs/Pose of frame b in frame a; translation in m.
 
-    Raises:
-        MessageError: A value is not finite, or the norm of the quaternion is not near 1 (between
-            0.5 and 2).
+    MessageError if a value is not finite, or the norm of the quaternion is not between 0.5 and 2.
     """
     return _transform(msg.orientation, msg.position, 'pose')
 
 
 def transform_from_msg(msg: Any) -> FloatArray:
-    """Return T_parent_child (4, 4) of a geometry_msgs/TransformStamped, translation in m.
-
-    Raises:
-        MessageError: As in `pose_from_msg`.
-    """
+    """Return T_parent_child (4, 4) of a geometry_msgs/TransformStamped, as `pose_from_msg`."""
     return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
 
 
 def imu_from_msg(msg: Any) -> ImuSample:
-    """Return the sample of a sensor_msgs/Imu.
+    """Return the sample of a sensor_msgs/Imu; MessageError if it has neither sensor.
 
-    A negative first covariance marks a sensor as missing (sensor_msgs/Imu uses -1). A sensor whose
-    three values are all zero counts as missing too: drivers that publish the sensors apart leave
-    them zero, and no sensor measures that.
-
-    Raises:
-        MessageError: The message has neither sensor.
+    A negative first covariance marks a sensor as missing. One whose values are all zero is missing
+    too: drivers that publish the sensors apart leave them so.
     """
     rate, force = msg.angular_velocity, msg.linear_acceleration
     has_rate = msg.angular_velocity_covariance[0] >= 0 and any((rate.x, rate.y, rate.z))
@@ -75,11 +63,7 @@ def imu_from_msg(msg: Any) -> ImuSample:
 
 
 def detections_from_msg(msg: Any) -> Detections:
-    """Return the boxes, class names and scores of a hoid_msgs/DetectionArray.
-
-    Raises:
-        MessageError: There are more than MAX_DETECTIONS, or a class name is too long.
-    """
+    """Return the boxes of a hoid_msgs/DetectionArray; MessageError for too many, or long names."""
     boxes = msg.detections
     if len(boxes) > MAX_DETECTIONS:
         raise MessageError(f'detections has {len(boxes)} elements, more than {MAX_DETECTIONS}')

@@ -1,13 +1,9 @@
 """Functions of the group SE(3) of rigid transforms, on arrays of float64.
 
-A transform is a (4, 4) homogeneous matrix `T_a_b`, which maps points of frame b to frame a; its
-translation is in m. A twist is a (6,) vector of the tangent space: rotation vector in rad first,
-then translation in m, as in GTSAM's `Pose3`. Quaternions are (4,) in the order x, y, z, w, as in
-ROS. Functions with a shape such as (..., 4, 4) accept any number of leading axes.
-
-The formulas are those of Barfoot, "State Estimation for Robotics" (2017), chapter 7. No function
-checks its input: except in `is_rigid` and `orthonormalized`, a matrix that is no rigid transform
-gives a meaningless result.
+A transform is a homogeneous matrix `T_a_b`, which maps points of frame b to frame a; its
+translation is in m. A twist is a rotation vector in rad, then a translation in m, as in GTSAM's
+`Pose3`. Quaternions are x, y, z, w, as in ROS. The formulas are those of Barfoot, "State
+Estimation for Robotics" (2017), chapter 7. No function but `is_rigid` checks its input.
 """
 
 from __future__ import annotations
@@ -77,9 +73,8 @@ def log(T: FloatArray) -> FloatArray:
 def inverse(T: FloatArray) -> FloatArray:
     """Return the inverse transforms T_b_a (..., 4, 4) of T_a_b (..., 4, 4).
 
-    The rotation is transposed, so that the rounding error of T changes its sign: if inverse(A) @ B
-    is stored and A @ (inverse(A) @ B) replaces A, the error triples each time. Poses that are
-    chained like this are stored `orthonormalized`.
+    The rotation is transposed, so that its rounding error triples each time that A @ (inverse(A) @
+    B) replaces A. Poses that are chained like this are `orthonormalized`.
     """
     out = np.zeros(T.shape)
     R_t = T[..., :3, :3].swapaxes(-1, -2)
@@ -90,9 +85,8 @@ def inverse(T: FloatArray) -> FloatArray:
 
 
 def adjoint(T_a_b: FloatArray) -> FloatArray:
-    """Return the adjoint matrix (6, 6) of T_a_b (4, 4).
+    """Return the adjoint matrix (6, 6) of T_a_b (4, 4), which maps a twist in frame b to frame a.
 
-    It maps a twist expressed in frame b to the same twist expressed in frame a:
     exp(adjoint(T) @ x) = T @ exp(x) @ inverse(T).
     """
     R = T_a_b[:3, :3]
@@ -103,15 +97,12 @@ def adjoint(T_a_b: FloatArray) -> FloatArray:
 
 
 def transform(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
-    """Return the coordinates (N, 3) in frame a of points (N, 3) given in frame b, in m."""
+    """Return the coordinates (N, 3) in frame a of points (N, 3) given in frame b."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
 def is_rigid(T: FloatArray) -> BoolArray:
-    """Return whether each of the matrices (..., 4, 4) is a finite rigid transform.
-
-    Its rotation must be orthonormal to 1e-6, with a determinant of 1.
-    """
+    """Return whether matrices (..., 4, 4) are finite with a rotation orthonormal to 1e-6."""
     R = T[..., :3, :3]
     with np.errstate(invalid='ignore', over='ignore'):  # comparisons with NaN are false
         error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max((-2, -1))
@@ -121,13 +112,9 @@ def is_rigid(T: FloatArray) -> BoolArray:
 
 
 def orthonormalized(T: FloatArray) -> FloatArray:
-    """Return T (..., 4, 4) with the rotations replaced by the nearest ones in SO(3).
+    """Return T (..., 4, 4) with the nearest rotations in SO(3), as products drift away from it.
 
-    Rounding errors make a chain of products drift away from SO(3). The nearest rotation in the
-    Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
-
-    Raises:
-        numpy.linalg.LinAlgError: A rotation contains NaN or infinity.
+    The nearest one in the Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
     """
     u, _, vt = np.linalg.svd(T[..., :3, :3])
     u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
@@ -137,10 +124,9 @@ def orthonormalized(T: FloatArray) -> FloatArray:
 
 
 def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
-    """Return the unit quaternions (..., 4), in the order x y z w, of rotations (..., 3, 3).
+    """Return the unit quaternions (..., 4) of rotations (..., 3, 3), by Shepperd's method (1978).
 
-    Shepperd's method (1978) divides by the largest of the four components, which keeps its
-    precision for every rotation.
+    It divides by the largest component, which keeps its precision for every rotation.
     """
     transposed = R.swapaxes(-1, -2)
     diagonal = R[..., _XYZ, _XYZ]
@@ -157,18 +143,14 @@ def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
 
 
 def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
-    """Return the rotations (..., 3, 3) of quaternions (..., 4) x y z w of any non-zero norm."""
+    """Return the rotations (..., 3, 3) of quaternions (..., 4) of any non-zero norm."""
     q = quat_xyzw / np.linalg.norm(quat_xyzw, axis=-1, keepdims=True)
     V = hat(q[..., :3])
     return np.asarray(np.eye(3) + 2 * q[..., 3, None, None] * V + 2 * (V @ V))
 
 
 def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> FloatArray:
-    """Return the transforms T_a_b (..., 4, 4) of quaternions (..., 4) and translations (..., 3).
-
-    Quaternions are x y z w, of any non-zero norm; a translation is the origin of frame b in frame
-    a.
-    """
+    """Return T_a_b (..., 4, 4) of quaternions (..., 4) of any non-zero norm and translations."""
     T = np.zeros((*quat_xyzw.shape[:-1], 4, 4))
     T[..., :3, :3] = rotation_from_quat_xyzw(quat_xyzw)
     T[..., :3, 3] = translation_m

@@ -27,8 +27,7 @@ class SlamMode(Enum):
 class SlamStatus:
     """State and counters of the SLAM after one image.
 
-    `loops`, `merges`, `relocalizations` and the numbers of frames count from the start or from the
-    last reset. The main map is the map with the most keyframes.
+    Frames, loops, merges and relocalizations are counted from the start or the last reset.
     """
 
     state: SlamState

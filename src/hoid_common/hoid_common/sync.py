@@ -1,8 +1,6 @@
 """Synchronization of several message streams by their stamps, as message_filters does in ROS.
 
-Unlike message_filters' `ApproximateTime`, a match is emitted as soon as no better one is expected,
-often without waiting for the next message. message_filters is also missing from the wheels of
-rclpy.
+Unlike its `ApproximateTime`, a match is emitted as soon as no better one is expected.
 """
 
 from __future__ import annotations
@@ -52,11 +50,7 @@ _ABSENT = _Item(-1, 'absent')  # no partner can arrive any more, but the stream 
 
 
 def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str = 'depth') -> str:
-    """Return one line about the gap between two streams that do not match, and what to do.
-
-    `gap_ns` is the stamp of the second stream's nearest item minus that of the first stream's
-    item; the median for several.
-    """
+    """Return one line about a median gap between two streams that do not match, and what to do."""
     if abs(gap_ns) > _LONGEST_OFFSET_NS:
         return (
             f'the stamps of {second} are {gap_ns * 1e-9:+.3f} s from those of {first}, so two '
@@ -72,12 +66,9 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
 def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
     """Return one line about a constant offset that probably pairs the wrong images, else ''.
 
-    Images of a camera at 30 Hz are 33 ms apart. If a driver stamps depth 25 ms late, the nearest
-    depth image of each color image is that of the image before, 8 ms away. The neighbor whose
-    distance varies least belongs to the image, because the period varies more than the offset.
-
-    Stamps (A,) and (B,) increase. At least 30 of each are needed, and two depth images before and
-    after at least 15 of the color images. The offset must be at least a fifth of the period.
+    If a driver at 30 Hz stamps depth 25 ms late, the nearest depth image is that of the image
+    before, 8 ms away. The neighbor whose distance varies least belongs to the image, because the
+    period varies more than the offset. Stamps (A,) and (B,) increase.
     """
     if min(len(color_ns), len(depth_ns)) < _MIN_IMAGES:
         return ''
@@ -113,10 +104,7 @@ class Match(NamedTuple):
 
 @dataclass
 class StreamCounts:
-    """Numbers of items of a stream that were matched, or dropped for one of three reasons.
-
-    Items that `StampMatcher.reset` drops are not counted.
-    """
+    """Numbers of items of a stream that were matched, or dropped for one of three reasons."""
 
     matched: int = 0
     unmatched: int = 0  # dropped without a match
@@ -127,24 +115,18 @@ class StreamCounts:
 class StampMatcher:
     """Matches items of the reference stream with the nearest in time of every other stream.
 
-    An item of any stream takes part in at most one match. A match takes its items and all older
-    ones from the streams: they are lost for later reference items, even for one that is nearer in
-    time. The reference should therefore not be faster than a stream that is not optional.
+    A match takes its items and all older ones from the streams, so that the reference should not
+    be faster than a stream that is not optional.
 
-    A match is complete as soon as every stream (for optional ones see `optional`) has an item
-    within `slop_ns` of the reference item, and none is expected to have a nearer one. A stream is
-    not expected to have a nearer one if it has an item that is not older than the reference item,
-    if its next item, after its shortest period so far, would not be nearer, or if the reference
-    stream has advanced by more than `slop_ns`. A reference item is dropped if a stream that is not
-    optional has no item within `slop_ns` but a later one. The result depends only on the stamps
-    and on the order of arrival.
+    A match is complete as soon as every stream has an item within `slop_ns` of the reference item,
+    and none is expected to have a nearer one: it has an item that is not older, its next item
+    after its shortest period would not be nearer, or the reference has advanced by more than
+    `slop_ns`. A reference item is dropped if a stream that is not optional has a later item, and
+    none within `slop_ns`.
 
-    Args:
-        capacity: Number of items that wait per stream. When it is exceeded, the oldest one is
-            dropped and counted.
-        optional: Streams that may be missing from a match. The match waits for an item within
-            `slop_ns` until a later item of the stream has arrived, or the reference has advanced
-            by more than `patience_ns`. The stream's value in the match is then None.
+    A match waits for an item of an optional stream until a later one has arrived, or the reference
+    has advanced by more than `patience_ns`; the value is then None. At most `capacity` items wait
+    per stream.
     """
 
     def __init__(
@@ -171,18 +153,12 @@ class StampMatcher:
 
     @property
     def mismatch(self) -> str:
-        """Return `gap`, or else `constant_offset_text` of the first two streams.
-
-        '' while items match.
-        """
+        """Return `gap`, or else a probable constant offset; '' while items match."""
         return self.gap or self._constant_offset
 
     @property
     def gap(self) -> str:
-        """Return `offset_text` if each of the last 15 references had no match, else ''.
-
-        Items that were dropped while the second stream had no item yet do not count.
-        """
+        """Return `offset_text` if each of the last 15 references had no match, else ''."""
         if len(self._gaps_ns) < _NUM_GAPS:
             return ''
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
@@ -199,9 +175,8 @@ class StampMatcher:
     def add(self, name: str, stamp_ns: int, value: Any) -> list[Match]:
         """Add an item to a stream and return the matches that it completes, oldest first.
 
-        If the item is older than the newest item of its stream by 1 s or more, all streams are
-        reset, and the item becomes the first one. If it is older by less, or has the same stamp,
-        it is dropped and counted as late.
+        An item that is a second older than the newest one of its stream resets all streams; any
+        other that is not newer is dropped.
         """
         newest_ns = self._newest_ns.get(name)
         if newest_ns is not None and stamp_ns <= newest_ns:
@@ -225,7 +200,6 @@ class StampMatcher:
         return self._take_matches()
 
     def _take_matches(self) -> list[Match]:
-        """Remove and return all complete matches, oldest first; drop hopeless references."""
         reference = self._queues[self._names[0]]
         matches = []
         while reference:
@@ -256,7 +230,6 @@ class StampMatcher:
                 stamps.clear()
 
     def _note_gap(self, stamp_ns: int) -> None:
-        """Store the stamp of the second stream's nearest item minus that of a reference."""
         other = self._names[1]
         if other in self._newest_ns:
             stamps_ns = [item.stamp_ns for item in self._queues[other]] + [self._newest_ns[other]]
@@ -277,7 +250,6 @@ class StampMatcher:
         return _WAIT
 
     def _is_nearest(self, name: str, near: _Item, stamp_ns: int) -> bool:
-        """Return whether no later item can be nearer than `near`, or the stream is silent."""
         if self._newest_ns[name] >= stamp_ns:
             return True
         if self._newest_ns[self._names[0]] - stamp_ns > self._slop_ns:
@@ -286,10 +258,7 @@ class StampMatcher:
         return next_ns - stamp_ns >= stamp_ns - near.stamp_ns
 
     def _take(self, name: str, partner: _Item) -> Any:
-        """Remove a partner and older items, which can no longer match.
-
-        Return the partner's value.
-        """
+        """Remove a partner, with older items, which can no longer match; return its value."""
         if partner is _ABSENT:
             return None
         queue = self._queues[name]

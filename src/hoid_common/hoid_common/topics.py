@@ -1,7 +1,4 @@
-"""Names of all topics and services.
-
-They are relative, so that a node's namespace applies, except for ROS's global topics.
-"""
+"""Names of all topics and services, relative to a node's namespace but for ROS's global topics."""
 
 from __future__ import annotations
 
@@ -85,12 +82,10 @@ SAVE_OBJECTS = '~/save_objects'
 
 
 def compressed(topic: str) -> str:
-    """Return the name of image_transport's compressed (JPEG or PNG) topic of an image topic."""
     return f'{topic}/compressed'
 
 
 def compressed_depth(topic: str) -> str:
-    """Return the name of image_transport's lossless compressed topic of a depth topic."""
     return f'{topic}/compressedDepth'
 
 
@@ -99,7 +94,6 @@ COMPRESSED_SUFFIXES = ('/compressedDepth', '/compressed', '/zstd')
 
 
 def is_compressed(topic: str) -> bool:
-    """Return whether a topic has a name that image_transport gives to compressed images."""
     return topic.endswith(COMPRESSED_SUFFIXES)
 
 
@@ -115,7 +109,6 @@ def camera_info_beside(image_topic: str) -> str:
 
 
 def camera_remappings(rgb: str, depth: str, camera_info: str) -> list[tuple[str, str]]:
-    """Return the remappings (from, to) of the suite's camera topics to those of a driver."""
     return [
         (RGB_IMAGE, rgb),
         (compressed(RGB_IMAGE), compressed(rgb)),

@@ -1,12 +1,9 @@
 """The value types that processing stages exchange: camera, frame, detections, features, verdicts.
 
-A verdict says whether an object or feature is dynamic. The types are frozen dataclasses and an
-enumeration, without ROS; `hoid_common.ros.conversions` converts those that messages carry.
-Conventions (docs/architecture.md): `T_a_b` maps points of frame b to frame a; pixels are `(u, v)`
-with the origin at the center of the top-left pixel; boxes are `(x1, y1, x2, y2)` with x2, y2
-exclusive; stamps are integer nanoseconds since the epoch of the recording's clock. The optical
-frame of a camera has x to the right, y down, z forward (REP 103). Index letters: i frame or
-keyframe, j map point, k feature.
+`T_a_b` maps points of frame b to frame a; pixels are `(u, v)` with the origin at the center of the
+top-left pixel; boxes are `(x1, y1, x2, y2)`, ends exclusive; stamps are integer nanoseconds. The
+optical frame of a camera has x to the right, y down, z forward (REP 103). Index letters: i frame
+or keyframe, j map point, k feature.
 """
 
 from __future__ import annotations
@@ -63,17 +60,10 @@ _FOCAL_PER_SIDE = (0.05, 100.0)
 class CameraModel:
     """Intrinsics of a pinhole camera with plumb-bob, rational or equidistant lens distortion.
 
-    Args:
-        fx_px: Horizontal focal length, in widths of a pixel.
-        fy_px: Vertical focal length, in heights of a pixel.
-        cx_px: Horizontal position of the principal point, from the center of the leftmost column.
-        cy_px: Vertical position of the principal point, from the center of the topmost row.
-        distortion: Up to 14 coefficients in the order of OpenCV, which begins with k1, k2, p1, p2,
-            k3, k4, k5, k6; empty or all zero for a rectified camera. Further ones must be 0.
-        is_fisheye: Whether the coefficients are k1, k2, k3, k4 of the equidistant model.
-
-    Raises:
-        ConfigError: A value is outside what a real camera can have, or is not finite.
+    Focal lengths are in pixels; the principal point is relative to the center of the first pixel.
+    `distortion` has up to 14 coefficients in the order of OpenCV, or k1 to k4 of the equidistant
+    model if `is_fisheye`; all are zero for a rectified camera. ConfigError for values that no real
+    camera has.
     """
 
     width_px: int
@@ -116,7 +106,6 @@ class CameraModel:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Return the image's width and height in pixels."""
         return self.width_px, self.height_px
 
     @property
@@ -138,20 +127,15 @@ class CameraModel:
 
     @cached_property
     def matrix(self) -> FloatArray:
-        """Return the intrinsic matrix K (3, 3), in pixels."""
         return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1.0]])
 
     @cached_property
     def _coefficients(self) -> FloatArray:
-        """Return all (14,) distortion coefficients, or (4,) of a fisheye, padded with zeros."""
         num = self._num_coefficients
         return np.array((*self.distortion, *(0.0,) * num)[:num])
 
     def undistort_px(self, uv_px: Float32Array) -> Float32Array:
-        """Return the pixels (N, 2) that a camera with this K sees without lens distortion.
-
-        If this camera has none, or N is 0, the argument itself is returned.
-        """
+        """Return the pixels (N, 2) that a camera with this K sees without lens distortion."""
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
         pixels = uv_px.reshape(-1, 1, 2)
@@ -177,8 +161,7 @@ class CameraModel:
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distorted coordinates (N,), (N,) of normalized image coordinates (z = 1).
 
-        `cv2.projectPoints` gives the same result, but takes 17 times as long, because it computes
-        the Jacobians too.
+        `cv2.projectPoints` takes 17 times as long, because it computes the Jacobians too.
         """
         xy, r2 = x * y, x * x + y * y
         if self.is_fisheye:
@@ -207,18 +190,13 @@ class RgbdFrame:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Return the image's width and height in pixels."""
         height, width = self.depth_m.shape
         return width, height
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
-    """Bounding boxes that an object detector found in one image.
-
-    Raises:
-        MessageError: The arrays have different lengths, or a class name is too long.
-    """
+    """Bounding boxes that a detector found in one image; MessageError if arrays disagree."""
 
     stamp_ns: int  # of the image
     boxes_xyxy_px: Float32Array  # (N, 4) left, top, right, bottom in the full image
@@ -242,17 +220,12 @@ class Detections:
 
     @staticmethod
     def none(stamp_ns: int) -> Detections:
-        """Return the detections of an image in which nothing was found."""
         return Detections(stamp_ns, np.empty((0, 4), np.float32), (), np.empty(0, np.float32))
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """N ORB features of one image, as a structure of arrays.
-
-    Raises:
-        MessageError: The arrays have different lengths.
-    """
+    """N ORB features of one image, as a structure of arrays; MessageError if they disagree."""
 
     stamp_ns: int  # of the color image
     uv_px: Float32Array  # (N, 2) at full resolution, as imaged (lens distortion not removed)
@@ -282,7 +255,6 @@ class Features:
         return len(self.octave)
 
     def select(self, keep: BoolArray | IntArray) -> Features:
-        """Return the features that a boolean mask (N,) or an array of indices selects."""
         return Features(
             self.stamp_ns,
             self.uv_px[keep],
@@ -297,10 +269,7 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class FeatureVerdicts:
-    """Which of the N features of an image are dynamic, by the filter's final verdict.
-
-    The filter publishes features before all detections are known, and this verdict afterwards.
-    """
+    """Which of the N features of an image are dynamic, by the filter's final verdict."""
 
     stamp_ns: int  # of the image, as in its `Features`
     # (N,) True: the feature lies on a moving object and must be removed. An empty array means that
@@ -309,10 +278,7 @@ class FeatureVerdicts:
 
 
 class ObjectState(Enum):
-    """The state of a person or an object, in an image and in the scene.
-
-    The values are the constants of hoid_msgs/ObjectState, where each is explained.
-    """
+    """The state of a person or an object; hoid_msgs/ObjectState explains values."""
 
     AT_REST = 0
     PERSON = 1
@@ -380,7 +346,6 @@ class Trajectory:
 
     @staticmethod
     def joined(parts: Iterable[Trajectory]) -> Trajectory:
-        """Return the concatenation of trajectories, which must be in order of time."""
         each = [Trajectory(np.empty(0, np.int64), np.empty((0, 4, 4))), *parts]
         stamps_ns = np.concatenate([part.stamps_ns for part in each])
         return Trajectory(stamps_ns, np.concatenate([part.T_world_camera for part in each]))

@@ -23,9 +23,8 @@ def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -
     """Return the rows (M,) of the weak boxes that show expected objects, at most one for each.
 
     The expected boxes are first shifted by the median motion of those that were detected, because
-    the camera may have moved. An expected object is shown by the box of its class of highest
-    score with an intersection over union of 0.5 or more, unless a strong box of any class
-    overlaps it as much: then it was detected already.
+    the camera may have moved. An object is shown by the best box of its class that overlaps it by
+    half, unless a strong box of any class does: it was detected already.
     """
     if abs(weak.stamp_ns - expected.stamp_ns) >= _MAX_AGE_NS or not len(weak):
         return np.empty(0, np.int64)
@@ -53,6 +52,5 @@ def _shift_px(expected: Detections, strong: Detections) -> Float32Array:
 
 
 def _are_alike(first: Detections, second: Detections) -> BoolArray:
-    """Return (N, M) flags: whether two boxes have the same class."""
     names = np.array(first.class_names, str)[:, None] == np.array(second.class_names, str)
     return np.asarray(names)

@@ -13,8 +13,8 @@ R = TypeVar('R')
 class NewestWins(Generic[T, R]):
     """Processes one item at a time in a worker thread, while only the newest other item waits.
 
-    All methods must be called by one thread, so no state needs a lock. The worker calls `work`
-    with an item, then `wake`, which must make the owner call `finish` in the owner's thread.
+    One thread calls the methods. The worker calls `work`, then `wake`, after which the owner must
+    call `finish`.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -26,10 +26,7 @@ class NewestWins(Generic[T, R]):
         self.num_dropped = 0  # items that a newer one replaced
 
     def offer(self, item: T) -> None:
-        """Process an item now, or after the running one.
-
-        It replaces an item that waits already.
-        """
+        """Process an item now, or after the running one in place of the one that waits."""
         if self._running is None:
             self._start(item)
         else:
@@ -38,10 +35,7 @@ class NewestWins(Generic[T, R]):
             self._waiting = item
 
     def finish(self) -> R | None:
-        """Return the result of the finished item or None, and start the waiting one.
-
-        An exception of `work` is raised here.
-        """
+        """Return the finished result or None, or raise its error; start the waiting item."""
         if self._running is None or not self._running.done():
             return None
         done, self._running = self._running, None
@@ -51,14 +45,13 @@ class NewestWins(Generic[T, R]):
         return done.result()
 
     def clear(self) -> None:
-        """Discard the waiting item, wait for the running item, and discard its result or error."""
+        """Discard the waiting item, and the running one with its result or error."""
         self._waiting = None
         if self._running is not None:
             self._running.exception()
             self._running = None
 
     def close(self) -> None:
-        """Discard the waiting item, wait for the running one, and end the thread."""
         self._waiting = None
         self._pool.shutdown()
 

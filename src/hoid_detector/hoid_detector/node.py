@@ -74,7 +74,6 @@ class DetectorNode(ManagedNode):
         self.begin(autostart=self._settings.config.autostart)
 
     def destroy_node(self) -> None:
-        """End the worker thread, then destroy the node, whose guard condition the thread uses."""
         self._worker.close()
         super().destroy_node()
 
@@ -86,7 +85,6 @@ class DetectorNode(ManagedNode):
             self.diagnostics.set_problem('provider', warning)
 
     def pause(self) -> None:
-        """Discard the waiting image, and wait for the running detection, which is published."""
         self._worker.clear()
 
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:

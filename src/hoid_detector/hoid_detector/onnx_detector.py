@@ -37,16 +37,10 @@ _MAX_DETECTIONS = 100  # chosen: more people and objects than fit into a view
 
 
 class OnnxDetector:
-    """Detector with an ONNX model, whose output layout is recognized.
+    """Detector with an ONNX model, whose output layout is recognized by running it on noise.
 
-    The constructor loads the model and runs it once on noise. The caller should report
-    `network.provider_warning` if this text is not empty.
-
-    Raises:
-        ModelError: The model cannot be read or run, one of its outputs contains no finite number,
-            its layout or its class names are unknown, or no class is one of people.
-        ConfigError: `classes` contains a class that the model lacks, or `providers` an unknown
-            provider.
+    The constructor raises ModelError if the model cannot be used, and ConfigError for unknown
+    classes or providers.
     """
 
     def __init__(self, model: Path, config: DetectorConfig) -> None:
@@ -71,7 +65,6 @@ class OnnxDetector:
 
     @property
     def description(self) -> str:
-        """Return a line of text: model file, layout, number of classes, input format, provider."""
         network = self.network
         size = 'x'.join(map(str, network.size_wh)) if network.size_wh else 'any size'
         return (
@@ -81,10 +74,7 @@ class OnnxDetector:
         )
 
     def reconfigure(self, config: DetectorConfig) -> None:
-        """Apply new parameters, except those for loading the model.
-
-        ConfigError for an unknown class.
-        """
+        """Apply new parameters, but for loading the model; ConfigError for an unknown class."""
         self.check_classes(config.classes)
         names = np.array(self.class_names)
         self._reported = np.isin(names, config.classes) if config.classes else None
@@ -99,12 +89,8 @@ class OnnxDetector:
     def detect(self, image_bgr: ByteArray, stamp_ns: int) -> Detections:
         """Return the detections in an image (H, W, 3), highest score first, clipped to the image.
 
-        Not for two threads at the same time.
-
-        Raises:
-            MessageError: The image has another shape, or no pixels.
-            ModelError: The network fails on the image, its outputs do not fit the layout of the
-                model, or most boxes so far were outside their images.
+        MessageError for another shape; ModelError if the outputs do not fit the layout, or most
+        boxes so far were outside their images. Not for two threads at the same time.
         """
         if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or 0 in image_bgr.shape:
             raise MessageError(f'image must be (height, width, 3), got {image_bgr.shape}')
@@ -162,11 +148,7 @@ class OnnxDetector:
         return _joined(found, weak.select(rows))
 
     def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
-        """Count boxes (N, 4) by whether their center is in the image.
-
-        Raises:
-            ModelError: Of all boxes so far, more are outside than inside, and at least three.
-        """
+        """Raise ModelError if most boxes so far, and at least three, are outside the image."""
         center = (boxes_xyxy_px[:, :2] + boxes_xyxy_px[:, 2:]) / 2
         size_px = (place.image_width_px, place.image_height_px)
         inside = ((center >= 0) & (center <= size_px)).all(axis=1)
@@ -180,10 +162,7 @@ class OnnxDetector:
             )
 
     def _report_silence(self, *, has_boxes: bool) -> None:
-        """Log a warning once if none of the first 300 images had a box.
-
-        A wrong input format (color order, value range or placement) has this effect.
-        """
+        """Warn once if none of the first 300 images had a box, as with a wrong input format."""
         if has_boxes or self._num_empty is None:
             self._num_empty = None
             return
@@ -196,7 +175,6 @@ class OnnxDetector:
             )  # fmt: skip
 
     def _count_non_finite(self, outputs: Sequence[NDArray[Any]], *, has_candidates: bool) -> None:
-        """Count an image without a finite box if one of the outputs contains NaN and Inf only."""
         self.has_finite_outputs = has_candidates or _are_finite(outputs)
         if not self.has_finite_outputs:
             self.num_non_finite += 1
@@ -279,7 +257,6 @@ def _are_finite(outputs: Sequence[NDArray[Any]]) -> bool:
 
 
 def _is_finite(found: Candidates) -> BoolArray:
-    """Return (N,) flags: whether box and score are finite and the class index is valid."""
     finite = np.isfinite(found.boxes_xyxy_px).all(axis=1) & np.isfinite(found.scores)
     return finite & (found.class_ids >= 0)
 
@@ -306,7 +283,6 @@ def _text(boxes: Float32Array) -> str:
 
 
 def _strongest(found: Candidates, layout: Layout, config: DetectorConfig) -> IntArray:
-    """Return the indices of the candidates to report, highest score first."""
     if layout.needs_nms:
         return nms(*found, config.nms_iou)[:_MAX_DETECTIONS]
     return np.argsort(-found.scores, kind='stable')[:_MAX_DETECTIONS]

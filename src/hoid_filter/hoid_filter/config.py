@@ -250,10 +250,9 @@ class FilterConfig(Config):
     sample_box_px: ClassVar[int] = 10
 
     def may_be_handled(self, class_name: str) -> bool:
-        """Return whether objects of a class are dynamic when a person handles them.
+        """Return whether a person can make objects of a class dynamic: those of `dynamic_classes`.
 
-        These are the classes of `dynamic_classes` except people. If that list names no other
-        class, they are all classes except people.
+        If that list names no class but person, all classes except people can.
         """
         return class_name in self._handled or (not self._handled and class_name != PERSON)
 

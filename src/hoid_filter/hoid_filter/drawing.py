@@ -40,11 +40,7 @@ _BAR_BGR: Bgr = (50, 50, 50)
 
 
 def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
-    """Return a copy of the image (H, W, 3) with features and the boxes of objects.
-
-    Kept features are green, removed ones red. The color of a box shows why the object is static
-    or dynamic (`REASON_BGR`).
-    """
+    """Return a copy of the image (H, W, 3) with features and boxes, in the legend's colors."""
     picture = image_bgr.copy()
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
     draw_points(picture, result.features.uv_px, KEPT_BGR)
@@ -61,7 +57,7 @@ def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
 
 
 def draw_legend(picture: ByteArray) -> ByteArray:
-    """Return the picture with rows of 26 px below it that explain the colors."""
+    """Return the picture with rows below it that explain the colors."""
     width_px = picture.shape[1]
     bars = [np.full((BAR_PX, width_px, 3), _BAR_BGR, np.uint8)]
     x = _LEGEND_GAP_PX
@@ -97,7 +93,7 @@ def _draw_label(picture: ByteArray, item: DynamicObject) -> None:
 
 
 def label(item: DynamicObject) -> str:
-    """Return the text of a label: class, score, and overlap and depth gap to a person."""
+    """Return class, score, and the overlap and depth gap to a person, for a picture."""
     text = f'{item.class_name} {item.score:.2f}'
     if item.overlap_ratio > 0:
         text += f' {item.overlap_ratio:.0%}'
@@ -107,7 +103,7 @@ def label(item: DynamicObject) -> str:
 
 
 def draw_title(picture: ByteArray, text: str) -> ByteArray:
-    """Return the picture with a bar of 26 px above it that shows the text."""
+    """Return the picture with a bar above it that shows the text."""
     bar = np.full((BAR_PX, picture.shape[1], 3), _BAR_BGR, np.uint8)
     cv2.putText(bar, text, (8, BAR_PX - 8), _FONT, 0.6, _TEXT_BGR, 1, cv2.LINE_AA)
     return np.vstack([bar, picture])

@@ -52,15 +52,12 @@ class FinalVerdict(NamedTuple):
 class FeatureFilter:
     """Detects corners, classifies objects, and describes the corners on static surface.
 
-    `process` runs all stages. Motion segmentation takes longest, so the live filter runs the
-    stages one by one: `detect_corners`, then `select_and_describe` with the moving regions of an
-    earlier image, then `detect_motion`, then `reevaluate` for the final verdict on the features.
+    `process` runs all stages. The live filter runs them one by one, because motion segmentation
+    takes longest: `detect_corners`, `select_and_describe` with the moving regions of an earlier
+    image, `detect_motion`, `reevaluate`.
 
-    The camera model may also be set later. While it is None, or not of the size of the images,
-    motion is not segmented, and 3-D positions of objects are NaN.
-
-    Raises:
-        ConfigError: The strategy cannot be loaded.
+    While `camera` is None, or not of the size of the images, motion is not segmented, and 3-D
+    positions of objects are NaN.
     """
 
     def __init__(self, config: FilterConfig, camera: CameraModel | None = None) -> None:
@@ -71,10 +68,7 @@ class FeatureFilter:
         self.counters: Counter[str] = Counter()
 
     def reconfigure(self, config: FilterConfig) -> None:
-        """Apply parameters that changed at run time, but those of the extraction.
-
-        Forget earlier images.
-        """
+        """Apply parameters, but those of the extraction, and forget earlier images."""
         self._config = config
         self.reset()
 
@@ -90,15 +84,11 @@ class FeatureFilter:
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
     ) -> FilterResult:
-        """Return the features of the next image on static surface and all its objects.
+        """Return the features of the next image on static surface, and its objects.
 
-        Images must come in order of time, because tracked objects and motion evidence are
-        updated. `detections` are of this image, or of an older one, from which boxes in this
-        image are predicted. None: the detector has sent no new message; empty detections: it
-        found nothing. `for_picture` asks for the positions of removed features.
-
-        Raises:
-            MessageError: Color and depth differ in size.
+        `detections` are of this image, or of an older one, from which boxes are predicted. None:
+        the detector has sent no message; empty: it found nothing. `for_picture` asks for the
+        positions of removed features. MessageError if color and depth differ in size.
         """
         detected = self.detect_corners(frame)
         start = time.thread_time()
@@ -109,10 +99,7 @@ class FeatureFilter:
         return result
 
     def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
-        """Return the FAST corners of all pyramid levels.
-
-        MessageError if color and depth differ in size.
-        """
+        """Return the FAST corners; MessageError if color and depth differ in size."""
         check_sizes(frame)
         start = time.thread_time()
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
@@ -120,12 +107,7 @@ class FeatureFilter:
         return DetectedCorners(frame, corners, time.thread_time() - start)
 
     def detect_motion(self, detected: DetectedCorners) -> None:
-        """Segment motion in the next image and store its moving regions.
-
-        Nothing is segmented if no camera model has the size of the image, if the strategy does
-        not use motion, or if the color image is a copy of an earlier one. Such images are
-        counted.
-        """
+        """Segment motion in the next image of the camera, unless it is a copy of another one."""
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1
@@ -144,12 +126,7 @@ class FeatureFilter:
         self._motion.detect(view)
 
     def _is_copy(self, frame: RgbdFrame) -> bool:
-        """Return whether the color image is a copy of an earlier one, while the depth is new.
-
-        Some drivers repeat color images. The depth image then shows a later moment than the color
-        image, so that static surface would seem to move. An image is compared with the last image
-        that was no copy, if that is at most 250 ms older.
-        """
+        """Return whether the driver repeats the color image: static surface would seem to move."""
         original = self._original
         if (
             original is not None
@@ -167,7 +144,6 @@ class FeatureFilter:
         return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        """Return whether motion was segmented in an image of the last 60, or is not used."""
         return self._motion is None or self._motion.has_result(stamp_ns)
 
     def select_and_describe(
@@ -179,8 +155,8 @@ class FeatureFilter:
     ) -> FilterResult:
         """Return the features on static surface and all objects; arguments as in `process`.
 
-        Of the moving regions, those of the newest image in which motion was segmented are used.
-        The mask of the detected dynamic objects is stored for the next call of `detect_motion`.
+        The moving regions are those of the newest image in which motion was segmented. The mask of
+        detected dynamic objects is stored for `detect_motion`.
         """
         frame, corners, corners_s = detected
         start_s = time.thread_time()
@@ -214,13 +190,9 @@ class FeatureFilter:
     ) -> FinalVerdict:
         """Classify an image again with what is known by now, and return its final verdict.
 
-        Args:
-            features: Features that `select_and_describe` returned for the image, which must be
-                at most a second old.
-            depth_m: (H, W) depth of the image.
-            detections: Boxes of the image, of a later image when the detector skipped this one,
-                or of an earlier image when no newer boxes will come. None: those that were given
-                before are used.
+        `features` are those that `select_and_describe` returned for the image, at most a second
+        ago. `detections` are of the image, or of the nearest one for which the detector has sent
+        some; None: those that were given before are used.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T
@@ -254,7 +226,7 @@ class FeatureFilter:
         return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return the (N, 2) positions of features that would be chosen without the filter."""
+        """Return the (N, 2) pixels of the features that are missing because of the filter."""
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)
@@ -264,7 +236,6 @@ class FeatureFilter:
     def _objects(
         self, found: ObjectVerdicts, size_px: tuple[int, int]
     ) -> tuple[DynamicObject, ...]:
-        """Return the objects with 3-D centers and sizes, NaN where depth or camera are unknown."""
         boxes = found.boxes_xyxy_px.astype(np.float64)
         centers = np.full((len(boxes), 3), np.nan)
         sizes = np.full((len(boxes), 2), np.nan)
@@ -293,7 +264,6 @@ class FeatureFilter:
 
 
 def _are_equal(a: np.ndarray, b: np.ndarray) -> bool:
-    """Return whether two images are equal; fast if they differ in one of the rows seen first."""
     few = slice(None, None, 64)  # chosen; images without a copy between them differ in most rows
     return np.array_equal(a[few], b[few]) and np.array_equal(a, b)
 

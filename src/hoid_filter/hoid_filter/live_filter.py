@@ -62,30 +62,17 @@ class _Awaiting(NamedTuple):
 class LiveFilter:
     """The state machine of the live filter: publishes each image early, then its final verdict.
 
-    An image passes these states in order, but may skip states that it does not need:
+    An image passes these states in order, and skips those that it does not need. *Held*: it waits
+    at most `wait_s` for the first message of the detector, because a map must not start with
+    people in it. *Published*: the features are published by the boxes and moving regions known so
+    far, provisionally if better ones may come. *Motion segmented*: as soon as no message waits
+    (`on_idle`) or detections arrive; at most three images in a row skip this state. *Awaiting
+    detections*: those of the image or of a later one, until `wait_s` has passed, the detector is
+    lost, or more than 30 images wait. *Final*: the final verdict on provisional features is
+    published (decision 031).
 
-    1. *Held*: the image waits for the first message of the detector, for at most `wait_s`. Before
-       this message there is no box from which people could be predicted, and a map must not start
-       with people in it. Held images cost no processor time, which leaves it to the detector.
-    2. *Published*: the features are published, classified by the boxes and moving regions that
-    are
-       known so far. The verdict is provisional if better detections or moving regions of the image
-       may still become known.
-    3. *Motion segmented*: moving regions are found as soon as no message waits (`on_idle`) or
-       detections arrive. An image skips this state when the next image comes first, but at most
-       three images in a row do.
-    4. *Awaiting detections*: the image waits for its own detections or those of a later image,
-       until `wait_s` has passed, the detector is lost, or more than 30 images wait.
-    5. *Final*: the final verdict on the published features is published, if the verdict was
-       provisional (decision 031).
-
-    Images are dropped when the stamps go back, and by `on_loss` "stop" while the detector is
-    lost.
-
-    Args:
-        request_idle: Function that schedules a call of `on_idle` after all messages that have
-            arrived by then.
-        clock: A steady clock, in seconds.
+    `request_idle` schedules a call of `on_idle` after all messages that have arrived by then.
+    `clock` is steady, in seconds.
     """
 
     def __init__(
@@ -123,8 +110,7 @@ class LiveFilter:
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
         """Publish an image now, or hold it until the detector has sent its first message.
 
-        Each call publishes at most one image, the oldest. All earlier images and objects are
-        forgotten when the stamps go back by a second or more.
+        All earlier images and objects are forgotten when the stamps go back by a second or more.
         """
         newest_ns = self._newest_image_ns
         if newest_ns is not None and newest_ns - frame.stamp_ns >= RESTART_NS:
@@ -139,12 +125,9 @@ class LiveFilter:
     def add_detections(self, detections: Detections) -> None:
         """Publish the final verdict on all awaiting images up to the stamp of these detections.
 
-        Motion is segmented in the newest image first. Detections that no awaiting image used, or
-        that are newer than the newest image, are stored for later images. At last, the oldest
-        held image is published.
-
-        Raises:
-            MessageError: The stamp is later than that of any image that can exist by now.
+        Detections that no awaiting image used, or that are newer than the newest image, are stored
+        for later images. MessageError if the stamp is later than that of any image that can exist
+        by now.
         """
         self.segment_motion()  # first, because the verdicts below are final
         self._check_lead(detections)
@@ -163,10 +146,7 @@ class LiveFilter:
         self._publish_held()
 
     def poll(self) -> None:
-        """Publish the final verdict on images that waited too long.
-
-        To be called several times in `wait_s`.
-        """
+        """Publish the final verdict on images that waited too long; call it often in `wait_s`."""
         overdue = []
         while self._awaiting and self._is_overdue(self._awaiting[0]):
             overdue.append(self._awaiting.popleft())
@@ -177,8 +157,8 @@ class LiveFilter:
     def on_idle(self) -> None:
         """Segment motion in the newest image, since no message waits.
 
-        The first call after an image was published only requests a second call: the next image
-        may have arrived meanwhile, and publishing its features has priority.
+        The first call after an image only requests a second one, because the next image may have
+        arrived: publishing its features has priority.
         """
         if self._has_published:
             self._has_published = False
@@ -187,7 +167,6 @@ class LiveFilter:
             self.segment_motion()
 
     def segment_motion(self) -> None:
-        """Segment motion in the newest published image, and move it to its next state."""
         if self._newest is not None:
             image, self._newest = self._newest, None
             self._num_without_motion = 0
@@ -195,10 +174,7 @@ class LiveFilter:
             self._follow_up(image)
 
     def _restart(self, stamp_ns: int) -> None:
-        """Forget images, objects and detections.
-
-        Those up to `stamp_ns` belong to the new stream.
-        """
+        """Forget the images, objects and detections of the stream that ended before `stamp_ns`."""
         self._awaiting.clear()
         self._held.clear()
         self._unused_detections = _bounded(self._unused_until(stamp_ns))
@@ -210,11 +186,7 @@ class LiveFilter:
         self._diagnostics.note(text, 'times that stamps went back')
 
     def _publish_held(self) -> None:
-        """Publish the oldest held image, unless it must wait or publishing is stopped.
-
-        Each call publishes one image, because a burst would overflow the short queue of the SLAM
-        node. With `on_loss` "stop" and a lost detector, the image is dropped.
-        """
+        """Publish one held image; more would overflow the short queue of the SLAM node."""
         if not self._held or self._must_wait(self._held[0]):
             return
         header, frame, _ = self._held.popleft()
@@ -229,10 +201,6 @@ class LiveFilter:
         return is_first and self._clock() - held.since_s < self.config.wait_s
 
     def _note_image(self, stamp_ns: int) -> None:
-        """Store the stamp and arrival of the newest image.
-
-        The silence of the detector may begin now.
-        """
         self._newest_image_s, self._newest_image_ns = self._clock(), stamp_ns
         if self._unanswered_since_s is None:
             self._unanswered_since_s = self._newest_image_s
@@ -240,8 +208,8 @@ class LiveFilter:
     def _take_detections(self, stamp_ns: int) -> tuple[Detections | None, bool]:
         """Remove the unused detections up to a stamp; return the newest, and whether it is final.
 
-        They are final when detections of this or a later image have arrived (a detector may skip
-        images), or when the detector is lost.
+        They are final once detections of this or a later image have arrived, or when the detector
+        is lost.
         """
         is_answered = any(found.stamp_ns >= stamp_ns for found in self._unused_detections)
         past = self._unused_until(stamp_ns)
@@ -280,11 +248,7 @@ class LiveFilter:
         )
 
     def _overtake(self, stamp_ns: int) -> None:
-        """Move the newest published image to its next state, before another image replaces it.
-
-        Motion is segmented in it only if it was not in the three images before. If its stamp is
-        later than that of the other image, it is dropped without a final verdict.
-        """
+        """Move the newest published image to its next state, before another one replaces it."""
         if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
             self._newest = None  # the stamps went back
         if self._num_without_motion == _MAX_IMAGES_WITHOUT_MOTION:
@@ -296,7 +260,6 @@ class LiveFilter:
             self._diagnostics.count('images without motion segmentation')
 
     def _follow_up(self, image: _Published) -> None:
-        """Publish the masks, if anybody subscribes, and a verdict on final detections."""
         depth_m = image.corners.frame.depth_m
         if self._outputs.wants_masks:
             verdict = self._filter.reevaluate(image.features, depth_m, None)
@@ -319,7 +282,6 @@ class LiveFilter:
         self._diagnostics.set_count('images without detections', self._num_without_detections)
 
     def _is_overdue(self, image: _Awaiting) -> bool:
-        """Return whether `wait_s` is over, the detector is lost, or more than 30 images wait."""
         return (
             self._clock() - image.since_s >= self.config.wait_s
             or self._is_detector_lost
@@ -327,7 +289,6 @@ class LiveFilter:
         )
 
     def _check_lead(self, detections: Detections) -> None:
-        """Raise MessageError for a stamp in the future, of which no image can exist yet."""
         if self._newest_image_ns is None:
             return
         lead_s = (detections.stamp_ns - self._newest_image_ns) / NS_PER_S
@@ -352,7 +313,6 @@ class LiveFilter:
         return self.config.on_loss == STOP and self._is_detector_lost
 
     def _report_loss(self) -> None:
-        """Set the problem of a lost detector, or clear it when the detector has answered."""
         if not self._is_detector_lost:
             self._diagnostics.clear_problem(_DETECTOR_LOST)
             return
@@ -365,5 +325,4 @@ class LiveFilter:
 
 
 def _bounded(detections: Iterable[Detections] = ()) -> deque[Detections]:
-    """Return a queue that drops its oldest detections when it is full."""
     return deque(detections, maxlen=_MAX_QUEUED)

@@ -9,50 +9,38 @@ from hoid_filter.feature_filter import FinalVerdict
 
 
 class LiveOutputs(Protocol):
-    """Publishes the results for an image. `header` is the header of its color image message."""
+    """Publishes the results for an image, with the header of its color image message."""
 
     @property
-    def wants_picture(self) -> bool:
-        """Return whether anybody subscribes to the debug image."""
+    def wants_picture(self) -> bool: ...
 
     @property
-    def wants_masks(self) -> bool:
-        """Return whether anybody subscribes to the masked images or point clouds."""
+    def wants_masks(self) -> bool: ...
 
     def publish(
         self, frame: RgbdFrame, result: FilterResult, header: Any, *, provisional: bool
     ) -> None:
-        """Publish features and objects, and the debug image if anybody subscribes to it.
+        """Publish features and objects; if `provisional`, `publish_final` may follow."""
 
-        If `provisional`, `publish_final` follows, unless the image is dropped before.
-        """
-
-    def publish_final(self, final: FinalVerdict, header: Any, size_px: tuple[int, int]) -> None:
-        """Publish the final verdict on an image that was published provisionally."""
+    def publish_final(
+        self, final: FinalVerdict, header: Any, size_px: tuple[int, int]
+    ) -> None: ...
 
     def publish_masks(
         self, final: FinalVerdict, depth_m: Float32Array, header: Any, camera: CameraModel | None
     ) -> None:
-        """Publish the masked images and the point clouds that have subscribers.
-
-        Without `camera`, or if its size is not that of the image, no point clouds are published.
-        """
+        """Publish masked images, and point clouds if `camera` is of the images' size."""
 
 
 class LiveDiagnostics(Protocol):
     """Counters and problems that the node shows on /diagnostics."""
 
-    def count(self, name: str, number: int = 1) -> None:
-        """Add `number` to the counter `name`."""
+    def count(self, name: str, number: int = 1) -> None: ...
 
-    def set_count(self, name: str, number: int) -> None:
-        """Set the counter `name` to `number`."""
+    def set_count(self, name: str, number: int) -> None: ...
 
-    def note(self, text: str, what: str) -> None:
-        """Log an event that is no error, and count it under the name `what`."""
+    def note(self, text: str, what: str) -> None: ...
 
-    def set_problem(self, name: str, text: str, *, severe: bool) -> None:
-        """Show a problem until `clear_problem` is called with its name."""
+    def set_problem(self, name: str, text: str, *, severe: bool) -> None: ...
 
-    def clear_problem(self, name: str) -> None:
-        """Stop showing a problem."""
+    def clear_problem(self, name: str) -> None: ...

@@ -26,10 +26,7 @@ def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
 
 
 def points_m(depth_m: Float32Array, mask: BoolArray, camera: CameraModel) -> Float32Array:
-    """Return the (N, 3) points, in the optical frame, of masked pixels (H, W) that have depth.
-
-    Only every eighth pixel of every eighth row is used.
-    """
+    """Return the points (N, 3) in the optical frame of every eighth masked pixel (H, W)."""
     step = _POINT_STRIDE_PX
     wanted = mask[::step, ::step] & (depth_m[::step, ::step] > 0)
     v, u = np.nonzero(wanted)

@@ -115,11 +115,7 @@ class FilterNode(ManagedNode):
         self._use_camera()
 
     def _use_camera(self) -> None:
-        """Use the camera_info, scaled to the size of the color images if that is a multiple.
-
-        A camera_info of any other size is reported. As long as there is no other one, 3-D
-        positions of objects are unknown, and motion is not segmented.
-        """
+        """Use the camera_info, scaled to the size of the color images if that is a multiple."""
         camera, size_px = self._camera, self._size_px
         if camera is None or size_px is None:
             return

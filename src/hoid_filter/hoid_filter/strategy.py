@@ -56,10 +56,7 @@ class ObjectVerdicts(NamedTuple):
         reasons: tuple[ObjectState, ...],
         **known: NDArray[Any],
     ) -> ObjectVerdicts:
-        """Return the verdicts on N objects; fields that are not in `known` are marked as unknown.
-
-        The overlap ratios are 0 if they are not given.
-        """
+        """Return the verdicts on N objects; fields that are not `known` are marked as unknown."""
         num = len(class_names)
         unknown: dict[str, NDArray[Any]] = {
             'track_ids': np.full(num, -1),
@@ -79,11 +76,7 @@ def _concatenated(first: Any, second: Any) -> Any:
 
 
 class Verdict(NamedTuple):
-    """Which objects of an image are dynamic, and which of its K corners lie on static surface.
-
-    Corners are classified instead of pixels: a full-resolution mask would take longer than the
-    rest of the strategy.
-    """
+    """Which objects of an image are dynamic, and which of its K corners lie on static surface."""
 
     objects: ObjectVerdicts
     static_area_px: int  # unmasked area of the image
@@ -97,11 +90,10 @@ class Verdict(NamedTuple):
 
 
 class FilterStrategy(Protocol):
-    """Classifies the objects of an image as static or dynamic.
+    """Classifies the objects of an image as static or dynamic; made from a `FilterConfig`.
 
-    The constructor takes the `FilterConfig`. A strategy may keep state from image to image. The
-    live filter makes a new strategy when parameters change, and when the stamps go back by a
-    second or more.
+    It may keep state from image to image: a new one is made when parameters change, and when the
+    stamps go back by a second or more.
     """
 
     needs_detections: bool  # False: no detector is started and no image waits for detections
@@ -110,15 +102,13 @@ class FilterStrategy(Protocol):
     def classify(self, image: FilterInput) -> Verdict:
         """Return which objects of an image are dynamic and which of its corners are kept.
 
-        New images come in order of time. When an image's own detections or moving regions become
-        known later, or have not come within the waiting time, it is classified again, and so it is
-        for masked images. This may be after newer images; the corners are then the pixels of the
-        features that were published.
+        New images come in order of time. An image may be classified again, even after newer ones,
+        when its detections or moving regions have become known; the corners are then the features
+        that were published.
         """
 
 
 def make_strategy(config: FilterConfig) -> FilterStrategy:
-    """Return a new object of the strategy in `config`; ConfigError if it cannot be loaded."""
     strategy: FilterStrategy = load_strategy(config.strategy)(config)
     return strategy
 

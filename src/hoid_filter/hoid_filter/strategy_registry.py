@@ -1,7 +1,7 @@
-"""The filter strategies by name: built-in strategies, and strategies of other installed packages.
+"""The filter strategies by name: built-in ones, and those of other installed packages.
 
-A package adds a strategy by an entry point in the group `hoid_filter.strategies`; no file of
-`hoid_filter` has to be edited (docs/howto/add_a_strategy.md).
+A package adds a strategy by an entry point in the group `hoid_filter.strategies`
+(docs/howto/add_a_strategy.md).
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ _BUILT_IN = {
 
 
 def _find_strategies() -> dict[str, EntryPoint]:
-    """Return the entry points of all strategies by name; built-in ones take precedence."""
     found = {
         name: EntryPoint(name, f'hoid_filter.strategies.{target}', ENTRY_POINT_GROUP)
         for name, target in _BUILT_IN.items()
@@ -40,11 +39,7 @@ STRATEGIES = tuple(_STRATEGIES)
 
 
 def load_strategy(name: str) -> type[Any]:
-    """Import and return the class of a strategy.
-
-    Raises:
-        ConfigError: No strategy has this name, or its module cannot be imported.
-    """
+    """Return the class of a strategy; ConfigError if it is unknown or cannot be imported."""
     if name not in _STRATEGIES:
         raise ConfigError(f'no strategy is called "{name}"; there are {", ".join(STRATEGIES)}')
     entry_point = _STRATEGIES[name]

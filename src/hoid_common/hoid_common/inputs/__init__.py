@@ -1,4 +1,1 @@
-"""Inputs of a node: the parameters of its subscriptions, and the detection of missing messages.
-
-Nothing here imports ROS.
-"""
+"""Inputs of a node, without ROS: parameters of subscriptions, missing messages, registration."""

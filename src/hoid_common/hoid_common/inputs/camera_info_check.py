@@ -1,7 +1,4 @@
-"""Choice of the camera calibration when camera_info messages and images contradict.
-
-The same rule is used live and for recordings.
-"""
+"""Choice of the camera calibration when camera_info and images contradict, live and recorded."""
 
 from __future__ import annotations
 
@@ -19,15 +16,11 @@ _MIN_REPEATS = 2
 class CameraInfoCheck:
     """Decides which calibration to use when camera_info messages contradict each other or images.
 
-    The first calibration with the size of the images (any size before the first image) is used at
-    once, on trial for 30 images. During the trial, another calibration with the size of the images
-    replaces the calibration in use. If the calibration in use has the wrong size, this happens at
-    once, else when the other calibration is received twice in a row. After the trial the
-    calibration in use is kept (decision 045): another calibration, and images of another size, are
-    reported.
-
-    A calibration of another size than the images is scaled if one size is a whole multiple of the
-    other, as drivers that reduce images publish it. One of the right size is preferred.
+    The first calibration with the size of the images is used at once, on trial for 30 images.
+    During the trial, another one of this size replaces it, at once if the one in use has the wrong
+    size, else when it is received twice in a row. Afterwards the one in use is kept (decision
+    045), and contradictions are reported. A calibration of another size is scaled if one size is a
+    whole multiple of the other.
     """
 
     def __init__(self, remedy: str) -> None:
@@ -45,14 +38,10 @@ class CameraInfoCheck:
 
     @property
     def problem(self) -> str:
-        """Return the current contradiction, in one line; empty if there is none."""
         return self.change or self._size_problem or self.scaling
 
     def update(self, camera: CameraModel) -> bool:
-        """Update `camera` and `problem` by a camera_info.
-
-        Return whether it has just come into use.
-        """
+        """Update `camera` and `problem`; return whether a calibration has just come into use."""
         scaling = ''
         if camera != self.camera and (self.scaling or self._num_images < _TRIAL_IMAGES):
             camera, scaling = self._scaled(camera)
@@ -84,7 +73,6 @@ class CameraInfoCheck:
         self._candidate, self._num_images = None, 0
 
     def _scaled(self, camera: CameraModel) -> tuple[CameraModel, str]:
-        """Return a calibration at the size of the images, and one line if it had to be scaled."""
         mismatch = self.size_mismatch(camera)
         scaled = camera.scaled_to(self._image_size_px or camera.size_px)
         if not mismatch or scaled is None:
@@ -94,10 +82,7 @@ class CameraInfoCheck:
     def check_image(self, size_px: tuple[int, int]) -> bool:
         """Count an image, and return whether the calibration was just scaled to its size.
 
-        Before the first calibration, only the size is stored. Also updates `problem`.
-
-        Raises:
-            MessageError: The size is not that of the calibration in use.
+        MessageError if the size is not that of the calibration in use.
         """
         self._image_size_px = size_px
         camera, scaling = self._scaled(self.camera) if self.camera is not None else (None, '')

@@ -1,7 +1,4 @@
-"""Log lines about the inputs of a node: missing, losing messages, and arriving again.
-
-Nothing here imports ROS.
-"""
+"""Log lines about the inputs of a node: missing, losing messages, and arriving again."""
 
 from __future__ import annotations
 
@@ -19,23 +16,17 @@ _GRACE_S = 5.0  # chosen: the nodes of a launch start within this time, and then
 class Logger(Protocol):
     """Logger of a node or of Python."""
 
-    def info(self, text: str, /) -> object:
-        """Log a line."""
+    def info(self, text: str, /) -> object: ...
 
-    def warning(self, text: str, /) -> object:
-        """Log a warning."""
+    def warning(self, text: str, /) -> object: ...
 
 
 class InputLog:
-    """Logs the problems of a node's inputs with exponential back-off.
+    """Logs the problems of a node's inputs with exponential back-off, and inputs that arrive.
 
-    An input is also logged when it arrives for the first time, or again after it was logged as
-    missing, except for an occasional one.
-
-    Args:
-        is_cause: Returns whether a topic is to be logged when its messages are missing or arrive.
-            A node that only waits for another one leaves that to the other node.
-        start_s: Steady time of the start. Missing inputs are not logged in the first five seconds.
+    `is_cause` returns whether a topic is to be logged when its messages are missing or arrive: a
+    node that waits for another one leaves that to it. Missing inputs are not logged in the five
+    seconds after `start_s`.
     """
 
     def __init__(self, logger: Logger, is_cause: Callable[[str], bool], start_s: float) -> None:
@@ -52,8 +43,7 @@ class InputLog:
     ) -> None:
         """Log the problems that are due, and inputs that arrive; called once a second.
 
-        `missing` has a text by topic, logged in one line for those that `is_cause`; `others` a
-        text by kind, each logged in a line of its own.
+        `missing` has a text by topic, `others` one by kind.
         """
         causes = {topic: text for topic, text in missing.items() if self._is_cause(topic)}
         if now_s < self._start_s + _GRACE_S:
@@ -68,7 +58,6 @@ class InputLog:
         self._log_arriving([w for w in watches if w.num_received and w.topic not in missing])
 
     def _log_arriving(self, watches: Sequence[InputWatch]) -> None:
-        """Log inputs that arrive for the first time, or again after they were logged missing."""
         new = [w for w in watches if not w.is_occasional and w.topic not in self._arriving]
         self._arriving |= {watch.topic for watch in new}
         texts = [f'{w.what} on {w.topic}' for w in new if self._is_cause(w.topic)]

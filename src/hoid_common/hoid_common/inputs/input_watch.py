@@ -15,10 +15,7 @@ _LOSS_S = 5.0  # chosen: time without a loss after which losses count as over
 
 @dataclass
 class InputWatch:
-    """Reception of one topic: the time of the newest message, and counts of messages.
-
-    All times are those of a steady clock.
-    """
+    """Reception of one topic: time of the newest message, and counts; times are steady."""
 
     what: str  # the messages in the plural, such as "depth images"
     topic: str  # full name
@@ -41,7 +38,6 @@ class InputWatch:
         self.num_received += 1
 
     def record_loss(self, now_s: float, number: int) -> None:
-        """Count messages that the middleware reports as lost."""
         if not self._is_in_series(now_s):
             self._losing_since_s, self._num_losing = now_s, 0
             self._received_before = self.num_received
@@ -59,8 +55,8 @@ class InputWatch:
     def loss_message(self, now_s: float, profile: str = '', *, is_own: bool = False) -> str:
         """Return one line about the current losses.
 
-        `profile` of Fast DDS is recommended to publishers of best effort, if it is not empty,
-        unless the topic `is_own`: nodes of the suite publish it, with the profile.
+        A `profile` of Fast DDS is recommended to publishers of best effort, unless nodes of the
+        suite publish the topic (`is_own`), which have it.
         """
         arrived = self.num_received - self._received_before
         remedy = 'check the network and the processor load'
@@ -75,10 +71,7 @@ class InputWatch:
         )
 
     def is_missing(self, now_s: float) -> bool:
-        """Return whether no message came for two seconds, though one was due.
-
-        None is due from an occasional input, and from a latched one after its first message.
-        """
+        """Return whether no message came for two seconds, though one was due."""
         is_enough = self.is_occasional or (self.is_latched and self.num_received > 0)
         return not is_enough and self._silent_s(now_s) > _TIMEOUT_S
 
@@ -95,5 +88,4 @@ class InputWatch:
         return f'{found}, reliability {kinds}, but the subscription requests {self.reliability}'
 
     def _silent_s(self, now_s: float) -> float:
-        """Return the time since the newest message or, before the first one, the subscription."""
         return now_s - (self.since_s if self.last_s is None else self.last_s)

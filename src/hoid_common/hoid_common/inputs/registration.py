@@ -47,10 +47,9 @@ class Registration:
         )
 
     def __call__(self, depth_m: Float32Array) -> Float32Array:
-        """Return the (H, W) depth in m at the color pixels of depth (h, w); 0 = no measurement.
+        """Return the depth (H, W) in m at the color pixels of depth (h, w); 0 = no measurement.
 
-        Raises:
-            MessageError: The depth image has another size than its camera.
+        MessageError if the depth image has another size than its camera.
         """
         if depth_m.shape[::-1] != self._size_px:
             raise MessageError(
@@ -69,13 +68,10 @@ class Registration:
 class DepthAligner:
     """Brings depth images to the pixels of color images, whatever the driver publishes.
 
-    Depth in the frame of the color images, or without a frame, is registered: it is used as it is,
-    or repeated if the color image is a whole number of times larger. Depth in another frame is
-    mapped by `Registration` once its camera and the transform between the frames are known. Until
-    then, depth of the size of the color images is taken as registered, with a doubt.
-
-    Args:
-        remedy: What to do about depth that is not registered, with which errors end.
+    Depth in the frame of color, or without a frame, is registered; it is repeated if color is a
+    whole number of times larger. Depth in another frame is mapped by `Registration` once its
+    camera and the transform are known, and taken as registered, with a doubt, until then. Errors
+    end with the `remedy`.
     """
 
     def __init__(self, remedy: str) -> None:
@@ -91,12 +87,10 @@ class DepthAligner:
     def align(
         self, depth_m: Float32Array, depth_frame: str, color_frame: str, size_px: tuple[int, int]
     ) -> Float32Array:
-        """Return the (H, W) depth in m at the color pixels of depth (h, w); 0 = no measurement.
+        """Return the depth (H, W) in m at the color pixels of depth (h, w); 0 = no measurement.
 
-        An empty frame name is an unknown one.
-
-        Raises:
-            MessageError: Depth has another size, and is not known to be registered.
+        An empty frame name is unknown. MessageError if depth has another size, and is not known to
+        be registered.
         """
         own_size_px = depth_m.shape[1], depth_m.shape[0]
         self._update((depth_frame.lstrip('/'), color_frame.lstrip('/')), own_size_px, size_px)
@@ -113,7 +107,6 @@ class DepthAligner:
     def _update(
         self, frames: tuple[str, str], depth_px: tuple[int, int], color_px: tuple[int, int]
     ) -> None:
-        """Set registration, doubt and note, unless nothing has changed since the last image."""
         depth_frame, color_frame = frames
         T_color_depth = self.frames.find(color_frame, depth_frame) if all(frames) else None
         color = self.color if self.color is not None and self.color.size_px == color_px else None
@@ -149,14 +142,14 @@ def check_multiple(size_px: tuple[int, int], color_px: tuple[int, int], remedy: 
 
 
 def _rays(camera: CameraModel) -> FloatArray:
-    """Return the (H * W, 3) rays of all pixels, with z = 1."""
+    """Return the rays (H * W, 3) of all pixels, with z = 1."""
     u, v = _undistorted_places(camera).reshape(-1, 2).astype(np.float64).T
     x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
     return np.stack([x, y, np.ones_like(x)], axis=1)
 
 
 def _undistorted_places(camera: CameraModel) -> Float32Array:
-    """Return the undistorted place (H, W, 2) of each pixel of the raw image, in pixels."""
+    """Return the undistorted position (H, W, 2) of each pixel of the raw image, in pixels."""
     u, v = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float32)
     return camera.undistort_px(pixels).reshape(camera.height_px, camera.width_px, 2)
@@ -165,8 +158,8 @@ def _undistorted_places(camera: CameraModel) -> Float32Array:
 def _is_same(color: CameraModel, depth: CameraModel, T_color_depth: FloatArray) -> bool:
     """Return whether two cameras see the same pixels, except for the size of the images.
 
-    Lens distortion is not compared: drivers that register depth to raw color images publish it
-    beside depth with or without.
+    Lens distortion is not compared: drivers that register depth to raw color publish it with or
+    without.
     """
     scaled = depth.scaled_to(color.size_px)
     if scaled is None:

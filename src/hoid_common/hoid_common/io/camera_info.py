@@ -33,17 +33,9 @@ class RawCameraInfo(Protocol):
 def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
     """Return the camera model of the images that a topic carries.
 
-    Drivers publish the same message beside raw images, which K and D describe, and beside
-    rectified ones, which P describes. P is used if the topic has the name of rectified images and
-    the message contains a P; K and D are used in all other cases. Binning and region of interest
-    are applied to both.
-
-    Args:
-        image_topic: Name of the topic of the images; see `is_rectified`.
-
-    Raises:
-        MessageError: The camera is not calibrated, has an unsupported distortion model or too many
-            coefficients, or a value is outside what a real camera can have.
+    P describes rectified images, K and D raw ones; drivers publish the same message beside both. P
+    is used if the topic has the name of rectified images and there is a P. MessageError if the
+    camera is not calibrated, or its values are not those of a real camera.
     """
     k, p = ([float(value) for value in values] for values in (info.k, info.p))
     distortion = tuple(float(d) for d in info.d)
@@ -80,11 +72,7 @@ def is_rectified(image_topic: str) -> bool:
 
 
 def rectification_doubt(info: RawCameraInfo, image_topic: str) -> str:
-    """Return a warning if it is doubtful whether K and D or P describe the images, else ''.
-
-    Calibration tools write a P that differs from K. The images beside it may be rectified or not,
-    and the name of their topic may not show which.
-    """
+    """Return a warning if it is doubtful whether K and D or P describe the images, else ''."""
     if is_rectified(image_topic) and any(info.d) and info.p[0] <= 0:
         return (
             f'{image_topic} has the name of rectified images, but camera_info has distortion and '

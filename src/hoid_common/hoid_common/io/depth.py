@@ -1,7 +1,6 @@
 """The range of depth measurements, and checks that depth has the right unit.
 
-Every depth image and feature is limited to this range where it enters the suite. Outside it there
-is no measurement, so that no later stage needs a range of its own for validity.
+Every depth image and feature is limited to this range where it enters the suite.
 """
 
 from __future__ import annotations
@@ -37,15 +36,12 @@ _NUM_IMAGES = 10  # chosen: a third of a second of images decides whether to war
 
 
 def is_reading(depth_m: Float32Array) -> BoolArray:
-    """Return where depth of any shape is a measurement; False for 0, NaN and outside the range."""
+    """Return where depth is a measurement; False for 0, NaN and outside the range."""
     return (depth_m >= MIN_DEPTH_M) & (depth_m <= MAX_DEPTH_M)
 
 
 def readings_m(depth_m: Float32Array) -> Float32Array:
-    """Return depth (H, W) in m with 0 wherever there is no measurement.
-
-    Itself if nothing changes.
-    """
+    """Return depth (H, W) in m, 0 = no measurement; itself if nothing changes."""
     # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
     # inf, NaN and all negative numbers. Subtracting 1 makes 0 the largest number, so that it never
     # is the minimum.
@@ -59,10 +55,7 @@ def readings_m(depth_m: Float32Array) -> Float32Array:
 
 
 def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
-    """Raise MessageError, ended by a remedy, if the median depth (m) is outside the valid range.
-
-    An image with too few measurements for a median raises no error.
-    """
+    """Raise MessageError, ended by a remedy, if the median depth (m) is outside the range."""
     median_m = _median_m(depth_m)
     if median_m is not None and not MIN_DEPTH_M <= median_m <= MAX_DEPTH_M:
         raise MessageError(
@@ -73,8 +66,8 @@ def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
 class DepthUnitWarning:
     """Warns once, with a remedy, if ten depth images look as if their unit were wrong.
 
-    Three signs are used: the median, the nearest depth, and the noise, which grows with the square
-    of the depth in triangulating cameras. Nearest depth and noise must both be unusual.
+    Signs are the median, and nearest depth with noise, which grows with the square of the depth in
+    triangulating cameras.
     """
 
     def __init__(self, remedy: str) -> None:
@@ -82,10 +75,7 @@ class DepthUnitWarning:
         self._seen: list[tuple[float, float, float]] = []  # median, nearest depth, noise by image
 
     def warning_for(self, depth_m: Float32Array) -> str:
-        """Store the signs of depth (H, W) in m; return a warning at the tenth image, else ''.
-
-        Images with few measurements do not count.
-        """
+        """Store the signs of depth (H, W) in m; return a warning at the tenth image, else ''."""
         if len(self._seen) >= _NUM_IMAGES or (median_m := _median_m(depth_m)) is None:
             return ''
         self._seen.append((median_m, *_nearest_and_noise(depth_m)))
@@ -114,8 +104,7 @@ class DepthUnitWarning:
 def _nearest_and_noise(depth_m: Float32Array) -> tuple[float, float]:
     """Return the first percentile of depth (H, W) in m, and its noise over its square in 1/m.
 
-    The noise is that of third differences along rows, in which surfaces cancel; the median ignores
-    edges.
+    The noise is that of third differences along rows, in which surfaces cancel.
     """
     z = depth_m[::_UNIT_STRIDE_PX].astype(np.float64)
     four = np.stack([z[:, n : z.shape[1] - 3 + n] for n in range(4)])
@@ -129,7 +118,6 @@ def _nearest_and_noise(depth_m: Float32Array) -> tuple[float, float]:
 
 
 def _median_m(depth_m: Float32Array) -> float | None:
-    """Return the median of a sample of the positive, finite values; None if there are too few."""
     sample = depth_m[::_UNIT_STRIDE_PX, ::_UNIT_STRIDE_PX]
     readings = sample[(sample > 0) & (sample < np.inf)]
     return float(np.median(readings)) if len(readings) >= _MIN_READINGS else None

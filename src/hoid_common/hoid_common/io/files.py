@@ -16,7 +16,6 @@ _PARTIAL = '.partial-'  # part of the name of every scratch folder
 
 
 def write_error(path: Path, error: OSError) -> InputError:
-    """Return the InputError that describes why a file or folder cannot be written."""
     if isinstance(error, FileExistsError | NotADirectoryError):
         return InputError(f'{path}: cannot be written: part of this path is a file, not a folder')
     return InputError(f'{path}: cannot be written: {error.strerror or error}')
@@ -26,13 +25,9 @@ def write_error(path: Path, error: OSError) -> InputError:
 def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     """Yield a new hidden folder, which is removed with its content at the end of the block.
 
-    Results are written there and moved to their place when they are complete, so that a reader
-    never finds half a file. `within` must be on the file system of the results, so that moving
-    does not copy; it is made if it is missing, and removed again if it is empty at the end.
-    `purpose` is the first part of the folder's name, which identifies it after a power cut.
-
-    Raises:
-        InputError: The folder cannot be made.
+    Results are written there and moved when they are complete, so that a reader never finds half a
+    file; `within` must be on their file system. It is made if it is missing. `purpose` is in the
+    name, which identifies it after a power cut. InputError if it cannot be made.
     """
     with ExitStack() as stack:
         try:
@@ -59,10 +54,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def abandoned_scratch_folders(within: Path) -> list[Path]:
-    """Return the scratch folders of killed processes, sorted.
-
-    None on a file system without locks.
-    """
+    """Return the scratch folders of killed processes; none on a file system without locks."""
     with suppress(OSError):  # `within` is missing or not readable
         return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_abandoned(path))
     return []
@@ -70,7 +62,6 @@ def abandoned_scratch_folders(within: Path) -> list[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Lock a folder to mark it as in use; the lock ends with the process."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
     try:
         with suppress(OSError):  # the file system has no locks
@@ -81,7 +72,6 @@ def _locked(folder: Path) -> Iterator[None]:
 
 
 def _is_abandoned(folder: Path) -> bool:
-    """Return whether no running process has locked a scratch folder; False without locks."""
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError:  # it was removed in the meantime, or is no folder
@@ -96,9 +86,6 @@ def _is_abandoned(folder: Path) -> bool:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise InputError when nothing can be written to a folder, which need not exist.
-
-    Commands call it first, so that they fail before the work and not after it.
-    """
+    """Raise InputError when nothing can be written to a folder, which need not exist."""
     with scratch_folder(folder, 'check'):
         pass

@@ -1,7 +1,7 @@
 """Size and decoding cost of a PNG, JPEG or TIFF, read from its headers without decoding it.
 
-OpenCV allocates as much memory as the headers demand. These checks find decompression bombs before
-an image is decoded.
+OpenCV allocates as much memory as the headers demand, so that decompression bombs must be found
+before.
 """
 
 from __future__ import annotations
@@ -43,10 +43,7 @@ def is_jpeg(data: bytes | memoryview) -> bool:
 
 
 def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from the header of a PNG, JPEG or TIFF.
-
-    None if it is no valid one.
-    """
+    """Return (width, height) from the header of a PNG, JPEG or TIFF, or None."""
     try:
         if data[: len(_TIFF_LITTLE)] in (_TIFF_LITTLE, _TIFF_BIG):
             return _tiff_size(data)
@@ -61,9 +58,7 @@ def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
 def is_safe_to_decode(data: bytes | memoryview) -> bool:
     """Return whether the cost of decoding an image is in proportion to its size.
 
-    A PNG must contain all its chunks completely, because decoders allocate the length that a chunk
-    claims; it may have at most 100,000 chunks, and eight of them with compressed text. A JPEG or
-    TIFF may have at most 100 scans.
+    A PNG must contain all its chunks, because decoders allocate the length that a chunk claims.
     """
     if not is_png(data):
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
@@ -93,10 +88,7 @@ def check_image_size(data: bytes | memoryview, what: str) -> None:
 
 
 def _tiff_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from the first directory of a TIFF, or None.
-
-    Struct.error at its end.
-    """
+    """Return (width, height) from the first directory, or None; struct.error at the end."""
     order = '<' if data[: len(_TIFF_LITTLE)] == _TIFF_LITTLE else '>'
     (at,) = struct.unpack_from(f'{order}I', data, len(_TIFF_LITTLE))
     (count,) = struct.unpack_from(f'{order}H', data, at)
@@ -112,10 +104,7 @@ def _tiff_size(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from a JPEG's frame header, or None.
-
-    Struct.error if data ends there.
-    """
+    """Return (width, height) from the frame header, or None; struct.error at the end of data."""
     at = len(_JPEG_START) - 1
     while True:
         start, marker, length = _JPEG_SEGMENT.unpack_from(data, at)

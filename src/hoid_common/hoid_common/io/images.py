@@ -1,7 +1,7 @@
 """Conversion of the pixels of image messages, live or from a bag, to arrays and back.
 
-In arrays, color is (H, W, 3) uint8 BGR, and depth is (H, W) float32 in meters with 0 for "no
-reading". On topics, depth is 16UC1 in millimeters or 32FC1 in meters (REP 118).
+Color is (H, W, 3) uint8 BGR, depth is (H, W) float32 in m with 0 for "no reading"; on topics,
+16UC1 in mm or 32FC1 in m (REP 118).
 """
 
 from __future__ import annotations
@@ -87,11 +87,8 @@ class RawImage(Protocol):
 def decode_color(image: RawImage) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a message with an encoding of color or gray.
 
-    Of 16-bit channels the upper 8 bits are kept. The result shares the message's memory when no
-    conversion is needed and rows have no padding.
-
-    Raises:
-        MessageError: The encoding is another one, or the size or the data is invalid.
+    Of 16-bit channels the upper 8 bits are kept. The result may share the message's memory.
+    MessageError if the encoding or the data is invalid.
     """
     if image.encoding not in _COLOR:
         raise MessageError(
@@ -114,13 +111,10 @@ def decode_color(image: RawImage) -> ByteArray:
 
 
 def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
-    """Return the (H, W) float32 depth in m of a message in mm (whole numbers) or m (floats).
+    """Return the (H, W) float32 depth in m of a message, 0 = none; memory may be shared.
 
-    What is no measurement (see `io.depth`) becomes 0. The result shares the message's memory when
-    no value is changed. `units_per_m` 0: those of the encoding.
-
-    Raises:
-        MessageError: The encoding, the size, the data or the unit (`check_depth_unit`) is invalid.
+    With 0 `units_per_m`, whole numbers are in mm and floats in m. MessageError if encoding, data
+    or unit is invalid.
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
@@ -130,11 +124,7 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
 
 
 def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
-    """Return the field `data` of a compressedDepth message of uint16 depth (H, W) in mm.
-
-    Raises:
-        MessageError: The image has no pixels, or OpenCV cannot encode it.
-    """
+    """Return the field `data` of a compressedDepth message of uint16 depth (H, W) in mm."""
     _require_pixels(depth_mm, 'depth image')
     # Level 1: higher levels take several times as long and save a few percent of a depth image.
     ok, png = cv2.imencode('.png', depth_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -144,16 +134,11 @@ def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
 
 
 def compressed_depth_of_png(png: bytes) -> bytes:
-    """Return the field `data` of a compressedDepth message for a PNG of uint16 depth in mm."""
     return COMPRESSED_DEPTH_HEADER.pack(0, 0.0, 0.0) + png
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
-    """Return the JPEG of a (H, W, 3) uint8 BGR image; quality in [1, 100].
-
-    Raises:
-        MessageError: The image has no pixels, or a side above 65,500 px.
-    """
+    """Return the JPEG of a (H, W, 3) uint8 BGR image; MessageError if it has none."""
     _require_pixels(image_bgr, 'image')
     ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:
@@ -167,7 +152,7 @@ def _require_pixels(image: NDArray[Any], name: str) -> None:
 
 
 def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
-    """Return (H, W) float32 depth in m as uint16 mm if that is exact for all pixels, else None."""
+    """Return (H, W) depth in m as uint16 mm if that is exact for all pixels, else None."""
     depth_mm = np.rint(depth_m * MM_PER_M)
     if depth_mm.max(initial=0) > np.iinfo(np.uint16).max:
         return None
@@ -178,10 +163,7 @@ def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
 def _pixels(
     image: RawImage, dtype: np.dtype[Any], channels: int, chroma_rows: int = 0
 ) -> NDArray[Any]:
-    """Return the pixels (H, W) or (H, W, C) in the machine's byte order.
-
-    MessageError if invalid.
-    """
+    """Return the pixels (H, W) or (H, W, C) in the machine's byte order, or MessageError."""
     height, width, step = image.height + chroma_rows, image.width, image.step
     row_bytes = width * channels * dtype.itemsize
     if height <= 0 or width <= 0:
@@ -210,7 +192,7 @@ def _pixels(
 def depth_m_from_units(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
     """Return (H, W) float32 depth in m of pixels in units of which `units_per_m` make a meter.
 
-    With 0 units per meter, whole numbers are in mm and floats in m.
+    0: whole numbers are in mm and floats in m.
     """
     if depth.dtype == np.int16:
         depth = np.maximum(depth, 0).astype(np.uint16)
@@ -221,7 +203,6 @@ def depth_m_from_units(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32
 
 
 def depth_in_m(depth: NDArray[Any], encoding: str, units_per_m: float) -> Float32Array:
-    """Return float32 depth in m, 0 = no measurement; MessageError for a wrong unit."""
     depth_m = depth_m_from_units(depth, units_per_m)
     check_depth_unit(
         depth_m,

@@ -13,11 +13,8 @@ from hoid_common.io.yaml_file import read_yaml
 def load_params(path: Path, node_name: str) -> dict[str, Any]:
     """Return the parameters, by dotted name, that a parameter file sets for a node.
 
-    Used are the section `/**` and all sections whose name is the node's name, with or without a
-    namespace before it. A later section overrides an earlier one. Lists become tuples.
-
-    Raises:
-        ConfigError: The file cannot be read, or is no parameter file.
+    Sections are `/**` and those of the node's name, in any namespace; a later one overrides an
+    earlier one. Lists become tuples. ConfigError if the file is no parameter file.
     """
     try:
         content = read_yaml(path)
@@ -37,7 +34,6 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield the dotted name and the value of each parameter; lists become tuples."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f'{prefix}{name}.')

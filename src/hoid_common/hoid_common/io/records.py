@@ -24,7 +24,6 @@ class Column(NamedTuple):
     axes: tuple[str | int, ...]  # each a fixed length or the name of a length
 
     def shape(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
-        """Return the shape of the array, given the lengths of the named axes."""
         return tuple(axis if isinstance(axis, int) else lengths[axis] for axis in self.axes)
 
 
@@ -40,17 +39,12 @@ class Record:
     @classmethod
     @cache
     def columns(cls) -> Mapping[str, Column]:
-        """Return the declared columns by field name, in order of declaration."""
         hints = get_type_hints(cls, include_extras=True)
         return {name: get_args(hint)[1] for name, hint in hints.items()}
 
     @classmethod
     def of(cls, arrays: Mapping[str, Array]) -> Self:
-        """Return the record of arrays by field name, in the declared types, of any shape.
-
-        Raises:
-            KeyError: The array of a declared field is missing.
-        """
+        """Return the record of arrays by field name, in the declared types; KeyError for none."""
         return cls(
             **{
                 name: np.ascontiguousarray(arrays[name], column.dtype)

@@ -17,12 +17,10 @@ END_STAMP_NS = 2**31 * NS_PER_S
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Return the stamp in ns of a text with decimal seconds, rounded to the nearest nanosecond.
+    """Return the stamp of a text with decimal seconds, rounded to the nearest nanosecond.
 
-    The text is parsed as a Decimal, because a float64 resolves only 240 ns at today's epoch.
-
-    Raises:
-        ValueError: The text is no number, negative, or beyond the range of a ROS stamp.
+    A Decimal, because a float64 resolves only 240 ns at today's epoch. ValueError if the text is
+    no stamp of ROS.
     """
     try:
         stamp_s = Decimal(text)
@@ -62,8 +60,8 @@ def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:
 def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
     """Return the slice with most stamps in which time does not start anew.
 
-    Time starts anew where a stamp is at least a second older than the newest one so far, as when
-    a simulator restarts or a bag is played again into a recording.
+    Stamps fall by a second or more where a simulator restarts or a bag is played again into a
+    recording.
     """
     given = np.asarray(stamps_ns, np.int64)
     starts, newest_ns = [0], given[0] if len(given) else 0
@@ -79,6 +77,5 @@ def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
 
 
 def format_stamp_s(stamp_ns: int) -> str:
-    """Return a stamp as a text of seconds with nine decimals, the inverse of `parse_stamp_ns`."""
     seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
     return f'{seconds}.{nanoseconds:09d}'

@@ -1,6 +1,6 @@
 """Reading and writing of trajectories in the TUM text format.
 
-Each line is `stamp tx ty tz qx qy qz qw`: seconds, meters, and a quaternion.
+A line is `stamp tx ty tz qx qy qz qw` in seconds, meters and a quaternion.
 """
 
 from __future__ import annotations
@@ -25,24 +25,20 @@ _MIN_QUATERNION_NORM = 0.5
 def read_tum(path: Path) -> Trajectory:
     """Return the poses in a TUM file in order of time, each stamp once; it may be empty.
 
-    Rows that are no pose are left out with a warning.
-
-    Raises:
-        InputError: The file is missing or no text, or has rows and none of them is a pose.
+    Rows that are no pose are left out with a warning. InputError if there are rows, and none is a
+    pose.
     """
     stamps_ns, values = read_numbers(path, 7, _pose_problem)
     return Trajectory(stamps_ns, se3.from_quat_translation(values[:, 3:], values[:, :3]))
 
 
 def _pose_problem(row: FloatArray) -> str | None:
-    """Return what is wrong with a row of position and quaternion (7,), or None."""
     norm = float(np.linalg.norm(row[3:]))
     is_rotation = _MIN_QUATERNION_NORM <= norm <= 1 / _MIN_QUATERNION_NORM
     return None if is_rotation else f"the quaternion's norm is {norm:.3g}, not 1"
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory as a TUM file like `write_tum_parts`: exact stamps, nine decimals."""
     write_tum_parts(path, [trajectory])
 
 
@@ -65,10 +61,8 @@ class WrittenPoses(NamedTuple):
 def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> WrittenPoses:
     """Write consecutive parts of a trajectory as a TUM file with increasing stamps.
 
-    Where a bag is played in a loop or a simulator restarts, stamps start anew. evo and other
-    tools refuse such a file, so that it contains only the poses since stamps started anew last. A
-    pose whose stamp is not later than the one before is left out too. Only one part at a time is
-    in memory. OSError is raised if the file cannot be written.
+    Only poses since stamps started anew last are written, because evo and other tools refuse other
+    files, and only one part at a time is in memory. OSError if the file cannot be written.
     """
     num_written = num_earlier = num_repeated = newest_ns = 0
     with path.open('w', encoding='utf-8') as file:

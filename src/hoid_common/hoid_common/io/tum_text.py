@@ -1,7 +1,7 @@
 """Reading of the text files of the TUM RGB-D layout.
 
-Each line is a stamp in seconds and a text, separated by spaces, tabs or commas. Empty lines and
-lines that begin with `#` are skipped.
+A line is a stamp in seconds and a text, separated by spaces, tabs or commas. Empty lines and lines
+that begin with `#` are skipped.
 """
 
 from __future__ import annotations
@@ -37,11 +37,7 @@ class NumberTable(NamedTuple):
 
 
 def read_rows(path: Path) -> Iterator[Row]:
-    """Yield the rows of a file, in the file's order.
-
-    Raises:
-        InputError: The file cannot be read or is no text, or a stamp is no time in seconds.
-    """
+    """Yield the rows of a file; InputError if it is no text, or a stamp is no time in seconds."""
     for number, stamp, rest in _lines(path):
         try:
             yield Row(number, parse_stamp_ns(stamp), rest)
@@ -67,12 +63,9 @@ def read_numbers(
 ) -> NumberTable:
     """Return the stamp and the first `columns` numbers of each usable row, in order of time.
 
-    Rows are left out with a warning if the stamp is invalid or repeated, if there are fewer
-    numbers, or one that is not finite (if `is_finite`), or if `problem` of the numbers returns a
-    text. Motion-capture systems write rows of NaN or zeros while they do not see their target.
-
-    Raises:
-        InputError: The file cannot be read, or has rows and none of them is usable.
+    Rows without stamp or numbers, or for which `problem` returns a text, are left out with a
+    warning: motion-capture systems write rows of NaN or zeros while they do not see their target.
+    InputError if there are rows, and none is usable.
     """
     stamps_ns: list[int] = []
     values: list[FloatArray] = []
@@ -99,7 +92,6 @@ def read_numbers(
 
 
 def _numbers(text: str, columns: int) -> FloatArray:
-    """Return the first (columns,) numbers of a text; ValueError if there are fewer."""
     words = text.split()[:columns]
     try:
         row = np.array([float(word) for word in words])
@@ -111,7 +103,6 @@ def _numbers(text: str, columns: int) -> FloatArray:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str, str]]:
-    """Yield number, stamp and rest of each line that is neither empty nor a comment."""
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         stamp, _, rest = line.strip().replace(',', ' ').replace('\t', ' ').partition(' ')
         if stamp and not stamp.startswith('#'):

@@ -1,7 +1,4 @@
-"""Reading of files and checks of names that users and other programs give, within size limits.
-
-A file or name beyond the limits raises an error of one line that names the file or option.
-"""
+"""Reading of files and checks of names that users and other programs give, within size limits."""
 
 from __future__ import annotations
 
@@ -21,7 +18,6 @@ _SHOWN_CHARS = 40  # characters of a too long name that an error quotes
 
 
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
-    """Return the content of a regular file of at most `limit_bytes`; else InputError."""
     with open_regular(path) as file:
         try:
             data = file.read(limit_bytes + 1)
@@ -41,10 +37,7 @@ def read_text(path: Path, limit_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Return a regular file opened for reading.
-
-    Else InputError, as reading a pipe may never end.
-    """
+    """Return a regular file opened for reading; InputError for others: a pipe may never end."""
     try:
         # Without O_NONBLOCK, opening a pipe that nobody writes to would block forever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -57,18 +50,13 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_error(path: Path, error: Exception) -> InputError:
-    """Return the InputError that describes why a file cannot be read."""
     if isinstance(error, FileNotFoundError):
         return InputError(f'{path}: no such file')
     return InputError(f'{path}: cannot be read: {getattr(error, "strerror", None) or error}')
 
 
 def expand_home(text: str, what: str) -> Path:
-    """Return the path of a text in which a beginning `~` or `~user` is a home folder.
-
-    Raises:
-        ConfigError: There is no such user, or the user has no home folder.
-    """
+    """Return a path in which `~` or `~user` is a home folder; ConfigError if it is not known."""
     try:
         return Path(text).expanduser()
     except RuntimeError as error:

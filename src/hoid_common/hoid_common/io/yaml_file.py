@@ -1,8 +1,7 @@
 """Reading of YAML files that users and other programs give: plain data of limited size only.
 
-Camera files, parameter files and `--set` need only mappings, lists, numbers, booleans and text.
-Tags and aliases are refused; dates and numbers in base 60 are read as text. The cost of a hostile
-file is therefore in proportion to its size (an alias can expand exponentially).
+Tags and aliases are refused, because an alias can expand exponentially; dates and numbers in base
+60 are read as text.
 """
 
 from __future__ import annotations
@@ -43,10 +42,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """Return the plain data in a YAML text.
-
-    InputError, which names its source, if it is not plain.
-    """
+    """Return the plain data in a YAML text; InputError, with its source, if it is not plain."""
     if len(text) > MAX_BYTES:
         raise InputError(f'{source}: larger than {MAX_BYTES / 1e6:g} MB')
     try:
@@ -111,7 +107,6 @@ def _refusal(what: str, mark: yaml.Mark) -> yaml.MarkedYAMLError:
 
 
 def _cut(text: str) -> str:
-    """Return the beginning of a text, short enough to be quoted in an error."""
     return text if len(text) <= _SHOWN_CHARS else f'{text[:_SHOWN_CHARS]}...'
 
 

@@ -13,8 +13,8 @@ from hoid_common.values import BoolArray, CameraModel, FloatArray, IntArray
 class KeyframePoses(NamedTuple):
     """Snapshot of the poses of all keyframes, sorted by ascending uid.
 
-    Only the poses of the main map are in the map frame. Other maps have frames of their own, whose
-    poses relative to the map frame are unknown.
+    Only the poses of the main map are in the map frame; those of other maps have frames of their
+    own.
     """
 
     # Of the map. It increases with the changes that a mapper in another process sends; with a
@@ -27,25 +27,20 @@ class KeyframePoses(NamedTuple):
 
     @property
     def is_main(self) -> BoolArray:
-        """Return the (N,) mask of the keyframes in the main map."""
         return np.equal(self.map_ids, self.main_map)
 
     def rows_of(self, uids: IntArray) -> IntArray:
-        """Return the rows (M,) of keyframes of uids (M,), all of which must be there."""
         return np.searchsorted(self.uids, uids)
 
     def row_of(self, uid: int) -> int | None:
-        """Return the row of this snapshot that holds a keyframe, or None if there is none."""
         row = int(np.searchsorted(self.uids, uid))
         return row if row < len(self.uids) and self.uids[row] == uid else None
 
     def substitute(self, removed_uid: int, after: KeyframePoses) -> tuple[int, FloatArray] | None:
         """Return the keyframe to which data of a removed keyframe is attached from now on.
 
-        Of the keyframes of the same map that remain, it is the one with the highest uid below
-        that of the removed keyframe, or else the lowest one. The result is its uid and the pose
-        (4, 4) of the removed keyframe relative to it, by this snapshot; None if no keyframe of
-        the map remains.
+        Of those of the same map that remain, it is the one before, or else the first one. Returns
+        its uid and the pose (4, 4) of the removed keyframe relative to it; None if none remains.
         """
         removed = int(self.rows_of(np.array([removed_uid]))[0])
         same = self.map_ids == self.map_ids[removed]
@@ -60,8 +55,7 @@ class KeyframePoses(NamedTuple):
 class TrackedImage(NamedTuple):
     """The pose of an image, from measurements and not from a prediction, in a version of the map.
 
-    With the pose of the keyframe in this version, the pose of the image can be stored relative to
-    the keyframe, so that it is corrected with the map later.
+    Relative to the keyframe, it is corrected with the map later.
     """
 
     stamp_ns: int

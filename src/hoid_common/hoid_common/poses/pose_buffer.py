@@ -1,7 +1,6 @@
 """Interpolation between timestamped poses, such as those of wheel odometry.
 
-tf2's buffer serves the same purpose where ROS is installed, but does not extrapolate. The wheels
-of rclpy come without tf2.
+tf2's buffer does not extrapolate, and is missing from the wheels of rclpy.
 """
 
 from __future__ import annotations
@@ -25,10 +24,7 @@ class PoseBuffer:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
 
     def add(self, stamp_ns: int, T: FloatArray) -> None:
-        """Append a pose T (4, 4); older than the newest one: drop all.
-
-        Of the same stamp: ignore it.
-        """
+        """Append a pose T (4, 4); one with an older stamp drops all others."""
         if self._poses and stamp_ns <= self._poses[-1][0]:
             if stamp_ns == self._poses[-1][0]:  # a repeated message
                 return
@@ -38,11 +34,9 @@ class PoseBuffer:
             self._poses.popleft()
 
     def at(self, stamp_ns: int) -> FloatArray | None:
-        """Return the pose T (4, 4) at a time, in the frames of the poses that were added.
+        """Return the pose T (4, 4) at a time, interpolated with constant twist; None if unknown.
 
-        Between two poses the motion is interpolated with constant twist. Up to 0.2 s after the
-        newest pose the last motion is extrapolated. The result is None at later times, before the
-        oldest pose, and if there is no pose. A single pose is returned for its own stamp only.
+        Up to 0.2 s after the newest pose the last motion is extrapolated.
         """
         after = bisect_left(self._poses, stamp_ns, key=lambda pose: pose[0])
         if after < len(self._poses) and self._poses[after][0] == stamp_ns:

@@ -17,7 +17,6 @@ _MAX_FRAMES = 1000
 
 
 def check_frame_limit(what: str, name: str, number: int, limit: int) -> None:
-    """Raise MessageError if one more frame would exceed the greatest number of stored frames."""
     if number >= limit:
         raise MessageError(
             f'{what}: frame "{name}" exceeds the limit of {limit} frames; '
@@ -32,20 +31,13 @@ class StaticFrames:
         self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Add or replace the parent of `child` and T_parent_child (4, 4).
-
-        Raises:
-            MessageError: There are too many frames.
-        """
+        """Set the parent of `child` and T_parent_child (4, 4); MessageError for too many."""
         if child not in self._edges:
             check_frame_limit('static frames', child, len(self._edges), _MAX_FRAMES)
         self._edges[child] = parent, T_parent_child
 
     def with_edges(self, edges: Iterable[tuple[str, str, FloatArray]]) -> StaticFrames:
-        """Return a copy with further edges (parent, child, T_parent_child).
-
-        MessageError if too many.
-        """
+        """Return a copy with further edges (parent, child, T_parent_child)."""
         tree = StaticFrames()
         tree._edges = dict(self._edges)
         for edge in edges:
@@ -61,10 +53,7 @@ class StaticFrames:
         return None
 
     def _ancestors(self, frame: str) -> Iterator[tuple[str, FloatArray]]:
-        """Yield the frame and its ancestors, each with T_ancestor_frame.
-
-        64 at most, else it is a cycle.
-        """
+        """Yield the frame and its ancestors, each with T_ancestor_frame; at most 64 in a cycle."""
         T = np.eye(4)
         for _ in range(_MAX_DEPTH):
             yield frame, T

@@ -1,4 +1,1 @@
-"""Operating-system processes: child processes, entry points, signals and shared memory.
-
-Nothing here imports ROS.
-"""
+"""Operating-system processes: child processes, entry points, signals and shared memory."""

@@ -1,12 +1,8 @@
 """Child processes that exchange messages with their parent and end with it.
 
-A `ChildWorker` runs a function in a child process. It sends messages to the child and receives
-reports through two pipes, which two threads of the parent serve, so that the parent does not block
-when it sends, and the child does not block until its reports are read.
-
 Starting an interpreter with all imports keeps two cores busy for a second. The children of a
-process that has called `preload` are forked from a copy of it instead, which takes milliseconds:
-after a kill, odometry was back in the same map after 5.9 s instead of 11.7 s (decision 030).
+process that has called `preload` are forked from a copy of it instead, which takes milliseconds
+(decision 030).
 """
 
 from __future__ import annotations
@@ -37,8 +33,6 @@ _EXIT_TIMEOUT_S = 5.0  # chosen: time for a process to end by itself, before it 
 
 
 class _Mark(Enum):
-    """The last item in a queue of messages or reports: no further item follows."""
-
     END = 'nothing follows'
 
 
@@ -58,8 +52,8 @@ _has_server = Event()
 def preload(*modules: str) -> None:
     """Import modules, and start a fork server from which later `ChildWorker`s fork their children.
 
-    The server is a copy of this process at the time of the call. It ends when this process and all
-    children have ended. Call this before anything exists that must not be forked, such as threads.
+    The server is a copy of this process, and ends when it and all children have ended. Call this
+    before there are threads.
     """
     for module in modules:
         import_module(module)
@@ -71,7 +65,6 @@ def preload(*modules: str) -> None:
 
 
 def _fork_server() -> None:
-    """Start a fork server by a fork of this process, not as a new interpreter."""
     alive, alive_while_open = os.pipe()
     with socket.socket(socket.AF_UNIX) as listener:
         with TemporaryDirectory(prefix='hoid-children-') as folder:  # readable by this user only
@@ -101,9 +94,7 @@ def _fork_server() -> None:
 def start_child(process: BaseProcess) -> None:
     """Start a process in which SIGINT is blocked from the beginning.
 
-    Ctrl-C sends SIGINT to all processes of a terminal, but only the parent must react to it: it
-    ends its children in order. Signal handlers of this process run after the start (see
-    `signal_handlers_deferred`).
+    Ctrl-C sends SIGINT to all processes of a terminal, but the parent ends its children in order.
     """
     with _sigint_blocked(), signal_handlers_deferred():
         process.start()
@@ -123,13 +114,9 @@ def _sigint_blocked() -> Iterator[None]:
 class ChildWorker(Generic[Message, Report]):
     """A child process as its parent sees it: sends messages to it and receives its reports.
 
-    The constructor starts the process. Only `receive`, `close` and `restart` wait for the child.
-
-    Args:
-        target: Main function of the child. Its arguments are the connection to receive messages
-            from, the connection to send reports to, and `args`. It must return when receiving
-            raises EOFError, which happens when the parent closes the connection or is killed.
-        args: Further arguments of `target`, which must be picklable.
+    Two threads of the parent serve the pipes, so that neither side blocks when it sends. `target`
+    is called in the child with the connections for messages and for reports, and `args`. It must
+    return when receiving raises EOFError: the parent has closed it or died.
     """
 
     def __init__(self, name: str, target: Callable[..., None], *args: object) -> None:
@@ -141,28 +128,18 @@ class ChildWorker(Generic[Message, Report]):
 
     @property
     def num_waiting(self) -> int:
-        """Return the number of messages in the queue that are not yet sent to the child."""
         return self._to_send.qsize()
 
     def send(self, message: Message) -> None:
-        """Queue a message, which must not be changed afterwards.
-
-        It is lost when the child has ended.
-        """
+        """Queue a message, which must not be changed afterwards; lost when the child has ended."""
         self._to_send.put(message)
 
     @property
     def has_report(self) -> bool:
-        """Return whether `receive` would return a report, or raise an error, without waiting."""
         return not self._received.empty()
 
     def receive(self, timeout_s: float) -> Report:
-        """Return the child's next report; reports arrive in the order in which they were sent.
-
-        Raises:
-            ChildEndedError: The child has ended, and all its reports were received.
-            ChildTimeoutError: No report has arrived in time.
-        """
+        """Return the child's next report; ChildTimeoutError, or at last ChildEndedError."""
         try:
             report = self._received.get(timeout=timeout_s)
         except Empty:
@@ -175,10 +152,7 @@ class ChildWorker(Generic[Message, Report]):
         return report
 
     def restart(self) -> str:
-        """End the child, start a new one, and return how the old one ended (see `close`).
-
-        Unprocessed messages and unreceived reports are lost.
-        """
+        """End the child, start a new one, and return how the old one ended (see `close`)."""
         how = self.close()
         self.num_restarts += 1
         self._start()
@@ -198,7 +172,6 @@ class ChildWorker(Generic[Message, Report]):
         return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
 
     def _start(self) -> None:
-        """Start the child process, and the two threads that send messages and receive reports."""
         self._to_send: SimpleQueue[Message | _Mark] = SimpleQueue()
         self._received: SimpleQueue[Report | _Mark] = SimpleQueue()
         context = get_context('forkserver') if _has_server.is_set() else get_context('spawn')
@@ -227,7 +200,6 @@ def _send_all(to_send: SimpleQueue[Message | _Mark], pipe: Connection) -> None:
 
 
 def _receive_all(pipe: Connection, received: SimpleQueue[Report | _Mark]) -> None:
-    """Put reports from a pipe into a queue until the child ends, then the end mark."""
     with pipe, suppress(EOFError, OSError):
         while True:
             received.put(pipe.recv())

@@ -1,7 +1,7 @@
 """Entry point of a node's executable, and its exit statuses.
 
-This module imports only small modules, so that its SIGINT handler is installed before the imports
-of the node, which take a second. Ctrl-C then ends the process without a traceback.
+Only small modules are imported here, so that the SIGINT handler is there before the imports of the
+node, which take a second.
 """
 
 from __future__ import annotations
@@ -37,15 +37,10 @@ pause.
 def start(module: str) -> NoReturn:
     """Import a node's module, run its `main`, and exit with the status that `main` returns.
 
-    If `main` returns EXIT_CONFIG, the process first waits for the time in REFUSAL_PAUSE. If a
-    limit of the process is too low, it ends with EXIT_CONFIG at once.
-
-    Until `main` installs its own handlers, SIGINT ends the process with status 130. SIGINT is also
-    unblocked, because a parent may block it while the interpreter starts. From here on, output
-    that nobody reads does not block the process (see `relay_output`).
-
-    If the node's package defines `CHILD_MODULES`, a fork server with these modules is started for
-    the child processes of the node (see `preload`).
+    Until `main` installs its own handlers, SIGINT ends the process with status 130; a parent may
+    block it while the interpreter starts. Output that nobody reads does not block the process
+    (`relay_output`). If the node's package defines `CHILD_MODULES`, a fork server with these is
+    started (`preload`).
     """
     signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -65,7 +60,6 @@ def start(module: str) -> NoReturn:
 
 
 def _pause_before_exit() -> None:
-    """Wait for the time that REFUSAL_PAUSE sets, or until a signal ends the process."""
     for sign in NODE_END_SIGNALS:
         signal.signal(sign, lambda *_: os._exit(EXIT_CONFIG))
     time.sleep(float(os.environ.get(REFUSAL_PAUSE, '0')))

@@ -1,7 +1,6 @@
 """System limits that must be high enough for a process, checked at its start.
 
-Without these checks, the process (or another program that it executes in its place) would fail
-later, at any point and with any error.
+Without these checks, it would fail later, at any point and with any error.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ _MIN_FILE_MB = 256  # chosen: several times the segment of Fast DDS for images, 
 
 
 def require_memory() -> None:
-    """Raise ConfigError if the limit of this process's address space is too low for NumPy."""
     _require(
         resource.RLIMIT_AS,
         _MIN_ADDRESS_SPACE_MB,
@@ -29,13 +27,7 @@ def require_memory() -> None:
 
 
 def require_node_limits() -> None:
-    """Check the limits of a node: memory, size of files, and open files.
-
-    The soft limit of open files is raised to 256 if it is lower.
-
-    Raises:
-        ConfigError: A limit is too low.
-    """
+    """Raise ConfigError if a limit of memory, file size or open files is too low for a node."""
     require_memory()
     _require(
         resource.RLIMIT_FSIZE,

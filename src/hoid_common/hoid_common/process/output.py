@@ -1,9 +1,8 @@
 """Output that nobody reads: it does not block the process; its oldest lines are dropped.
 
 A process that writes to a full pipe, or to a terminal that was stopped by Ctrl-S, blocks until
-somebody reads. The console handler of ROS does so while it holds Python's interpreter lock, so
-that all threads of a node stand still. Here a second process waits in its place. A thread could
-not: it would need the interpreter lock, and the last words of a process that dies would be lost.
+somebody reads. The console handler of ROS does so while it holds Python's interpreter lock. Here a
+second process waits in its place: a thread would need the lock.
 """
 
 from __future__ import annotations
@@ -35,17 +34,10 @@ _PATIENCE_S = 1.0  # chosen: how long the rest is offered to a reader after the 
 def relay_output(*, terminals: bool = True) -> None:
     """Let a child process write this process's stdout and stderr, so that nothing here blocks.
 
-    While nobody reads, the last 256 KiB wait; older lines are dropped, and their number is written
-    as soon as somebody reads again. Output to regular files is left as it is, and so is output
-    that a parent process relays already. Call this before threads exist, because it forks.
-
-    At exit, this process waits up to one second until the rest has been read. The environment gets
-    a variable by which child processes find that their output is relayed and, if a terminal is
-    relayed, RCUTILS_COLORIZED_OUTPUT=1 unless it is set.
-
-    Args:
-        terminals: Whether output to a terminal is relayed too. This process then sees a pipe in
-            place of the terminal, and draws no progress bars.
+    While nobody reads, the last 256 KiB wait; the number of older lines is written later. Output
+    to files is left as it is, and so is output that a parent relays. With `terminals` off, so are
+    terminals: their programs see a pipe, and draw no progress bars. Call this before threads
+    exist, because it forks.
     """
     relayed = os.environ.get(_MARK, '').split()
     streams: dict[str, list[int]] = {}  # stdout and stderr by the file they lead to
@@ -74,7 +66,6 @@ def relay_output(*, terminals: bool = True) -> None:
 
 
 def _identity(stream: int) -> str:
-    """Return a text that identifies the file of a descriptor; empty if it is closed."""
     try:
         info = os.fstat(stream)
     except OSError:
@@ -98,8 +89,7 @@ def _flush() -> None:
 def _finish(relay: int, finish: int, owner: int) -> None:
     """Wait at exit, in the process `owner` only, until the relay has written everything or 1 s.
 
-    The relay gets a message, because its pipe does not end while children of this process, which
-    have inherited it, live on.
+    The relay gets a message, because children of this process keep its pipe open.
     """
     if os.getpid() == owner:
         _flush()
@@ -109,7 +99,6 @@ def _finish(relay: int, finish: int, owner: int) -> None:
 
 
 def _run(pairs: Iterable[tuple[int, int]], finish: int) -> NoReturn:
-    """Relay from pipes to streams until the process has ended; main function of the relay."""
     try:
         for sign in NODE_END_SIGNALS:
             signal.signal(sign, signal.SIG_IGN)
@@ -144,7 +133,6 @@ def _relay(channels: list[_Channel], finish: int) -> None:
 
 
 def _offer_rest(channels: list[_Channel]) -> None:
-    """Offer what still waits to the readers, for a limited time."""
     end_s = time.monotonic() + _PATIENCE_S
     while targets := [channel for channel in channels if channel.waits]:
         left_s = end_s - time.monotonic()
@@ -177,14 +165,10 @@ class _Channel:
 
     @property
     def waits(self) -> bool:
-        """Return whether output waits to be written; False once the stream's reader is gone."""
         return bool(self._waiting) and not self._is_dead
 
     def read(self) -> bool:
-        """Read what the process has written, without the oldest lines beyond the limit.
-
-        False if nothing.
-        """
+        """Read what the process has written, and drop the oldest lines beyond the limit."""
         try:
             data = os.read(self.reader, _READ_BYTES)
         except BlockingIOError:
@@ -199,17 +183,12 @@ class _Channel:
         return self.is_open
 
     def read_rest(self) -> None:
-        """Read all that is in the pipe now, and treat this as the end of the pipe."""
         while self.read():
             pass
         self.is_open = False
 
     def write(self) -> None:
-        """Write waiting output, up to PIPE_BUF bytes, after a note about dropped lines.
-
-        If the stream takes nothing at once, the function pauses for 50 ms; after any other error
-        the stream counts as dead.
-        """
+        """Write waiting output, up to PIPE_BUF bytes, after a note about dropped lines."""
         if self._num_lost:
             note = f'[{self._num_lost} lines of output were dropped: nobody read them in time]\n'
             self._waiting[:0] = ('\n' * self._is_in_line + note).encode()

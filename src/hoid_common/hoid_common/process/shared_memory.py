@@ -1,6 +1,6 @@
 """Checks of the shared memory through which Fast DDS transports images.
 
-Fast DDS allocates one segment in /dev/shm for each process. If it cannot, most images are lost.
+It allocates one segment in /dev/shm for each process. If it cannot, most images are lost.
 """
 
 from __future__ import annotations
@@ -29,17 +29,14 @@ _REMEDY = 'a container needs --shm-size=1g or --ipc=host'
 
 
 def uses_fast_dds() -> bool:
-    """Return whether Fast DDS is the middleware of this process, as it is by default in Jazzy."""
+    """Return whether Fast DDS is the middleware, as it is by default in Jazzy."""
     return 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
 
 
 def check_shared_memory(num_processes: int) -> None:
-    """Check that /dev/shm has space for some processes, each with one ROS context.
+    """Raise InputError if /dev/shm is too small for some processes, each with one ROS context.
 
-    If it has not, segments that killed processes have left behind are removed first.
-
-    Raises:
-        InputError: The space is still too small after that.
+    Segments that killed processes have left behind are removed first.
     """
     each_mb = _FILE_SIZE_RATIO * _segment_mb()
     if _free_mb() < num_processes * each_mb:
@@ -52,7 +49,6 @@ def check_shared_memory(num_processes: int) -> None:
 
 
 def shared_memory_problem() -> str:
-    """Return an error text if the shared memory is smaller than configured, else ''."""
     if _own_segment_mb() >= _segment_mb():
         return ''
     return (
@@ -62,10 +58,7 @@ def shared_memory_problem() -> str:
 
 
 def restrict_segments() -> None:
-    """Let no other user read this process's segments, which contain images.
-
-    Fast DDS gives everybody the right to read them, whatever the umask is.
-    """
+    """Let no other user read this process's segments, which Fast DDS lets everybody read."""
     for segment in _own_segments():
         with contextlib.suppress(OSError):
             segment.chmod(0o600)
@@ -83,7 +76,6 @@ def clean_shared_memory() -> None:
 
 
 def _segment_mb() -> float:
-    """Return the segment size [2^20 bytes] in the profile of Fast DDS; 0 if there is none."""
     if not uses_fast_dds():
         return 0.0
     try:
@@ -95,7 +87,6 @@ def _segment_mb() -> float:
 
 
 def _own_segment_mb() -> float:
-    """Return the size in MB of this process's largest segment; 0 if it has none."""
     return max((path.stat().st_size / _BYTES_PER_MB for path in _own_segments()), default=0.0)
 
 
@@ -110,7 +101,6 @@ def _own_segments() -> Iterator[Path]:
 
 
 def _free_mb() -> float:
-    """Return the free space of /dev/shm in MB; 0 if it does not exist."""
     try:
         found = os.statvfs(_FOLDER)
     except OSError:

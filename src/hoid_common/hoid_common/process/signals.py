@@ -19,11 +19,10 @@ NODE_END_SIGNALS = (signal.SIGINT, *TERMINATION_SIGNALS, FAILURE_SIGNAL)
 
 
 def interrupt_on_termination() -> None:
-    """Make the first SIGTERM, SIGHUP or SIGQUIT raise KeyboardInterrupt.
+    """Make the first SIGTERM, SIGHUP or SIGQUIT raise KeyboardInterrupt; ignore later ones.
 
-    Later ones are ignored, so that they do not interrupt the clean-up: a shell that is closed
-    sends SIGHUP twice. Signals that were ignored at the start, as by `nohup`, stay ignored. After
-    SIGHUP, output to the terminal is discarded.
+    They must not interrupt the clean-up: a shell that is closed sends SIGHUP twice. Ignored
+    signals stay so, as with `nohup`.
     """
     for sign in TERMINATION_SIGNALS:
         if signal.getsignal(sign) is not signal.SIG_IGN:
@@ -32,7 +31,6 @@ def interrupt_on_termination() -> None:
 
 @contextmanager
 def termination_signals_blocked() -> Iterator[None]:
-    """Block SIGINT and the termination signals in this thread until the end of the block."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *TERMINATION_SIGNALS})
     try:
         yield
@@ -44,9 +42,8 @@ def termination_signals_blocked() -> Iterator[None]:
 def signal_handlers_deferred() -> Iterator[None]:
     """Defer the Python handlers of SIGINT and the termination signals to the end of the block.
 
-    Blocking the signals in this thread is not enough: the kernel delivers them to another thread,
-    such as one of a library, and Python then runs the handler in the main thread. In another
-    thread than the main one, this context manager does nothing.
+    Blocking the signals in this thread is not enough: the kernel delivers them to another one, and
+    Python then runs the handler in the main thread.
     """
     came: list[int] = []
     before = {}
@@ -65,7 +62,6 @@ def signal_handlers_deferred() -> Iterator[None]:
 
 
 def _interrupt(number: int, _frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, and ignore termination signals from now on."""
     for sign in TERMINATION_SIGNALS:
         signal.signal(sign, signal.SIG_IGN)
     if number == signal.SIGHUP:

@@ -17,7 +17,6 @@ _set_time = TimeSource.clock_callback
 
 
 def ignore_negative_clock_times() -> None:
-    """Make all nodes of this process ignore negative times on /clock, with a warning."""
     TimeSource.clock_callback = _set_valid_time
 
 

@@ -28,7 +28,6 @@ class DebugImages:
         return any(publisher.get_subscription_count() for publisher in publishers)
 
     def publish(self, image_bgr: ByteArray, header: Header) -> None:
-        """Publish a (H, W, 3) uint8 BGR image on each topic that has a subscriber."""
         if self._raw.get_subscription_count():
             self._raw.publish(conversions.color_to_msg(image_bgr, header))
         if self._compressed.get_subscription_count():
@@ -37,10 +36,7 @@ class DebugImages:
 
 
 class MaskedImages:
-    """Publishes the mask of static pixels, and depth images without dynamic objects.
-
-    They serve other SLAM systems, which extract their own features.
-    """
+    """Publishes the mask of static pixels, and depth without dynamic objects, for other SLAM."""
 
     def __init__(self, node: Node) -> None:
         self._mask = node.create_publisher(Image, topics.MASK, qos.OUTPUT)

@@ -43,9 +43,8 @@ class _Problem(NamedTuple):
 class Diagnostics:
     """Publishes the status of a node once a second.
 
-    The level is ERROR while a severe problem exists, WARN while another problem exists, an input
-    is missing or loses messages, or simulated time has not begun, and OK otherwise. Problems are
-    also logged, with the limits of `InputLog`, `set_problem` and `report`.
+    The level is ERROR while a severe problem exists, WARN while another one exists, an input is
+    missing or loses messages, or simulated time has not begun, and OK otherwise.
     """
 
     def __init__(self, node: Node) -> None:
@@ -74,11 +73,9 @@ class Diagnostics:
         is_occasional: bool = False,
         is_latched: bool = False,
     ) -> InputWatch:
-        """Begin to report missing and lost messages of a topic, and return the watch for it.
+        """Report missing and lost messages of a topic, and return the watch for it.
 
-        The subscription must call `record_message` of the watch for each message, and
-        `record_loss` for lost ones. Messages of an occasional topic are never missing; of a
-        latched one, only the first.
+        The subscription must call `record_message` and `record_loss` of the watch.
         """
         watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional, is_latched)
         self._watches.append(watch)
@@ -86,26 +83,22 @@ class Diagnostics:
 
     @property
     def awaited(self) -> str:
-        """Return the inputs that the node cannot do without, with their topics, in one line."""
         return ', '.join(f'{w.what} on {w.topic}' for w in self._watches if not w.is_occasional)
 
     def count(self, name: str, number: int = 1) -> None:
-        """Add a number to a counter, which begins at 0 and is published with the status."""
         self._counts[name] += number
 
     def set_count(self, name: str, number: int) -> None:
         self._counts[name] = number
 
     def set_value(self, name: str, value: str) -> None:
-        """Set a text that is published beside the counters, such as the name of a model."""
         self._values[name] = value
 
     def set_problem(self, name: str, text: str, *, severe: bool = False) -> None:
         """Publish a problem, and what to do, until `clear_problem` is called with its name.
 
-        It is logged when it is new, but not when only its text changes. If it comes and goes, at
-        least five seconds lie between two of its log lines, and the interval doubles with each
-        line up to five minutes. `severe` raises the level from WARN to ERROR.
+        It is logged when it is new or comes again, with exponential back-off from five seconds to
+        five minutes. `severe` raises the level from WARN to ERROR.
         """
         level = DiagnosticStatus.ERROR if severe else DiagnosticStatus.WARN
         if name not in self._problems:
@@ -115,14 +108,12 @@ class Diagnostics:
         self._problems[name] = _Problem(level, text)
 
     def report_problem(self, name: str, text: str, *, severe: bool = False) -> None:
-        """Set a problem, or clear it if the text is empty."""
         if text:
             self.set_problem(name, text, severe=severe)
         else:
             self.clear_problem(name)
 
     def clear_problem(self, name: str) -> None:
-        """Stop publishing a problem, if it exists."""
         self._problems.pop(name, None)
 
     def report(self, error: HoidError, what: str = 'messages refused') -> None:
@@ -141,7 +132,6 @@ class Diagnostics:
             self._node.get_logger().info(text)
 
     def status(self) -> DiagnosticStatus:
-        """Return the status as it would be published now."""
         return self._status([*self._missing_inputs().values(), *self._other_problems().values()])
 
     def _status(self, texts: Sequence[str]) -> DiagnosticStatus:
@@ -168,7 +158,6 @@ class Diagnostics:
         }
 
     def _other_problems(self) -> dict[str, str]:
-        """Return one line about each input that loses messages and about the clock, by kind."""
         now_s = time.monotonic()
         texts = {
             f'{watch.topic} loses messages': watch.loss_message(
@@ -182,7 +171,6 @@ class Diagnostics:
         return texts
 
     def _clock_message(self) -> str:
-        """Return an error text while simulated time is used but has not begun, else ''."""
         clock = self._node.get_clock()
         if clock.ros_time_is_active and clock.now().nanoseconds == 0:
             return (
@@ -203,10 +191,9 @@ class Diagnostics:
     def _is_cause(self, topic: str) -> bool:
         """Return whether this node logs that the messages of a topic are missing.
 
-        If every node did, one missing camera would be logged by all of them. If only nodes of the
-        suite publish the topic, this node does not log it, because the silent node logs what it
-        waits for itself. Any other topic is logged by the filter alone if the filter subscribes to
-        it, and else by every node that waits for it.
+        If every node did, one missing camera would be logged by all of them. A silent node of the
+        suite logs what it waits for itself; any other topic is logged by the filter if it
+        subscribes to it, and else by every node that waits for it.
         """
         if self._is_of_suite(topic):
             return False
@@ -238,10 +225,7 @@ class Diagnostics:
 
 
 def _transport_profile() -> str:
-    """Return the path of the profile that Fast DDS uses, or else of the suite's.
-
-    The result is '' with another middleware, or if the suite's profile is not installed.
-    """
+    """Return the path of the profile that Fast DDS uses, or else of the suite's; or ''."""
     if not uses_fast_dds():
         return ''
     if given := os.environ.get(PROFILE_VARIABLE):

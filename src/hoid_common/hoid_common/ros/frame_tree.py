@@ -1,6 +1,6 @@
 """Publisher and listeners of transforms on /tf and /tf_static.
 
-tf2_ros has similar classes where ROS is installed, but is missing from the wheels of rclpy.
+tf2_ros has similar classes, but is missing from the wheels of rclpy.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class TransformPublisher:
         self.sent: list[tuple[str, str, FloatArray]] = []  # the edges of the last message
 
     def send(self, stamp_ns: int, edges: list[tuple[str, str, FloatArray]]) -> None:
-        """Publish edges (parent, child, T_parent_child) at one stamp, and store them in `sent`."""
+        """Publish edges (parent, child, T_parent_child) at one stamp."""
         self.sent = edges
         self._publisher.publish(
             TFMessage(
@@ -79,7 +79,7 @@ def listen_to_transforms(
 
 
 class StaticFrameListener:
-    """Collects the transforms on /tf_static in `frames`; counts and logs malformed transforms."""
+    """Collects the transforms on /tf_static in `frames`; malformed ones are counted and logged."""
 
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
         self.frames = StaticFrames()
@@ -106,10 +106,9 @@ class LiveAlignment:
     def align(
         self, depth_m: Float32Array, depth: Header, color: Header, size_px: tuple[int, int]
     ) -> Float32Array:
-        """Return the (H, W) depth in m at the color pixels of depth (h, w); 0 = no measurement.
+        """Return the depth (H, W) in m at the color pixels of depth (h, w); 0 = no measurement.
 
-        Raises:
-            MessageError: Depth has another size, and is not known to be registered.
+        MessageError if depth has another size, and is not known to be registered.
         """
         try:
             return self.aligner.align(depth_m, depth.frame_id, color.frame_id, size_px)
@@ -121,11 +120,7 @@ class LiveAlignment:
 
 
 class FrameListener:
-    """Finds the transform between two frames at a time, like tf2's `lookup_transform`.
-
-    It serves scripts and examples that run without tf2. A malformed transform raises MessageError
-    in the callback of the subscription.
-    """
+    """Finds the transform between two frames at a time, like tf2's `lookup_transform`."""
 
     def __init__(self, node: Node) -> None:
         self._static = StaticFrames()
@@ -137,13 +132,7 @@ class FrameListener:
             )
 
     def find(self, a: str, b: str, stamp_ns: int) -> FloatArray | None:
-        """Return T_a_b (4, 4) between two frames at a time; None if it is unknown for that time.
-
-        Transforms on /tf are interpolated, and extrapolated by up to 0.2 s (see `PoseBuffer.at`).
-
-        Raises:
-            MessageError: There are more than 1000 frames.
-        """
+        """Return T_a_b (4, 4) between two frames at a time; None if it is unknown then."""
         poses = ((*edge, buffer.at(stamp_ns)) for edge, buffer in self._moving.items())
         known = [(parent, child, T) for parent, child, T in poses if T is not None]
         return self._static.with_edges(known).find(a.lstrip('/'), b.lstrip('/'))

@@ -40,10 +40,9 @@ _MAX_BYTES = 2_000_000
 
 
 class Inputs:
-    """Makes the subscriptions of a node.
+    """Makes the subscriptions of a node, which count, log and drop messages whose callback raises.
 
-    A `ManagedNode` processes messages only while it is active. A HoidError that a callback raises
-    is counted and logged, and the message is dropped.
+    A `ManagedNode` processes messages only while it is active.
     """
 
     def __init__(self, node: Node, config: InputConfig, diagnostics: Diagnostics) -> None:
@@ -53,18 +52,12 @@ class Inputs:
         self._discovered_s = time.monotonic() + _DISCOVERY_S
 
     def color(self, callback: Callback) -> None:
-        """Subscribe to color images, compressed if configured or if the topic's name says so.
-
-        The frame name in the header of a message is valid in TF.
-        """
+        """Subscribe to color images, compressed if configured or if the topic's name says so."""
         named = self.with_frame(callback, 'color images')
         self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
 
     def depth(self, callback: Callback) -> None:
-        """Subscribe to depth images, compressed if configured or if the topic's name says so.
-
-        The parameter `depth_offset_s` is subtracted from the stamp, which stays at least 0.
-        """
+        """Subscribe to depth images, with stamps corrected by the parameter `depth_offset_s`."""
         offset_ns = round(self._config.depth_offset_s * NS_PER_S)
 
         def on_depth(msg: Any) -> None:
@@ -80,8 +73,8 @@ class Inputs:
     def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
         """Subscribe to the camera_info of the color images.
 
-        The name of the images' topic decides whether they are rectified (see `camera_from_info`).
-        If that is doubtful, the diagnostics show a problem. The frame name is valid in TF.
+        The name of the images' topic decides whether they are rectified; if that is doubtful, the
+        diagnostics show a problem.
         """
 
         def on_camera_info(msg: CameraInfo) -> None:
@@ -111,13 +104,10 @@ class Inputs:
             )
 
     def with_frame(self, callback: Callback, what: str) -> Callback:
-        """Return a function that makes a message's frame name valid in TF and calls `callback`.
+        """Return a callback that makes the frame name of `what` ("color images") valid in TF.
 
-        Leading slashes are removed; an empty name is replaced by the parameter `camera_frame`. If
-        that is empty too, the function sets a problem in the diagnostics and raises MessageError.
-
-        Args:
-            what: The messages in the plural, such as "color images".
+        An empty name is replaced by the parameter `camera_frame`; if that is empty too, there is a
+        problem and a MessageError.
         """
 
         def on_message(msg: Any) -> None:
@@ -133,7 +123,6 @@ class Inputs:
         return on_message
 
     def _images(self, raw: str, packed: str, callback: Callback, what: str) -> None:
-        """Subscribe to the raw or the packed (compressed) images."""
         topic = self._image_topic(raw, packed)
         full_name = self._node.resolve_topic_name(topic)
         if not topics.is_compressed(full_name):
@@ -167,12 +156,9 @@ class Inputs:
     ) -> None:
         """Subscribe to a topic.
 
-        Args:
-            what: The messages in the plural, such as "depth images".
-            reliability: Reliability to request; by default that of the parameter `reliability`.
-            is_occasional: Whether it is normal that no message arrives for long.
-            is_latched: Whether one message is enough, which may have been published earlier.
-            queue_length: Number of messages that wait; by default that of the parameter.
+        `what` are the messages in the plural. Missing messages of an occasional topic are no
+        problem; one message of a latched topic is enough, which may have been published earlier.
+        Reliability and queue length are those of the parameters by default.
         """
         config, full_name = self._config, self._node.resolve_topic_name(topic)
         requested = reliability or config.reliability
@@ -188,7 +174,7 @@ class _Input:
     """The subscription of an input.
 
     With `auto` it is reliable until a publisher offers less, and then best effort until the topic
-    has no publisher. `on_bytes` is called with each serialized message.
+    has no publisher.
     """
 
     def __init__(
@@ -223,7 +209,7 @@ class _Input:
         """Return whether a publisher that runs already offers best effort only.
 
         A driver logs each subscription that requests more than it offers, so that publishers are
-        looked for before the first request, up to a time of the monotonic clock.
+        looked for first, until a time of the monotonic clock.
         """
         while True:
             infos = self._node.get_publishers_info_by_topic(self._watch.topic)
@@ -294,10 +280,7 @@ class _Input:
 def checked_callback(
     callback: Callback, type_: type[Any], topic: str, what: str, diagnostics: Diagnostics
 ) -> Callable[[bytes], None]:
-    """Return a function of serialized bytes that deserializes a message and calls `callback`.
-
-    A HoidError, also of a message that cannot be deserialized, is counted and logged.
-    """
+    """Return a function of serialized bytes that calls `callback`, and reports its HoidErrors."""
 
     def on_bytes(data: bytes) -> None:
         try:
@@ -309,11 +292,7 @@ def checked_callback(
 
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
-    """Return the message in serialized bytes; an Image as `conversions.ReceivedImage`.
-
-    Raises:
-        MessageError: The bytes are no such message, or more than 2 MB and no image.
-    """
+    """Return the message in serialized bytes (a `ReceivedImage` for Image) or MessageError."""
     if len(data) > _MAX_BYTES and type_ not in _LARGE:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')
     try:

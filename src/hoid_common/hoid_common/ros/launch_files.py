@@ -32,10 +32,7 @@ def switch(name: str, description: str, *, default: bool = False) -> Argument:
 
 
 def common_arguments(package: str, params_file: str) -> list[Argument]:
-    """Return the launch arguments of every launch file.
-
-    `params_file` is in the folder `config`.
-    """
+    """Return the launch arguments of every launch file; `params_file` is a name in `config`."""
     params = PathJoinSubstitution([FindPackageShare(package), 'config', params_file])
     return [
         Argument(
@@ -109,7 +106,6 @@ def suite_node(
 
 
 def tf_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the remappings (from, to) of /tf to the namespace; none if not `tf_in_namespace`."""
     return list(topics.NAMESPACED_TF) if is_on(context, 'tf_in_namespace') else []
 
 
@@ -130,7 +126,6 @@ def camera_arguments() -> list[Argument]:
 
 
 def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
-    """Return the topic remappings (from, to) that the arguments of `camera_arguments` set."""
     names = [value(context, name) for name in ('image', 'depth', 'camera_info')]
     return topics.camera_remappings(*names)
 
@@ -153,9 +148,8 @@ def _ending_launch(
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
     """Return the handler for the exit of a node, which ends the launch after a failure.
 
-    Before the launch ends, a running SLAM node gets FAILURE_SIGNAL. With `respawn`, only a node
-    that refuses its first start ends the launch; without it, every exit with a status other than 0
-    does. These are the rules of `hoid nodes --restart` (decision 046).
+    With `respawn`, only a node that refuses its first start does so; without it, every status
+    other than 0 (decision 046).
     """
     has_run = False
 
@@ -180,6 +174,5 @@ def _ending_launch(
 
 
 def _stores_a_map(process: Any) -> bool:
-    """Return whether an action of launch is the SLAM node, and its process has been started."""
     is_slam = isinstance(process, LifecycleNode) and process.node_package == _SLAM
     return is_slam and 'pid' in (process.process_details or {})

@@ -18,10 +18,9 @@ _PROBLEM, _SHARED_MEMORY = 'configuring', 'shared memory'
 class ManagedNode(AcceptsEmptyLists, LifecycleNode):
     """Base class of the suite's nodes, a lifecycle node that processes messages only while active.
 
-    This holds for the subscriptions of `Inputs`, not for transforms and services. Publishers and
-    subscriptions exist during the node's whole life. A subclass loads its models and files in
-    `configure` and drops its state in `clean_up`. The node makes no bond with a lifecycle manager:
-    set `bond_timeout` of Nav2's lifecycle manager to 0.
+    This holds for the subscriptions of `Inputs`, not for transforms and services. A subclass loads
+    its models and files in `configure` and drops its state in `clean_up`. There is no bond with a
+    lifecycle manager: set Nav2's `bond_timeout` to 0.
     """
 
     def __init__(self, name: str) -> None:
@@ -43,14 +42,12 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         """Reset the node to its state before `configure`."""
 
     def pause(self) -> None:
-        """Drop all waiting messages. This is called when the node becomes inactive."""
+        """Drop all waiting messages."""
 
     def begin(self, *, autostart: bool) -> None:
         """Configure and activate the node, or wait for a lifecycle manager; called last.
 
-        Raises:
-            HoidError: With autostart, `configure` has failed, and the node is destroyed. (Without
-                autostart, the lifecycle manager gets a failed transition instead.)
+        HoidError if `configure` has failed with autostart; the node is then destroyed.
         """
         self._autostart = autostart
         if not autostart:
@@ -64,7 +61,6 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
                     self.destroy_node()  # a subclass may have started threads and processes
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node; the transition fails when `configure` raises HoidError."""
         try:
             self.configure()
         except HoidError as error:
@@ -76,7 +72,6 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Start processing messages, and call the functions in `on_activation`."""
         self.is_active = True
         self.get_logger().info(f'active, waiting for {self.diagnostics.awaited}')
         for function in self.on_activation:
@@ -84,13 +79,11 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop processing messages, and drop those that wait."""
         self.is_active = False
         self.pause()
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Reset the node to its state before `on_configure`."""
         self.clean_up()
         return TransitionCallbackReturn.SUCCESS
 

@@ -1,11 +1,8 @@
 """Declaration of a node's ROS parameters from a `Config`, which has names, defaults and ranges.
 
-The node must be made with `automatically_declare_parameters_from_overrides=True`. Only then can
-overrides of parameters that do not exist, such as misspelled names, be found.
-
-Expert parameters are declared only when `expert` is true, or if the config has no parameter of
-this name. An empty list has no type in ROS, so that its parameter has the value of a list of one
-empty string, `['']`.
+The node must be made with `automatically_declare_parameters_from_overrides=True`: only then can
+misspelled names be found. An empty list has no type in ROS, so that its parameter has the value
+`['']`.
 """
 
 from __future__ import annotations
@@ -35,15 +32,11 @@ _ROS_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_override
 
 
 class AcceptsEmptyLists(Node):
-    """Base class of nodes whose parameters may be given as empty lists, `[]`.
-
-    Such an override has no type, and rclpy's constructor of the node raises for it.
-    """
+    """Base class of nodes whose parameters may be given as empty lists, for which rclpy raises."""
 
     def declare_parameters(
         self, namespace: str, parameters: Any, ignore_override: bool = False
     ) -> list[Parameter]:
-        """Declare parameters; those whose value has no type become lists of strings."""
         typed = [
             (name, _to_ros(()) if value is None else value, *rest)
             for name, value, *rest in parameters
@@ -56,18 +49,9 @@ class Parameters(Generic[C]):
     """Declares the parameters of a node, and updates its config when they are set.
 
     Given parameters without effect (unknown ones, and expert parameters that are not declared) are
-    logged.
-
-    Args:
-        on_change: Function that is called with the new config after parameters that were set at
-            run time have changed it.
-        approve: Function that is called with the new config before parameters are set at run time.
-            It raises ConfigError to reject them. Types and ranges have been checked before.
-        moved: Names of the nodes that have sections of parameters now, by the name of the section.
-
-    Raises:
-        ConfigError: A parameter has a value of the wrong type, out of range, or that is none of
-            its choices; or it is given to this node, but has moved to another one.
+    logged. `on_change` is called with a new config; `approve` before that, and may reject it by
+    ConfigError. `moved` names the nodes that have a section of parameters now. ConfigError if a
+    value is wrong, or a parameter has moved to another node.
     """
 
     def __init__(
@@ -103,7 +87,6 @@ class Parameters(Generic[C]):
         return self._config
 
     def _typed(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Return parameters, with whole numbers given for floats and empty lists converted."""
         return [self._retyped(p) for p in parameters]
 
     def _retyped(self, parameter: Parameter) -> Parameter:
@@ -120,7 +103,6 @@ class Parameters(Generic[C]):
         )
 
     def _check(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Return whether the new values are accepted, without changing the config."""
         try:
             new = self._updated(parameters)
             if self._approve is not None:
@@ -130,7 +112,6 @@ class Parameters(Generic[C]):
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[Parameter]) -> None:
-        """Store new values in the config, and call `on_change` if they differ."""
         new = self._updated(parameters)
         if new != self._config:
             self._config = new
@@ -148,7 +129,6 @@ def _take_overrides(node: Node) -> dict[str, Any]:
 
 
 def _check_places(node: Node, names: Iterable[str], moved: Mapping[str, str]) -> None:
-    """Raise ConfigError if a given parameter is one of another node."""
     for name in names:
         owner = moved.get(name.partition('.')[0])
         if owner is not None:

@@ -8,7 +8,6 @@ from hoid_common.inputs.input_config import RELIABLE
 
 
 def latched(depth: int) -> QoSProfile:
-    """Return the QoS of a topic whose last `depth` messages are also sent to late subscribers."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -32,7 +31,6 @@ CLOCK = QoSProfile(
 
 
 def input_qos(reliability: str, depth: int) -> QoSProfile:
-    """Return the QoS of a subscription; 'reliable' receives from reliable publishers only."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

@@ -32,18 +32,11 @@ _KEPT_BYTES = 64 << 20  # chosen: a 1080p image with its depth takes 15 MB (deci
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Make a node, run its callbacks until a signal or shutdown, and return the exit status.
 
-    SIGINT, a termination signal or FAILURE_SIGNAL ends the node; later signals are ignored. The
-    status is 0 if the signal comes while the node runs, or if ROS is shut down, and
-    EXIT_INTERRUPTED if the signal comes while the node is made. If `make_node` raises a HoidError
-    or ROS rejects the arguments, the error is printed in one line, and the status is EXIT_CONFIG.
-    After a HoidError of a running node it is EXIT_FAILED. Other errors are raised.
+    It is 0 if the signal comes while the node runs, and EXIT_INTERRUPTED while it is made. A
+    HoidError is printed in one line: EXIT_CONFIG if the node cannot be made, else EXIT_FAILED.
 
-    The function also changes the whole process: OpenCV uses one thread, glibc keeps freed memory,
-    negative times on /clock are ignored, and SIGALRM ends the process 10 s after the node began to
-    end (see `limit_exit_time`).
-
-    Args:
-        args: Command-line arguments; by default those of the process.
+    The whole process changes: OpenCV uses one thread, glibc keeps freed memory, negative times on
+    /clock are ignored, and SIGALRM ends the process 10 s after the node began to end.
     """
     _reduce_processor_load()
     ignore_negative_clock_times()
@@ -64,7 +57,6 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
 
 
 def _init(args: Sequence[str] | None) -> None:
-    """Initialize rclpy without its signal handlers; raise ConfigError for invalid arguments."""
     try:
         # rclpy's handlers shut down the context in another thread while this one destroys the
         # node. Of 1200 exits with them, one crashed and three printed an error.
@@ -74,7 +66,6 @@ def _init(args: Sequence[str] | None) -> None:
 
 
 def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
-    """Make a node, spin it, destroy it, shut ROS down, and return the exit status."""
     node: Node | None = None
     executor = SteadyExecutor()
     try:
@@ -99,15 +90,11 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
 
 
 def is_end_asked_for() -> bool:
-    """Return whether the node is destroyed on request, and not after an error."""
     return sys.exc_info()[0] is None and not _failure.is_set()
 
 
 class _Interrupt:
-    """Makes the first signal that ends a node raise KeyboardInterrupt, until `_handle` is called.
-
-    `came` states whether one has raised it; `is_node_made` is set by `_run`.
-    """
+    """Makes the first signal that ends a node raise KeyboardInterrupt, until `_handle` runs."""
 
     def __init__(self) -> None:
         self.came = self.is_node_made = False
@@ -128,13 +115,11 @@ class _Interrupt:
 
 
 def _note(sign: int, _frame: FrameType | None) -> None:
-    """Record a failure of another process, for `is_end_asked_for`; ignore other signals."""
     if sign == FAILURE_SIGNAL:
         _failure.set()
 
 
 def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
-    """Set the handler of all signals that end a node; with `nohup`, SIGHUP stays ignored."""
     for sign in NODE_END_SIGNALS:
         if sign != signal.SIGHUP or signal.getsignal(sign) is not signal.SIG_IGN:  # `nohup`
             signal.signal(sign, handler)
@@ -143,9 +128,9 @@ def _handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) 
 def _reduce_processor_load() -> None:
     """Limit OpenCV to one thread, and let glibc keep freed memory (decision 017).
 
-    Idle threads of OpenCV wake up 3000 times a second. By default, glibc returns the memory of
-    each freed image to the kernel, which clears and maps all pages again for the next image: this
-    doubles the processor time for receiving an image.
+    Idle threads of OpenCV wake up 3000 times a second. glibc returns the memory of each freed
+    image to the kernel, which clears and maps all pages again: this doubles the processor time for
+    receiving an image.
     """
     cv2.setNumThreads(1)
     with contextlib.suppress(OSError, AttributeError):  # another C library
@@ -155,7 +140,6 @@ def _reduce_processor_load() -> None:
 
 
 def _spin(executor: SteadyExecutor, interrupt: _Interrupt) -> int:
-    """Run callbacks until shutdown or the first signal, and return the exit status."""
     ended = Event()
     hear_fd, tell_fd = os.pipe()
     os.set_blocking(tell_fd, False)

@@ -23,8 +23,8 @@ class Stamped(NamedTuple):
 class Synchronizer:
     """Calls a function for each match of messages, and counts the dropped ones in diagnostics.
 
-    While messages do not match, or probably the wrong ones do, the diagnostics show a problem. A
-    HoidError of the callback is counted and logged.
+    While messages do not match, or probably the wrong ones do, there is a problem. A HoidError of
+    the callback is counted and logged.
     """
 
     def __init__(

@@ -18,7 +18,6 @@ MIN_WEIGHT, MAX_WEIGHT = 1e-30, 1e30
 
 
 def require(holds: bool | np.bool_, otherwise: str) -> None:
-    """Raise MapFileError with a text if a rule does not hold."""
     if not holds:
         raise MapFileError(otherwise)
 
@@ -29,5 +28,5 @@ def within(values: NDArray[Any], low: float, end: float) -> bool:
 
 
 def are_poses(T: FloatArray) -> bool:
-    """Return whether all (N, 4, 4) are rigid transforms with positions in the range of a map."""
+    """Return whether all (N, 4, 4) are rigid, with positions in the range of a map."""
     return bool((se3.is_rigid(T) & (np.abs(T) < MAX_POSITION_M).all((1, 2))).all())

@@ -1,7 +1,7 @@
 """A map as an SQLite database: created, opened by its owner, or read after a check.
 
-A database in use (`start`) is in WAL mode: each transaction is in the file completely or not at
-all, whenever a process or computer dies. A finished one is a single file.
+A database in use (`start`) is in WAL mode, so that each transaction is in the file completely or
+not at all, whenever a process or computer dies. A finished one is a single file.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Database:
     """An open database, which any thread may use, but only one at a time.
 
     Every method raises MapFileError, with one line that names the file, if the database cannot be
-    read or written or is damaged. Make one with `create`, `start`, `open` or `read`.
+    read or written or is damaged.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -48,10 +48,10 @@ class Database:
 
     @classmethod
     def create(cls, path: Path, tables: Iterable[Table]) -> Self:
-        """Create a database with empty tables in a new file, which must not exist.
+        """Create a database with empty tables in a new file.
 
-        It has no journal: if the process is killed, the file is worthless. `replaced` gives such a
-        file its name once it is complete, or `start` does.
+        It has no journal: if the process is killed, the file is worthless. `replaced` or `start`
+        gives it its name once it is complete.
         """
         try:
             path.touch(exist_ok=False)
@@ -89,13 +89,8 @@ class Database:
     def open(cls, path: Path, tables: Iterable[Table], *, is_own: bool = False) -> Self:
         """Open an existing database to read and write it, after the checks of `read`.
 
-        Tables that it does not have are added. The journal of a killed process is applied.
-
-        Args:
-            path: The file.
-            tables: The tables that will be used.
-            is_own: This process has written it, and has all of the tables: only its header is
-                checked.
+        Missing tables are added, and the journal of a killed process is applied. Only the header
+        is checked of a file that this process has written (`is_own`).
         """
         check_header(path)
         tables = tuple(tables)
@@ -112,12 +107,7 @@ class Database:
     def read(cls, path: Path, tables: Iterable[Table]) -> Self:
         """Open a database only to read it, after checking its schema and its pages.
 
-        It may lack any of the tables (`has`), and have others of the same plain form, which are
-        not read.
-
-        Raises:
-            MapFileError: As always; and if there is no such file, it is no regular file, no map,
-                or of another version, or has anything else than plain tables.
+        It may lack tables (`has`), and have others of the same plain form.
         """
         check_header(path)
         # An immutable file is read without locks, so that its folder may be read-only.
@@ -128,23 +118,17 @@ class Database:
             return cls(path, connection)
 
     def close(self) -> None:
-        """Close the database; its journal is brought into the file."""
         self._connection.close()
 
     def __enter__(self) -> Self:
-        """Return the database, which is closed at the end of the block."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the database."""
         self.close()
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Commit all that the block writes at its end, or nothing if it raises.
-
-        Blocks must not be nested.
-        """
+        """Commit all that the block writes at its end, or nothing if it raises. Not nested."""
         self.begin()
         try:
             yield
@@ -154,7 +138,6 @@ class Database:
             raise
 
     def begin(self) -> None:
-        """Begin a transaction, which `commit` or `rollback` ends."""
         self._run('BEGIN IMMEDIATE')
 
     def commit(self) -> None:
@@ -162,15 +145,11 @@ class Database:
         self._run('COMMIT')
 
     def rollback(self) -> None:
-        """Undo all since `begin`; nothing happens without a transaction."""
         with suppress(sqlite3.Error):  # SQLite may have ended the transaction itself
             self._connection.execute('ROLLBACK')
 
     def put(self, table: Table, rows: Iterable[tuple[Any, ...]]) -> None:
-        """Insert rows: the key, then the other columns; rows with the same keys are replaced.
-
-        A record may be given as bytes that `table.pack` has made.
-        """
+        """Insert rows: the key, then the other columns; rows with the same keys are replaced."""
         places = ', '.join('?' * (1 + len(table.columns)))
         with _described(self.path):
             self._connection.executemany(
@@ -179,7 +158,6 @@ class Database:
             )
 
     def delete(self, table: Table, keys: Iterable[int]) -> None:
-        """Delete the rows with these keys; keys without a row are ignored."""
         with _described(self.path):
             self._connection.executemany(
                 f'DELETE FROM {table.name} WHERE {table.key} = ?',  # noqa: S608
@@ -187,7 +165,6 @@ class Database:
             )
 
     def clear(self, table: Table) -> None:
-        """Delete all rows of a table."""
         self._run(f'DELETE FROM {table.name}')  # noqa: S608
 
     def rows(self, table: Table) -> Iterator[tuple[Any, ...]]:
@@ -199,7 +176,6 @@ class Database:
                 yield table.unpacked(row)
 
     def row(self, table: Table, key: int) -> tuple[Any, ...] | None:
-        """Return the row with a key, or None if there is none."""
         columns = ', '.join((table.key, *table.columns))
         sql = f'SELECT {columns} FROM {table.name} WHERE {table.key} = ?'  # noqa: S608
         with _described(self.path):
@@ -207,19 +183,14 @@ class Database:
             return None if row is None else table.unpacked(row)
 
     def count(self, table: Table) -> int:
-        """Return the number of rows of a table."""
         return int(self._run(f'SELECT count(*) FROM {table.name}')[0][0])  # noqa: S608
 
     def has(self, table: Table) -> bool:
-        """Return whether the database has a table."""
         sql = f"SELECT 1 FROM sqlite_schema WHERE name = '{table.name}'"  # noqa: S608
         return bool(self._run(sql))
 
     def copy_to(self, path: Path) -> None:
-        """Copy the content to a new finished file (SQLite's backup).
-
-        Nothing waits until the copy is on the disk: see `replaced`.
-        """
+        """Copy the content to a new finished file (SQLite's backup), not yet on the disk."""
         with _described(path), closing(sqlite3.connect(path)) as copy:
             copy.execute('PRAGMA journal_mode = OFF')
             copy.execute('PRAGMA synchronous = OFF')
@@ -227,10 +198,7 @@ class Database:
             copy.execute('PRAGMA journal_mode = DELETE')
 
     def finish(self) -> None:
-        """Close it as a finished file, without files beside it.
-
-        That fails while another process reads the database.
-        """
+        """Close it as a single finished file; that fails while another process reads it."""
         self._run('PRAGMA journal_mode = DELETE')
         self.close()
 
@@ -243,13 +211,8 @@ class Database:
 def replaced(path: Path) -> Iterator[Path]:
     """Yield the path of a new file, which replaces `path` at the end of the block.
 
-    It does so only after all its bytes are on the disk. If the block raises, nothing is replaced.
-    The new file is in a scratch folder, so that what a killed process leaves can be found
-    (`abandoned_scratch_folders`).
-
-    Raises:
-        InputError: The folder cannot be written.
-        MapFileError: The file cannot be written.
+    It does so only after all its bytes are on the disk, and not if the block raises. What a killed
+    process leaves is found by `abandoned_scratch_folders`.
     """
     with scratch_folder(path.parent, 'map') as folder:
         aside = folder / path.name
@@ -270,9 +233,6 @@ def kept(path: Path, name: Path) -> Path:
     """Rename a database that nobody uses, with the files of its journal; return its new path.
 
     Nothing is overwritten: if the name is taken, `-2`, `-3` ... is appended to it.
-
-    Raises:
-        MapFileError: It cannot be renamed.
     """
     new, number = name, 1
     try:
@@ -290,12 +250,10 @@ def kept(path: Path, name: Path) -> Path:
 
 
 def side_files(path: Path) -> Sequence[Path]:
-    """Return the files beside a database that SQLite may make."""
     return [path.with_name(path.name + end) for end in _SIDE_FILES]
 
 
 def _is_reserved(path: Path) -> bool:
-    """Make an empty file, which reserves its name; return False if the name is taken."""
     try:
         path.touch(exist_ok=False)
     except FileExistsError:
@@ -304,7 +262,6 @@ def _is_reserved(path: Path) -> bool:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the entries of a folder to the disk; errors are ignored: some systems cannot do it."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -315,12 +272,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def _connected(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
-    """Yield a connection, which is closed if the block raises; its errors are described.
-
-    Args:
-        path: The file, which must exist.
-        mode: SQLite's mode of access, `rw` or `ro`, perhaps with more parameters.
-    """
+    """Yield a connection in SQLite's `mode` of access, which is closed if the block raises."""
     with _described(path), ExitStack() as stack:
         connection = sqlite3.connect(
             f'{path.absolute().as_uri()}?mode={mode}',
@@ -350,7 +302,6 @@ def _size(path: Path) -> int:
 
 @contextmanager
 def _described(path: Path) -> Iterator[None]:
-    """Raise errors of SQLite, and of what it reads, as MapFileErrors that name the file."""
     try:
         yield
     except MapFileError as error:

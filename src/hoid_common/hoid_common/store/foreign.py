@@ -25,11 +25,7 @@ _MAX_QUOTED = 80  # characters of a text from the file that an error quotes
 
 
 def check_header(path: Path) -> None:
-    """Check that a file is a database of maps of this version, without SQLite.
-
-    Raises:
-        MapFileError: There is no such file, it is no regular file, or it is something else.
-    """
+    """Check without SQLite that a file is a map of this version; MapFileError if it is not."""
     try:
         with open_regular(path) as file:
             header = file.read(_HEADER_BYTES)
@@ -55,13 +51,8 @@ def check_header(path: Path) -> None:
 def check_content(connection: sqlite3.Connection, tables: Sequence[Table]) -> frozenset[str]:
     """Check the schema of a database, then all of its pages; return the names of its tables.
 
-    Args:
-        tables: The tables that will be used. The database need not have them all.
-
-    Raises:
-        MapFileError: It has something else than plain tables, one of these tables with other
-            columns, or pages that are damaged. The text does not name the file.
-        sqlite3.Error: It cannot be read.
+    MapFileError, which does not name the file, if it has something else than plain tables, one of
+    `tables` with other columns, or damaged pages.
     """
     known, found = {table.name: table.sql for table in tables}, set()
     for kind, name, sql in connection.execute('SELECT type, name, sql FROM sqlite_schema'):

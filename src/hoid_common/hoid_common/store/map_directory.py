@@ -1,8 +1,7 @@
 """File names in service requests: plain names in one folder, each kind of file with its ending.
 
-Only this module accepts a file name from a request. It also writes these files, except for maps
-(`database.replaced`): in a scratch folder first, then renamed, so that an existing file is
-replaced by a complete one or not at all.
+Only this module accepts a file name from a request. Files are replaced by complete ones or not at
+all.
 """
 
 from __future__ import annotations
@@ -47,16 +46,8 @@ GRID = FileKind('a grid', 'grid', ('.yaml', '.pgm'))
 def path_in(directory: str, name: str, kind: FileKind) -> Path:
     """Return the path of a named file in the folder of maps, which is created if it is missing.
 
-    Args:
-        directory: The folder; `~` is the home folder.
-        name: A plain file name with or without the ending of the kind; empty for the default.
-        kind: The kind of file.
-
-    Raises:
-        InputError: The name contains a slash or characters that cannot be printed, begins with a
-            dot, is too long, has an ending that this kind of file does not have, or is that of a
-            symbolic link; or the folder cannot be created.
-        ConfigError: `directory` begins with `~`, and the home folder is not known.
+    `~` is the home folder; an empty name is the default. InputError if the name is no plain file
+    name, has an ending of another kind, or is that of a link, or if the folder cannot be created.
     """
     _check_name(name, directory)
     file_name = _with_ending(name or kind.default, kind)
@@ -74,13 +65,7 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
 
 
 def existing_map(directory: str, name: str) -> Path:
-    """Return the path of a saved map in the folder of maps.
-
-    Raises:
-        InputError: There is no such map, which the text follows by the names of those there are;
-            or the name is not allowed (`path_in`).
-        ConfigError: As in `path_in`.
-    """
+    """Return the path of a saved map; InputError, with the names of all maps, if it is none."""
     path = path_in(directory, name, MAP)
     if not path.exists():
         raise InputError(f'{path}: there is no such file; {_maps_in(path.parent)}')
@@ -88,7 +73,6 @@ def existing_map(directory: str, name: str) -> Path:
 
 
 def named_map(path: Path) -> Path:
-    """Return the path of a map; raise InputError if it is that of a folder of other files."""
     if path.is_dir() and path.suffix != SUFFIX:
         raise InputError(f'{path}: is a folder, and no map; {_maps_in(path)}')
     return path
@@ -102,18 +86,8 @@ def _maps_in(folder: Path) -> str:
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
     """Write files so that each existing file is replaced by a complete one or not at all.
 
-    They are written in a scratch folder, then moved to the folder of `path` one by one.
-
-    Args:
-        path: The main file; others that `write` creates beside it are moved along.
-        write: Called with the path in the scratch folder to which it must write the main file.
-
-    Returns:
-        The result of `write`.
-
-    Raises:
-        InputError: The files cannot be written. Existing ones are unchanged, but for those that
-            had been replaced already when moving a later one failed.
+    `write` gets the path in a scratch folder to which it must write the main file; others beside
+    it are moved along. Returns its result. InputError if they cannot be written.
     """
     try:
         with scratch_folder(path.parent, 'partial') as aside:
@@ -126,16 +100,9 @@ def write_whole(path: Path, write: Callable[[Path], T]) -> T:
 
 
 def remove_abandoned(directory: str) -> list[str]:
-    """Remove the folders of unfinished files of killed processes; return the removed names.
+    """Remove unfinished files of killed processes; return the removed names.
 
-    Those that a running process has locked are left alone, and so are those younger than a
-    minute, because their process may not have locked them yet.
-
-    Args:
-        directory: The folder of maps; `~` is the home folder.
-
-    Raises:
-        ConfigError: `directory` begins with `~`, and the home folder is not known.
+    Younger ones than a minute are left alone, because their process may not have locked them yet.
     """
     folder, removed = expand_home(directory, 'map_directory'), []
     for path in abandoned_scratch_folders(folder):
@@ -157,8 +124,7 @@ def _check_name(name: str, directory: str) -> None:
 def _with_ending(name: str, kind: FileKind) -> str:
     """Return a name with an ending of the kind; raise InputError if it has another ending.
 
-    A word of up to eight letters after the last dot counts as an ending, a number does not:
-    "2024.05.17" has no ending.
+    A number after the last dot is no ending: "2024.05.17" has none.
     """
     ending = Path(name).suffix
     if ending in kind.endings:
@@ -169,9 +135,6 @@ def _with_ending(name: str, kind: FileKind) -> str:
 
 
 def printable(name: str) -> str:
-    """Return the first 40 characters of a text from a request, for an error text of one line.
-
-    Each character that cannot be printed is replaced by "?", and "..." follows a longer text.
-    """
+    """Return the beginning of a text from a request, for an error text of one line."""
     text = ''.join(c if c.isprintable() else '?' for c in name[:_MAX_PRINTED])
     return text + '...' * (len(name) > _MAX_PRINTED)

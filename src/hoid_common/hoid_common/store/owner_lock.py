@@ -17,17 +17,10 @@ _MAX_BYTES = 500  # chosen: more than the text of an owner has
 class OwnerLock:
     """Makes this process the only owner of a database, until `release` or until it ends.
 
-    The lock is on a file of its own, because SQLite locks the database itself for each access. The
-    kernel releases it when the process ends in whatever way. Nothing is locked if the file cannot
-    be opened, or if its file system has no locks.
-
-    Args:
-        path: The file of the lock. It is made if it is missing, and stays.
-        owner: Full name of the node, which others are told.
-
-    Raises:
-        MapFileError: Another process owns the database; the text says which one, and where it
-            runs.
+    The lock is on a file of its own, which stays, because SQLite locks the database itself for
+    each access. The kernel releases it when the process ends. Nothing is locked if the file cannot
+    be opened, or if its file system has no locks. MapFileError if another process owns the
+    database; `owner` is the full name of the node.
     """
 
     def __init__(self, path: Path, owner: str) -> None:
@@ -41,17 +34,14 @@ class OwnerLock:
             path.write_text(f'process {os.getpid()} on {socket.gethostname()}\n')
 
     def release(self) -> None:
-        """Release the database."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
 
     def __enter__(self) -> Self:
-        """Return the lock, which is released at the end of the block."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release the lock."""
         self.release()
 
     def _lock(self, descriptor: int, folder: Path, owner: str) -> None:

@@ -24,12 +24,9 @@ _NUMBER = np.dtype('<i8')
 class Table:
     """The declaration of a table, from which its SQL text follows.
 
-    Attributes:
-        name: Name of the table: small letters and "_". It begins with the name of the package that
-            writes it, but for the tables of `rgbd_slam`.
-        key: Name of the first column, an integer that identifies the row.
-        columns: The type of each other column by its name: int, float, str, or a type of `Record`.
-            No value may be missing.
+    The name has small letters and "_", and begins with that of its package, but for the tables of
+    `rgbd_slam`. `key` is the first column, an integer. `columns` are int, float, str, or a type of
+    `Record`. No value may be missing.
     """
 
     name: str
@@ -38,10 +35,7 @@ class Table:
 
     @property
     def sql(self) -> str:
-        """Return the statement that creates the table.
-
-        The texts of all tables have the form that `database.PLAIN_TABLE` describes.
-        """
+        """Return the statement that creates the table, of the form of `foreign.PLAIN_TABLE`."""
         columns = ''.join(
             f', {name} {_SQL_TYPES.get(kind, "BLOB")} NOT NULL'
             for name, kind in self.columns.items()
@@ -49,15 +43,12 @@ class Table:
         return f'CREATE TABLE {self.name} ({self.key} INTEGER PRIMARY KEY{columns}) STRICT'
 
     def packed(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return a row (the key, then the other columns) with its records as bytes."""
         return tuple(pack(value) if isinstance(value, Record) else value for value in row)
 
     def unpacked(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
         """Return a row of a database with its bytes as records, whose arrays are read-only.
 
-        Raises:
-            MapFileError: A value has another type than declared, or its bytes another size than
-                the record that they begin with declares.
+        MapFileError if a value is not of the declared type and size.
         """
         key, *values = row
         kinds = self.columns.items()
@@ -87,16 +78,13 @@ def pack(record: Record) -> bytes:
 
 
 def sealed(body: bytes) -> bytes:
-    """Return bytes after their checksum (CRC-32), which takes 0.1 s per 600 MB."""
     return zlib.crc32(body).to_bytes(_NUMBER.itemsize, 'little') + body
 
 
 def unpack(kind: type[R], data: bytes) -> R:
     """Return the record of bytes that `pack` has made; its arrays are read-only views of them.
 
-    Raises:
-        MapFileError: The bytes have another checksum, are more or fewer than their lengths
-            declare, or a Boolean value is neither 0 nor 1.
+    MapFileError if the checksum, the size, or a Boolean value is wrong.
     """
     axes = _axes(kind)
     start = (1 + len(axes)) * _NUMBER.itemsize
@@ -123,7 +111,6 @@ def unpack(kind: type[R], data: bytes) -> R:
 
 
 def _axes(kind: type[Record]) -> list[str]:
-    """Return the named axes of a record, each once, in the order of its columns."""
     axes = [axis for column in kind.columns().values() for axis in column.axes]
     return list(dict.fromkeys(axis for axis in axes if isinstance(axis, str)))
 

@@ -23,9 +23,7 @@ _BACKGROUND = ('background', '__background__', 'bg', 'n/a', '???', 'none', 'unla
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
     """Return the class names in a file or, if `file` is empty, in the metadata; None without any.
 
-    Raises:
-        ConfigError: The home folder in the path is unknown.
-        ModelError: The file cannot be read or is empty, or the metadata are malformed.
+    ModelError if they cannot be read.
     """
     if not file:
         return names_in_metadata(metadata)
@@ -35,9 +33,7 @@ def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | Non
 def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[str, ...]:
     """Return the names of classes, with `person` in place of every synonym of it.
 
-    Raises:
-        ModelError: No class has one of these names or is called `person`, although synonyms are
-            given, so that a class of people is required.
+    ModelError if synonyms are given, and no class is one of people.
     """
     synonyms = {name.casefold() for name in person_names}
     found = tuple(PERSON if name.strip().casefold() in synonyms else name for name in names)
@@ -50,16 +46,11 @@ def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[st
 
 
 def is_background(name: str) -> bool:
-    """Return whether this is a name of the class that marks no object."""
     return name.strip().casefold() in _BACKGROUND
 
 
 def names_in_file(path: Path) -> tuple[str, ...]:
-    """Return the names in a text file, one a line; empty lines at its end are ignored.
-
-    Raises:
-        ModelError: The file cannot be read, contains no name, or has an empty line before a name.
-    """
+    """Return the names in a text file, one a line; ModelError if it cannot be used."""
     try:
         text = read_text(path, _MAX_FILE_BYTES)
     except InputError as error:
@@ -78,11 +69,8 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
     """Return the class names in a model's metadata; None if no key is one of names.
 
-    The value may be a dict or list literal, or names separated by commas, semicolons or line
-    breaks.
-
-    Raises:
-        ModelError: The value is not a list of names, or its class indices have gaps.
+    The value is a dict or list literal, or names separated by commas, semicolons or line breaks;
+    otherwise ModelError.
     """
     for key in _METADATA_KEYS:
         if text := metadata.get(key):

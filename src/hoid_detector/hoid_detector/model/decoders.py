@@ -35,10 +35,7 @@ class Decoder(Protocol):
     """Decodes the outputs of one run of a network."""
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
-        """Return the candidates whose score is at least the threshold.
-
-        `size_wh` is the network input.
-        """
+        """Return the candidates whose score is at least the threshold."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +118,8 @@ def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Flo
 def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array) -> Float32Array:
     """Return boxes (4, N) as cx, cy, w, h in pixels (Ge et al., YOLOX, 2021).
 
-    `boxes` has the offset of the center from the cell's top left corner, in cells, and the
-    logarithm of width and height in cells; `cell` (2, N) has column and row.
+    `boxes` has the offset of the center from the cell's corner, and the logarithm of width and
+    height, in cells.
     """
     return np.concatenate([boxes[:2] + cell, np.exp(boxes[2:])]) * stride_px
 
@@ -142,7 +139,6 @@ def _xyxy_from_cxcywh(boxes: Float32Array) -> Float32Array:
 
 
 def in_pixels(found: Candidates, size_wh: Size, *, normalized: bool) -> Candidates:
-    """Return candidates in pixels of the network input; `normalized` ones are fractions of it."""
     if not normalized:
         return found
     return found._replace(boxes_xyxy_px=found.boxes_xyxy_px * np.array(size_wh * 2, np.float32))

@@ -1,10 +1,8 @@
 """Finished boxes: outputs after non-maximum suppression, or of networks that need none.
 
-Exporters write the same boxes with different columns and class ids. Both follow from the names of
-the outputs and the metadata where these state them. Otherwise, of the known formats (orders of
-columns with conventions of class ids), the first is used that fits the outputs for all images so
-far. A warning names another one that fits but gives other boxes, and outputs that fit none are
-refused.
+Exporters write the same boxes with different columns and class ids. Where names and metadata do
+not state them, the first known format is used that fits the outputs for all images so far, and a
+warning names another one that gives other boxes (decision 049).
 """
 
 from __future__ import annotations
@@ -67,7 +65,7 @@ class ClassIds(NamedTuple):
     index_of_id: IntArray
 
     def fit(self, ids: Float32Array) -> bool:
-        """Return whether all (N,) ids belong to a class; negative ones mark no object."""
+        """Return whether all ids (N,) belong to a class; negative ones mark no object."""
         ids = ids[ids >= 0]
         return bool((ids < len(self.index_of_id)).all()) and bool(
             (self.index_of_id[ids.astype(np.int64)] >= 0).all()
@@ -79,7 +77,6 @@ CLASS_IDS = (FROM_0, FROM_1, COCO_91)
 
 
 def class_ids(name: str, num_classes: int) -> ClassIds:
-    """Return the convention `from_0`, `from_1` or `coco_91` for a number of class names."""
     index = np.arange(num_classes)
     if name == FROM_1:
         index = np.concatenate([[-1], index])
@@ -90,10 +87,7 @@ def class_ids(name: str, num_classes: int) -> ClassIds:
 
 
 def order_in_name(name: str, num_columns: int) -> Order | None:
-    """Return the order of columns that the name of an output states; None if it does not.
-
-    It is None too if its order has another number of columns, which is not checked for YOLO-NAS.
-    """
+    """Return the order of columns that the name of an output states; None if it does not."""
     if name.endswith(_YOLO_NAS):
         return ('batch', 'xyxy', 'score', 'class')
     order = tuple(str(match.lastgroup) for match in _WORD.finditer(name.lower()))
@@ -102,7 +96,6 @@ def order_in_name(name: str, num_columns: int) -> Order | None:
 
 
 def known_orders(num_columns: int) -> tuple[Order, ...]:
-    """Return the orders that a table with so many columns may have if x comes before y."""
     return tuple(
         order
         for order in TABLE_LAYOUTS.values()
@@ -125,9 +118,8 @@ class Columns(NamedTuple):
     def is_plausible(self, threshold: float) -> bool:
         """Return whether these can be boxes, scores and ids.
 
-        The image numbers in the batch must be 0, scores at most 1.1 in magnitude, and ids whole
-        numbers. Ordered corners are needed in at least half of all boxes, and in at least half of
-        the boxes whose score is at least the threshold; networks do not guarantee more.
+        Half of all boxes, and of those whose score is at least the threshold, need ordered
+        corners; networks do not guarantee more.
         """
         is_strong = self.scores >= threshold
         is_ordered = np.asarray((self.boxes[:, 2:] >= self.boxes[:, :2]).all(axis=1))
@@ -141,7 +133,7 @@ class Columns(NamedTuple):
 
 
 def columns(table: Float32Array, order: Order) -> Columns:
-    """Split an (N, C) table into its columns; boxes become x1, y1, x2, y2."""
+    """Split a table (N, C) into its columns; boxes become x1, y1, x2, y2."""
     at, found = 0, {}
     for word in order:
         width = 4 if word in _BOXES else 1
@@ -162,10 +154,9 @@ class TableFormat(NamedTuple):
         return f'columns {"_".join(self.order)}, class ids {self.ids.name}'
 
     def candidates(self, table: Float32Array, threshold: float) -> Candidates:
-        """Return the boxes in an (N, C) table whose score is at least the threshold.
+        """Return the boxes in a table (N, C) whose score is at least the threshold.
 
-        Rows with a negative class id or without a positive score mark no object; they are left
-        out.
+        Rows with a negative class id or without a positive score mark no object.
         """
         found = columns(table, self.order)
         keep = (found.scores >= threshold) & (found.scores > 0) & (found.ids >= 0)
@@ -185,11 +176,6 @@ class FinishedDecoder:
     reported: set[str] = field(default_factory=set)  # other formats that a warning has named
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
-        """Return the candidates whose score is at least the threshold.
-
-        Raises:
-            ModelError: The outputs fit no order of columns or no convention of class ids.
-        """
         table = self.rows(outputs)
         self.learn(table, score_threshold)
         found = self.formats[0].candidates(table, score_threshold)
@@ -206,8 +192,7 @@ class FinishedDecoder:
     def learn(self, table: Float32Array, threshold: float) -> None:
         """Exclude the formats that do not fit a table, and find the unit of boxes.
 
-        Raises:
-            ModelError: No format is left.
+        ModelError if none is left.
         """
         orders = dict.fromkeys(table_format.order for table_format in self.formats)
         plausible = {

@@ -1,4 +1,8 @@
-"""Layouts of finished boxes: their decoders, with what names and metadata state about them."""
+"""Layouts of finished boxes: their decoders, with what names and metadata state about them.
+
+The functions `..._decoder` return a decoder, and None for the number of classes; ModelError if the
+outputs do not fit.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +38,9 @@ _PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.p
 
 
 def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[Decoder, int | None]:
-    """Return the decoder of separate boxes, labels and scores; None (number of classes).
+    """Return the decoder of separate boxes, labels and scores.
 
     With `y_first`, boxes are y1, x1, y2, x2; else this follows from the names of the outputs.
-
-    Raises:
-        ModelError: The outputs are not of this kind.
     """
     boxes, labels = probe.find(is_boxes), probe.find(is_labels)
     scores = probe.find(is_scores, 'score')
@@ -59,17 +60,12 @@ def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[De
 
 
 def _num_valid_rows(output: NDArray[Any]) -> int:
-    """Return the number of valid rows that an output of one element states; 0 if not finite."""
     number = float(output.reshape(-1)[0])
     return max(int(number), 0) if np.isfinite(number) else 0
 
 
 def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
-    """Return the decoder of boxes with columns in several outputs; None (number of classes).
-
-    Raises:
-        ModelError: The names do not state an order, or the test image does not fit it.
-    """
+    """Return the decoder of boxes with columns in several outputs, whose names state them."""
     order = _order_in_names(probe)
     if order is None:
         raise probe.unknown()
@@ -92,13 +88,10 @@ def _order_in_names(probe: Probe) -> Order | None:
 
 
 def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, int | None]:
-    """Return the decoder of a table of finished boxes; None (number of classes).
+    """Return the decoder of a table of finished boxes.
 
     Without `order`, the one that the name of the output or the metadata state is taken, else all
-    known orders are possible, and the decoder excludes those that do not fit.
-
-    Raises:
-        ModelError: The output is no table, or no order fits the outputs for the test image.
+    known orders are possible, until outputs exclude them.
     """
     num_columns = probe.table.shape[-1]
     stated = order or order_in_name(probe.names[0], num_columns)
@@ -123,8 +116,8 @@ def _conventions(probe: Probe) -> list[ClassIds]:
     """Return the possible conventions of class ids, the most probable one first.
 
     `from_0` comes last if nothing states the convention of several outputs: a person's id 0 then
-    excludes the others, while from ids that count from 1 hardly any would exclude `from_0`, and
-    people would be reported as bicycles.
+    excludes the others, while ids that count from 1 hardly ever exclude `from_0`, and people would
+    be reported as bicycles.
     """
     num_classes = probe.num_classes or len(COCO)
     from_1 = [COCO_91, FROM_1] if num_classes == len(COCO) else [FROM_1]
@@ -147,7 +140,7 @@ def _is_ultralytics(probe: Probe) -> bool:
 
 
 def _is_tensorflow(probe: Probe) -> bool:
-    """Return whether the outputs have the names of TensorFlow's models: y before x, ids from 1."""
+    """Return whether the outputs have TensorFlow's names: y before x, and ids from 1."""
     return any(name.startswith('detection_boxes') for name in probe.names)
 
 

@@ -91,14 +91,10 @@ class LayoutEntry:
 
 
 def recognize(probe: Probe, requested: str = AUTO) -> Layout:
-    """Return the layout of a network.
+    """Return the layout of a network: the first entry of `LAYOUTS` that matches.
 
-    Of the entries of `LAYOUTS` with the requested name and this number of outputs (one or
-    several), the first that matches is taken; if none matches a given name, the first of them.
-
-    Raises:
-        ModelError: The outputs have no known layout, or not the requested one, or the metadata
-            name another task than detection.
+    With a `requested` name, only its entries are tried, and the first one is taken if none
+    matches. ModelError if there is none, or the metadata name another task.
     """
     task = probe.metadata.get('task') or _DETECT
     if task != _DETECT:
@@ -140,8 +136,8 @@ def _logits_decoder(probe: Probe) -> tuple[Decoder, int | None]:
 def _is_standardized(probe: Probe) -> bool:
     """Return whether a network with logits needs input standardized by the mean of ImageNet.
 
-    DETR and its descendants do, except RT-DETR and D-FINE. These have neither the ids of COCO nor
-    a logit for "no object", nor the names that RF-DETR gives to its outputs.
+    DETR and its descendants do, except RT-DETR and D-FINE, which have neither the ids of COCO nor
+    a logit for "no object", nor RF-DETR's names.
     """
     boxes, logits = probe.find(is_boxes), probe.find(is_logits)
     if boxes is None or logits is None:

@@ -89,7 +89,6 @@ class Letterbox:
     def _fill(
         self, plane: Any, values: NDArray[np.number[Any]], out: NDArray[np.number[Any]]
     ) -> None:
-        """Write a color plane (H, W) into `out`, by the input values of its 256 bytes."""
         if self._dtype is np.float32:
             np.multiply(plane, values[1] - values[0], out=out)
             if values[0]:
@@ -129,7 +128,7 @@ def open_size(image_wh: tuple[int, int], longest_px: int, stride_px: int = 32) -
     """Return the input size (width, height) for a model that accepts any size.
 
     Each side is the smallest multiple of the stride that holds the image, whose longer side is
-    scaled to `longest_px`. 32 is the coarsest stride of the YOLO family.
+    scaled to `longest_px`.
     """
     scale = longest_px / max(image_wh)
     width, height = (max(1, -(-round(side * scale) // stride_px)) * stride_px for side in image_wh)

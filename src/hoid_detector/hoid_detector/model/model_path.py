@@ -53,15 +53,10 @@ def known_models() -> tuple[str, ...]:
 
 
 def find_model(requested: str | None = None) -> Path:
-    """Return the ONNX file of the requested model or, without a request, of the default model.
+    """Return the ONNX file of the requested model (a path or known name), or the default one.
 
-    `requested` is the path of an ONNX file or the name of a known model, which may be downloaded
-    into the user's cache.
-
-    Raises:
-        ModelError: The requested model does not exist, or a downloaded file has a wrong digest.
-        NoModelError: The default or a known model is not found and cannot be downloaded.
-        ConfigError: A path begins with `~`, and the home folder is not known.
+    It may be downloaded into the user's cache. NoModelError if that fails; ModelError if the
+    requested model does not exist.
     """
     if requested:
         return _named(requested, 'detector model')
@@ -104,7 +99,6 @@ def _cache() -> Path:
 
 
 def _downloaded(name: str) -> Path:
-    """Download a known model into the user's cache, check its digest, and return the file."""
     model, target = _KNOWN[name], _cache() / f'{name}.onnx'
     partial = target.with_suffix(f'.{os.getpid()}.part')
     _LOG.info('downloading %s to %s', model.url, target)

@@ -44,14 +44,9 @@ _ORT_ERRORS = (
 class Network:
     """An ONNX model with an image input and, in some models, a second input for its size.
 
-    The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow. The second input gets the
-    width and height of the network input. Without `providers` (in order of preference), the best
-    installed one is taken; 0 `threads` are one per core.
-
-    Raises:
-        ModelError: The file is missing or no ONNX model, it has other inputs than a detector, or
-            its fixed input is larger than 4096 px.
-        ConfigError: A provider is unknown.
+    The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow; the second one gets the
+    width and height of the network input. Without `providers`, the best installed one is taken.
+    ModelError if the file is no such model; ConfigError for an unknown provider.
     """
 
     def __init__(self, path: Path, providers: Sequence[str], threads: int) -> None:
@@ -125,7 +120,6 @@ def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSessio
 
 
 def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort.NodeArg | None]:
-    """Return the image input of a model, and the input for the image size or None."""
     images = [i for i in inputs if _takes_one_image(i.shape) and i.type in _DTYPES]
     sizes = [
         i for i in inputs if len(i.shape) == 2 and i.type in ('tensor(int64)', 'tensor(int32)')
@@ -140,7 +134,6 @@ def _inputs(path: Path, inputs: Sequence[ort.NodeArg]) -> tuple[ort.NodeArg, ort
 
 
 def _takes_one_image(shape: Sequence[int | str | None]) -> bool:
-    """Return whether an input is one color image; names and None stand for any length."""
     return len(shape) == 4 and 3 in shape[1::2] and (shape[0] == 1 or type(shape[0]) is not int)
 
 

@@ -1,8 +1,4 @@
-"""Kinds of network outputs, recognized by name, shape, type and values.
-
-Each function except `is_no_object_last` takes the lower-case name of an output and its array, as
-`Probe.find` passes them.
-"""
+"""Kinds of network outputs, recognized by lower-case name, shape, type and values."""
 
 from __future__ import annotations
 
@@ -15,11 +11,7 @@ _CLASS_WORDS = ('label', 'class', 'cls', 'logit', 'score')
 
 
 def is_boxes(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output contains boxes, by its four columns and its name.
-
-    A table with the scores of four classes has four columns as well. Its name contains a word
-    such as `class` or `score`, but not `box`.
-    """
+    """Return whether an output contains boxes, and not the scores of four classes."""
     has_shape = output.ndim >= 2 and output.shape[-1] == 4
     return has_shape and ('box' in name or not any(word in name for word in _CLASS_WORDS))
 
@@ -54,8 +46,8 @@ def _is_class_table(name: str, output: NDArray[Any]) -> bool:
 def is_no_object_last(logits: NDArray[Any]) -> bool:
     """Return whether logits (1, N, C) of noise are of a softmax that ends with "no object".
 
-    Such a network finds "no object" in noise: its last class has the highest logit in most boxes.
-    A network with a sigmoid per class has no strong class in noise.
+    Such a network finds "no object" in noise; one with a sigmoid per class has no strong class
+    there.
     """
     is_last = logits.argmax(axis=-1) == logits.shape[-1] - 1
     return 2 * int(np.count_nonzero(is_last)) > int(is_last.size)

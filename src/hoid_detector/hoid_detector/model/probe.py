@@ -61,7 +61,6 @@ class Probe:
 
     @cached_property
     def grid(self) -> Grid:
-        """Return the single output as a grid of anchors; raise ModelError if it is no table."""
         table: Float32Array = np.asarray(self.table, np.float32).reshape(self.table.shape[-2:])
         for strides in _STRIDES_PX:
             num_cells = len(cells(self.size_wh, strides)[1])
@@ -74,12 +73,10 @@ class Probe:
 
     @property
     def num_before_classes(self) -> int | None:
-        """Return the number of channels before the class scores; None if the output is no grid.
+        """Return 4 (box) or 5 (with objectness) channels before the class scores; None: no grid.
 
-        It is 4 for a box alone, and 5 for a box and objectness; None if the class names give
-        another number. Without class names, models with COCO's 80 classes are recognized. Others
-        are assumed to have no objectness where the channels come before the anchors, as YOLOv8
-        exports them.
+        Without class names, models with COCO's 80 classes are recognized. Others are assumed to
+        have no objectness where the channels come before the anchors, as YOLOv8 exports them.
         """
         channels, anchors_last, strides_px, _ = self.grid
         num, with_box = len(channels), 4 if anchors_last else 5
@@ -97,7 +94,6 @@ class Probe:
         return min(found, key=lambda i: word not in self.names[i].lower(), default=None)
 
     def is_normalized(self, boxes: NDArray[Any]) -> bool:
-        """Return whether boxes are fractions of the input, by their values."""
         return 0 < float(np.abs(boxes).max(initial=0)) <= LARGEST_NORMALIZED
 
     def require(self, condition: bool) -> None:

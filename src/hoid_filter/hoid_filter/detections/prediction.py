@@ -11,11 +11,7 @@ _MIN_IOU = 0.2  # chosen: least overlap of the boxes of one object in two succes
 
 
 class BoxPredictor:
-    """Predicts boxes at constant velocity from the last two `Detections`, which may be empty.
-
-    A box without a match in the earlier detections stays where it is. `limit_s` is the longest
-    time before or after the last detections for which boxes are predicted.
-    """
+    """Predicts boxes at constant velocity from the last two `Detections`, by at most `limit_s`."""
 
     def __init__(self, limit_s: float) -> None:
         self.limit_s = limit_s
@@ -27,11 +23,7 @@ class BoxPredictor:
             self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
-        """Return the boxes predicted for a stamp, which may reach outside the image.
-
-        The result is empty if no detections are stored, or if the newest are more than `limit_s`
-        away from the stamp.
-        """
+        """Return the boxes at a stamp, maybe outside the image; none more than `limit_s` away."""
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)
         last = self._last

@@ -21,11 +21,10 @@ class Sanitized(NamedTuple):
 def sanitize(
     detections: Detections, width_px: int, height_px: int, max_detections: int
 ) -> Sanitized:
-    """Return the detections with boxes clipped to the image and scores clipped to [0, 1].
+    """Return the usable detections, with boxes clipped to the image and scores to [0, 1].
 
-    Boxes that are NaN, infinite, inverted or without area inside the image are dropped, and so
-    are boxes whose score is NaN or infinite. If more than `max_detections` boxes are left, those
-    of highest score remain.
+    Boxes that are not finite, inverted or without area in the image are dropped, and so are scores
+    that are not finite. At most `max_detections` remain, those of highest score.
     """
     raw, scores = detections.boxes_xyxy_px, detections.scores
     if len(raw) <= max_detections and _are_valid(raw, scores, width_px, height_px):
@@ -49,7 +48,6 @@ def sanitize(
 
 
 def _are_valid(boxes: Float32Array, scores: Float32Array, width_px: int, height_px: int) -> bool:
-    """Return whether boxes (N, 4) have an area in the image and scores (N,) are in [0, 1]."""
     low, high = boxes[:, :2], boxes[:, 2:]
     is_box_valid = (low >= 0) & (low < high) & (high <= (width_px, height_px))  # False for NaN
     return bool(is_box_valid.all() and ((scores >= 0) & (scores <= 1)).all())

@@ -62,20 +62,13 @@ class BoxTrack:
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the track has one trusted detection or enough tentative ones.
-
-        A person who is not confirmed does not count as a person.
-        """
+        """Return whether the track has one trusted detection or enough tentative ones."""
         return self.hits >= self.hits_to_confirm
 
     def observe(
         self, box: list[float], expected: list[float], class_name: str, score: float, stamp_ns: int
     ) -> None:
-        """Update the track with a new detection; `expected` is the box predicted for its stamp.
-
-        The velocity changes, and the time since the last detection is added to `untouched_s`,
-        only if the new detection has a later stamp.
-        """
+        """Update the track with a new detection; `expected` is the box predicted for its stamp."""
         step_s = (stamp_ns - self.seen_ns) * S_PER_NS
         if step_s > 0:
             error_px = [new - old for new, old in zip(box, expected, strict=True)]
@@ -108,11 +101,10 @@ class BoxTracker:
         self._newest_ns: int | None = None  # stamp of the last detections
 
     def observe(self, detections: Detections, is_unsure: BoolArray) -> None:
-        """Update the tracks with N detections, and start new tracks for unmatched detections.
+        """Update the tracks with N newer detections, and start tracks for unmatched ones.
 
-        Detections that are no newer than the previous ones are ignored. `is_unsure` (N,) flags
-        tentative detections: a track of them only is not confirmed until it has
-        `hits_to_confirm`, and it is deleted by the first image in which it is not detected.
+        `is_unsure` (N,) flags tentative detections: a track of them only is confirmed after
+        `hits_to_confirm` in a row.
         """
         stamp_ns = detections.stamp_ns
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
@@ -143,12 +135,7 @@ class BoxTracker:
     def _similarity(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray
     ) -> FloatArray:
-        """Return the (T, N) similarities of predicted boxes (T, 4) and detections (N, 4).
-
-        A similarity is the intersection over union of the two boxes, less 0.15 if the classes
-        differ. It is 0 between a person and an object, and if the classes differ and the
-        intersection over union is below 0.5.
-        """
+        """Return the overlaps (T, N) of tracks and detections; 0 where they cannot match."""
         if not self._tracks or not len(boxes):
             return np.zeros((len(self._tracks), len(boxes)))
         # A number for each class, because numbers are faster to compare than names.
@@ -170,13 +157,9 @@ class BoxTracker:
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
         """Predict the tracks, and delete those undetected for too long or outside the image.
 
-        A track counts as outside if at most 15 % of its predicted box is inside the image.
-
-        Returns:
-            The T active tracks, those in the newest detections first, and their (T, 4) predicted
-            boxes, clipped to the image. A missed object is active only if it has at least three
-            detections, and its `untouched_s` is below `rest_s`. The track of any other missed
-            object is kept for when it is detected again.
+        Returns the T active tracks, those in the newest detections first, and their boxes (T, 4),
+        clipped to the image. A missed object is active only if it has three detections and was
+        handled within `rest_s`.
         """
         boxes = boxes_at(self._tracks, stamp_ns)
         inside = clip_boxes(boxes, width_px, height_px)
@@ -193,14 +176,12 @@ class BoxTracker:
         return tracks, inside[active]
 
     def _limit_s(self, track: BoxTrack) -> float:
-        """Return the longest time [s] for which a track is kept after its last detection."""
         if not track.is_missed:
             return self._limits.silent_s
         ratio = 1.0 if track.is_established else _NEW_TRACK_COAST_RATIO
         return ratio * self._limits.coast_s
 
     def _is_active(self, track: BoxTrack) -> bool:
-        """Return whether a track is detected, a person, or an established object in use."""
         was_handled = track.is_established and track.untouched_s < self._limits.rest_s
         return not track.is_missed or track.is_person or was_handled
 
@@ -210,7 +191,7 @@ def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
 
 
 def boxes_at(tracks: list[BoxTrack], stamp_ns: int) -> FloatArray:
-    """Return the (T, 4) boxes at constant velocity, unclipped, at least 1 px wide and high."""
+    """Return the boxes (T, 4) at constant velocity, unclipped, at least 1 px wide and high."""
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
     velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)
     since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * S_PER_NS

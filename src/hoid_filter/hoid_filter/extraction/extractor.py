@@ -39,11 +39,7 @@ class OrbExtractor:
         self._budgets = octave_budgets(config.num_features, config.num_levels, config.scale_factor)
 
     def detect(self, image_gray: ByteArray) -> Corners:
-        """Return the FAST corners of an (H, W) gray image on all levels of its pyramid.
-
-        They are at least `border_px` away from the border of their level. If `fast_threshold`
-        yields fewer than `num_features` corners, they are detected with `low_fast_threshold`.
-        """
+        """Return the FAST corners of a gray image (H, W) on all levels of its pyramid."""
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
         corners = Corners(
@@ -58,10 +54,9 @@ class OrbExtractor:
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
         """Return the ascending indices of the corners to describe, distributed evenly.
 
-        With `refill`, up to `num_features` corners are selected from `kept` (ascending indices;
-        None: all), distributed over the static area (decision 014). Without it, up to
-        `num_features` are selected from all corners, and those that are not in `kept` are then
-        removed.
+        With `refill`, they are chosen from `kept` (None: all) and distributed over the static area
+        (decision 014). Without it, they are chosen from all corners, and those that are not in
+        `kept` are removed.
         """
         uv_px, octave, score = corners.uv_px, corners.octave, corners.score
         if kept is not None and self._config.refill:
@@ -82,13 +77,8 @@ class OrbExtractor:
     ) -> Features:
         """Return the ORB features of the chosen corners, at subpixel positions and with depth.
 
-        Args:
-            corners: All corners of the image.
-            chosen: Ascending indices of the corners to describe, hence in order of octave.
-            depth_m: (H, W) depth of the image; 0 or NaN = no measurement.
-            stamp_ns: Stamp of the image.
-            dynamic_xyxy_px: (N, 4) boxes of dynamic objects. A corner that subpixel refinement
-                would move into one of them keeps its unrefined position.
+        A corner that refinement would move into a box (N, 4) of a dynamic object keeps its
+        unrefined position. `chosen` ascends.
         """
         octave = corners.octave[chosen]
         angle_deg, offset_px, descriptors = _describe(
@@ -118,7 +108,7 @@ class OrbExtractor:
 def _describe(
     levels: Sequence[ByteArray], xy_px: Int32Array, octave: ByteArray
 ) -> tuple[Float32Array, Float32Array, ByteArray]:
-    """Return the angles [deg] (N,), subpixel offsets (N, 2) and descriptors (N, 32) of corners.
+    """Return angles [deg] (N,), subpixel offsets (N, 2) and descriptors (N, 32) of corners.
 
     Positions (N, 2) and offsets are in pixels of the corner's level; octaves (N,) ascend.
     """
@@ -139,7 +129,7 @@ def _describe(
 
 
 def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
-    """Return (K, N) flags: whether the pixel nearest to a position (K, 2) is in a box (N, 4)."""
+    """Return flags (K, N): whether the pixel nearest to a position (K, 2) is in a box (N, 4)."""
     # One coordinate at a time, as `all` over an axis of length 2 takes ten times as long.
     u, v = np.rint(uv_px).T[:, :, None]
     left, top, right, bottom = boxes_xyxy_px.T
@@ -148,7 +138,7 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
 
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
-    """Return the numbers of features per level, in proportion to 1 / scale; their sum is given."""
+    """Return the numbers of features per level, in proportion to 1 / scale."""
     weights = scale_factor ** -np.arange(num_levels, dtype=np.float64)
     ends = np.round(np.cumsum(weights) / weights.sum() * num_features).astype(np.int64)
     return np.concatenate([ends[:1], ends[1:] - ends[:-1]])

@@ -79,11 +79,7 @@ class DepthHistory:
     def add(
         self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
     ) -> None:
-        """Store the depth of a view, and drop depths that are more than 3.25 s older.
-
-        A view that is less than 25 ms newer than the last stored one is not stored. `turn_radps`
-        is the turn rate (3,) of the camera in the view.
-        """
+        """Store the depth of a view, and drop depths that are more than 3.25 s older."""
         if self._past and view.stamp_s - self._past[-1].stamp_s < _MIN_SPACING_S:
             return
         range_m = depth_ranges_3x3(view.depth_m)
@@ -96,11 +92,11 @@ class DepthHistory:
     def occlusion_evidence(
         self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
     ) -> FloatArray:
-        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, that each depth segment moves.
+        """Return the log-odds (S,), per `EVIDENCE_PERIOD_S`, that each depth segment moves.
 
-        A surface in front of the depth of an earlier image has moved there since. Unchanged depth
-        is evidence against motion. A surface behind the earlier depth may have been hidden
-        before, which is no evidence; without any, the value is 0.
+        A surface in front of the depth of an earlier image has moved; unchanged depth is evidence
+        against motion. A surface behind the earlier depth may have been hidden, which is no
+        evidence.
         """
         focal_px = self._camera.depth_pinhole.fx_px
         earlier = [
@@ -125,8 +121,8 @@ class DepthHistory:
     def contradiction(self, view: DownscaledView, T_world_camera: FloatArray) -> float:
         """Return the ratio of a view that would be in front of earlier depth at a pose (4, 4).
 
-        If everything were at rest, it would be 0 at the right pose. It is the mean over the depth
-        images of 0.4 and 1 s before, of their pixels with depth; 0 without such an image.
+        It is 0 at the right pose if everything is at rest. It is the mean over the images of 0.4
+        and 1 s before; 0 without one.
         """
         depth_m = view.depth_m[::_STEP_PX, ::_STEP_PX].ravel()
         points_m = self._rays[depth_m > 0] * depth_m[depth_m > 0, None].astype(np.float64)
@@ -154,10 +150,6 @@ class DepthHistory:
         return int(np.count_nonzero(is_in_front & is_known)) / max(num_known, 1)
 
     def _nearest(self, now_s: float, age_s: float) -> _PastDepth | None:
-        """Return the stored depth image whose age is nearest to `age_s`.
-
-        None outside the tolerance.
-        """
         if not self._past:
             return None
         tolerance_s = max(_AGE_TOLERANCE * age_s, _MIN_AGE_TOLERANCE_S)
@@ -169,10 +161,7 @@ class DepthHistory:
 
 
 def _widened(range_m: Float32Array, by_px: FloatArray) -> Float32Array:
-    """Return the (h, w, 2) depth ranges of neighborhoods larger by `by_px` (rounded) to each side.
-
-    Pixels without depth in the given range stay without.
-    """
+    """Return the depth ranges (h, w, 2) of neighborhoods larger by `by_px` to each side."""
     side = 2 * round(float(by_px)) + 1
     if side == 1:
         return range_m

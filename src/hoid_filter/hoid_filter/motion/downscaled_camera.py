@@ -27,10 +27,9 @@ _BASELINE_M = 0.075
 class DownscaledCamera:
     """Maps full images of one camera to low resolution, and pixels and boxes back.
 
-    There are two low-resolution images. The depth image is 160 px wide and without lens
-    distortion. The gray image is 320 px wide and keeps the lens distortion.
-
-    Depth is sampled, never averaged: the mean of a person's and a wall's depth is neither's.
+    The depth image is 160 px wide and without lens distortion. The gray image is 320 px wide and
+    keeps it. Depth is sampled, never averaged: the mean of a person's and a wall's depth is
+    neither's.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -51,24 +50,21 @@ class DownscaledCamera:
         return sampled_m.reshape(self.shape_hw)
 
     def gray(self, image_gray: ByteArray) -> ByteArray:
-        """Return the low-resolution gray image of an (H, W) gray image, for point tracking."""
         height, width = _shape_hw(self.camera, GRAY_WIDTH_PX)
         resized = cv2.resize(image_gray, (width, height), interpolation=cv2.INTER_AREA)
         return np.asarray(resized, np.uint8)
 
     def full_px(self, gray_px: Float32Array) -> Float32Array:
-        """Convert positions (N, 2) in the gray image to positions (N, 2) in the full image."""
         return (gray_px + np.float32(0.5)) * np.float32(self._gray_scale) - np.float32(0.5)
 
     def gray_px(self, full_px: Float32Array) -> Float32Array:
-        """Convert positions (N, 2) in the full image to positions (N, 2) in the gray image."""
         return (full_px + np.float32(0.5)) / np.float32(self._gray_scale) - np.float32(0.5)
 
     def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) stereo observations u, v, u_right of pixels (N, 2) of the full image.
+        """Return the stereo observations (N, 3) u, v, u_right of pixels (N, 2) of the full image.
 
-        They are in pixels of the gray image, without lens distortion. u_right is the column in a
-        virtual right camera; it is NaN where there is no depth (0).
+        They are in pixels of the gray image, without lens distortion; u_right is NaN where there
+        is no depth (0).
         """
         observed_px = np.empty((len(full_px), 3))
         observed_px[:, :2] = self.gray_px(self.camera.undistort_px(full_px))
@@ -78,19 +74,12 @@ class DownscaledCamera:
         return observed_px
 
     def points_m(self, observed_px: FloatArray, depth_m: FloatArray) -> FloatArray:
-        """Return the (N, 3) points in the camera frame of observations (N, 3).
-
-        Zero without depth.
-        """
+        """Return the points (N, 3) in the camera frame of observations (N, 3); 0 without depth."""
         rays = rays_of(self.gray_pinhole, observed_px[:, 0], observed_px[:, 1])
         return rays * depth_m[:, None]
 
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
-        """Convert boxes x, y, w, h (N, 4) in the depth image to x1, y1, x2, y2 in the full image.
-
-        Each result encloses the corners, the centers of the sides and the center of the box after
-        lens distortion, and is clipped to the full image.
-        """
+        """Convert boxes x, y, w, h (N, 4) in the depth image to x1, y1, x2, y2 in the full one."""
         left_top, size = boxes_xywh_px[:, None, :2], boxes_xywh_px[:, None, 2:]
         at_px = left_top + size * _BOX_POINTS - 0.5  # (N, 9, 2)
         rays = rays_of(self.depth_pinhole, at_px[..., 0].ravel(), at_px[..., 1].ravel())
@@ -100,10 +89,7 @@ class DownscaledCamera:
         return boxes_px
 
     def _sample_pixels(self) -> IntArray:
-        """Return the (h * w,) flat full-image index for each pixel of the depth image.
-
-        -1 = outside.
-        """
+        """Return the flat full-image index (h * w,) of each pixel of the depth image, or -1."""
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
         rays = rays_of(self.depth_pinhole, u.ravel(), v.ravel())
@@ -114,12 +100,11 @@ class DownscaledCamera:
         return np.where(outside, -1, row * full_width + column)
 
     def _downscaled_of_pixel(self) -> IntArray:
-        """Return the (H * W,) flat index into the depth image for each full-resolution pixel.
+        """Return the flat index (H * W,) into the depth image of each full-resolution pixel.
 
-        A pixel that the depth image does not cover gets an index on its border. Only as many
-        pixels as the depth image has are undistorted, and the others are interpolated:
-        undistorting all takes as long as the time between two images. With strong lens
-        distortion, 0.35 % of the indices differ from the exact ones.
+        Pixels outside of it get an index on its border. Only as many pixels as the depth image has
+        are undistorted, and the others interpolated, because undistorting all takes as long as the
+        time between two images.
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
@@ -139,10 +124,7 @@ def depths_at(depth_m: Float32Array, pixels: IntArray) -> Float32Array:
 
 
 def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
-    """Return the (N,) flat indices of the pixels nearest to positions (N, 2).
-
-    Outside: on the border.
-    """
+    """Return the flat indices (N,) of the pixels nearest to positions (N, 2), clipped."""
     height, width = shape_hw
     column, row = np.rint(uv_px).astype(np.int64).T
     flat: IntArray = _clip(row, height) * width + _clip(column, width)

@@ -37,7 +37,7 @@ class MotionView(NamedTuple):
     detected_mask: BoolArray | None = None
 
     def is_detected(self, pixels: IntArray) -> BoolArray:
-        """Return (N,) flags: whether each pixel (flat index) lies on a detected dynamic object."""
+        """Return flags (N,): whether each pixel (flat index) lies on a detected dynamic object."""
         if self.detected_mask is None:
             return np.zeros(len(pixels), np.bool_)
         (height, width), (mask_height, mask_width) = self.depth_m.shape, self.detected_mask.shape
@@ -57,7 +57,6 @@ class DownscaledView(NamedTuple):
 
 
 def downscale(view: MotionView, camera: DownscaledCamera) -> DownscaledView:
-    """Return a view at low resolution, with the depth image cut into segments of smooth depth."""
     depth_m = camera.depth(view.depth_m)
     segments = depth_segments(depth_m, _SEGMENT_CELL_PX)
     gray = camera.gray(view.image_gray)

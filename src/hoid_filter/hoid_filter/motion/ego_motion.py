@@ -79,10 +79,7 @@ class EgoMotion:
         self.noise_px = _MAX_NOISE_PX
 
     def update_noise(self, residuals_px: FloatArray) -> None:
-        """Update `noise_px` with (N,) reprojection errors of mostly static points.
-
-        Fewer than `MIN_POINTS` errors are ignored.
-        """
+        """Update `noise_px` with reprojection errors (N,) of mostly static points, at least 10."""
         if len(residuals_px) < MIN_POINTS:
             return
         middle = len(residuals_px) // 2
@@ -99,19 +96,15 @@ class EgoMotion:
         """Return the camera pose that explains most of the static image area.
 
         Area counts in proportion to its prior probability of being static. A wrong prior would
-        confirm itself. Therefore the best pose without the prior is estimated as well, and is
-        returned when it explains clearly more of the whole area. This is skipped if one of the
-        first poses already explains 92 % of the whole area.
+        confirm itself, so that the best pose without the prior wins if it explains clearly more.
 
         Depth decides if another pose explains much of what the best one does not: a picture that
         moves on a large screen may explain more area than the room, but at its pose the surfaces
         of the room would have moved in front of earlier depth.
 
-        Args:
-            points: Observations of at least `MIN_POINTS` points.
-            guesses: One or more predicted poses T_camera_world (4, 4), the most probable first.
-            contradiction: Returns the ratio of the image that contradicts earlier depth at a pose
-                T_camera_world; None: depth does not decide.
+        `guesses` are predicted poses T_camera_world (4, 4), the most probable first.
+        `contradiction` returns the ratio of the image that contradicts earlier depth at a pose;
+        None: depth does not decide.
         """
         is_static = points.static_probability > 0.5
         if np.count_nonzero(is_static) < _MIN_REGION_POINTS:
@@ -130,7 +123,6 @@ class EgoMotion:
         return rival if is_clear and of_rival < _CONTRADICTION_RATIO * of_best else best
 
     def _best(self, points: PointObservations, poses: list[FloatArray]) -> EgoMotionEstimate:
-        """Return the best of the poses with the prior, or without it if that is clearly better."""
         ratios = self._explained_ratios(points, poses)
         with_prior = self._refine_best(points, poses, ratios, 0)
         if ratios[:, 1].max() <= with_prior.ratio:
@@ -143,10 +135,7 @@ class EgoMotion:
     def _rival(
         self, points: PointObservations, poses: list[FloatArray], best: EgoMotionEstimate
     ) -> EgoMotionEstimate | None:
-        """Return the pose fitted to the area that the best one does not explain.
-
-        None below 12 % of it.
-        """
+        """Return the pose fitted to area that the best one does not explain; None below 12 %."""
         gate_px = _GATE_SIGMAS * self.noise_px
         is_left = self.residuals_px(points, best.T_camera_world) >= gate_px
         area = points.weights[is_left, 1]
@@ -164,16 +153,16 @@ class EgoMotion:
         return EgoMotionEstimate(T, ratio, contradicts_prior=True)
 
     def residuals_px(self, points: PointObservations, T_camera_world: FloatArray) -> FloatArray:
-        """Return the (N,) reprojection errors in u and v, in pixels of the gray image."""
+        """Return the reprojection errors (N,) in pixels of the gray image."""
         return self._errors_px(points, se3.transform(T_camera_world, points.world_m).T)
 
     def _all_residuals_px(self, points: PointObservations, poses: FloatArray) -> FloatArray:
-        """Return the (M, N) errors of `residuals_px` at M poses T_camera_world (M, 4, 4)."""
+        """Return the errors (M, N) of `residuals_px` at M poses T_camera_world (M, 4, 4)."""
         camera_m = poses[:, :3, :3] @ points.world_m.T + poses[:, :3, 3:]
         return self._errors_px(points, np.moveaxis(camera_m, 1, 0))
 
     def _errors_px(self, points: PointObservations, camera_m: FloatArray) -> FloatArray:
-        """Return the (..., N) errors in u and v of points at positions (3, ..., N)."""
+        """Return the errors (..., N) of points at positions (3, ..., N)."""
         pinhole = self._camera.gray_pinhole
         x, y, z = camera_m
         inverse_z = 1 / np.maximum(z, 1e-3)
@@ -197,10 +186,7 @@ class EgoMotion:
     def _refine_best(
         self, points: PointObservations, poses: list[FloatArray], ratios: FloatArray, column: int
     ) -> EgoMotionEstimate:
-        """Return the pose that explains most area, refined on its inliers where that is better.
-
-        `column` of `_explained_ratios` decides: 0 with the prior, 1 without it.
-        """
+        """Return the pose that explains most area by a column of `_explained_ratios`, refined."""
         T = poses[int(ratios[:, column].argmax())]
         errors_px = self.residuals_px(points, T)
         near = errors_px < _REFINE_FACTOR * _GATE_SIGMAS * self.noise_px
@@ -210,10 +196,7 @@ class EgoMotion:
         return EgoMotionEstimate((refined, T)[k], float(both[k, 1]), contradicts_prior=False)
 
     def _explained_ratios(self, points: PointObservations, poses: list[FloatArray]) -> FloatArray:
-        """Return (M, 2) ratios of the image area that each of M poses explains, in [0, 1].
-
-        Column 0 weights area by its prior probability of being static; column 1 is all area.
-        """
+        """Return the ratios (M, 2) of the image area that poses explain; column 0 by the prior."""
         scores = score_poses(
             self._stereo(),
             self.noise_px,
@@ -227,7 +210,6 @@ class EgoMotion:
         return ratios
 
     def _fit(self, points: PointObservations, mask: BoolArray, guess: FloatArray) -> FloatArray:
-        """Return the robust least-squares pose of the points in an (N,) mask, from a guess."""
         k = np.flatnonzero(mask)
         # `optimize_pose` takes the disparity noise in pixels, `score_poses` in units of
         # `noise_px`, so that disparities weigh less here. With 0.2 px here as well, results are

@@ -50,8 +50,7 @@ class LabeledRegions(NamedTuple):
 class MotionLogOdds:
     """Log-odds of motion for each pixel (h, w) of the downscaled image; 0 = unknown.
 
-    They are warped from image to image by depth and camera motion, and decay to 0 with time
-    constant `decay_s`.
+    They decay to 0 with time constant `decay_s`.
     """
 
     def __init__(self, camera: DownscaledCamera, decay_s: float) -> None:
@@ -64,7 +63,7 @@ class MotionLogOdds:
         self.log_odds = np.zeros_like(self.log_odds)
 
     def static_probability(self, pixels: IntArray) -> FloatArray:
-        """Return the (N,) probabilities that pixels (flat, downscaled) are static."""
+        """Return the probabilities (N,) that pixels (flat, downscaled) are static."""
         log_odds: FloatArray = self.log_odds.ravel()[pixels].astype(np.float64)
         return 1 / (1 + np.exp(log_odds))
 
@@ -73,10 +72,8 @@ class MotionLogOdds:
     ) -> None:
         """Warp the log-odds to a new view, let them decay, and add new evidence of motion.
 
-        Args:
-            view: The new view.
-            T_previous_current: (4, 4) camera motion since the last update.
-            evidence: (S,) log-odds that each segment moves, per `EVIDENCE_PERIOD_S`.
+        `evidence` (S,) is of each segment, per `EVIDENCE_PERIOD_S`. `T_previous_current` is the
+        camera motion since the last update.
         """
         previous = view if self._previous is None else self._previous
         elapsed_s = (
@@ -98,10 +95,7 @@ class MotionLogOdds:
         self._previous = view
 
     def moving_regions(self) -> LabeledRegions:
-        """Return the connected regions of probably moving pixels in which a pixel surely moves.
-
-        Regions of less than 0.2 % of the image are ignored.
-        """
+        """Return the connected regions of probably moving pixels in which a pixel surely moves."""
         certain, moving = self.log_odds > _CERTAIN_LOG_ODDS, self.log_odds > _MOVING_LOG_ODDS
         min_area_px = _MIN_REGION_RATIO * moving.size
         if not certain.any() or np.count_nonzero(moving) < min_area_px:
@@ -124,7 +118,6 @@ class MotionLogOdds:
 
 
 def dilate_labels(label: IntArray) -> ByteArray:
-    """Return a label image (h, w) in which each of up to 255 regions is grown by 2 px."""
     side = 2 * _EDGE_WIDTH_PX + 1
     dilated = cv2.dilate(label.astype(np.uint8), np.ones((side, side), np.uint8))
     return np.asarray(dilated, np.uint8)

@@ -73,9 +73,8 @@ class SegmentedPoints(NamedTuple):
 class MotionSegmentation:
     """Finds moving regions in the images of one camera by evidence from many images.
 
-    The world frame is the camera frame of the first image since the last restart. Segmentation
-    restarts after a gap between images, when stamps do not increase, and when too few points are
-    tracked.
+    The world frame is the camera frame of the first image since the last restart: after a gap
+    between images, when stamps do not increase, and when too few points are tracked.
     """
 
     def __init__(self, config: MotionConfig, camera: CameraModel) -> None:
@@ -97,7 +96,6 @@ class MotionSegmentation:
         self.displacements = PointDisplacements.none()  # of the points in the last view
 
     def segment(self, view: MotionView) -> LabeledRegions:
-        """Update pose and evidence with the next view in time, and return the moving regions."""
         small = downscale(view, self.camera)
         if self._view is not None and not 0 < small.stamp_s - self._view.stamp_s < _MAX_GAP_S:
             self._restart()
@@ -127,25 +125,18 @@ class MotionSegmentation:
 
     @property
     def turn_radps(self) -> float:
-        """Return the speed [rad/s] of the camera's turn between the last two views.
-
-        0 after a restart.
-        """
+        """Return how fast the camera turned between the last two views; 0 after a restart."""
         return float(np.linalg.norm(self._turn_radps))
 
     @property
     def depth_m(self) -> Float32Array:
-        """Return the downscaled depth image (h, w) of the last view, which must exist."""
         assert self._view is not None
         return self._view.depth_m
 
     def _track_points(
         self, view: MotionView, small: DownscaledView, T_next_world: FloatArray
     ) -> PointPixels:
-        """Track the points into a view, and drop those that are lost or on another surface.
-
-        `T_next_world` (4, 4) is the predicted T_camera_world of the view.
-        """
+        """Track the points into a view, and drop those that are lost or on another surface."""
         if self._view is None:
             return PointPixels(np.empty(0, np.int64), np.empty(0))
         predicted_px = predict_px(self._tracks, self._T_camera_world, T_next_world, self.camera)
@@ -191,8 +182,7 @@ class MotionSegmentation:
 
         Points on detected people and objects (not `is_undetected`) are used only when fewer than
         `MIN_POINTS` others are left, because people may cover more of the image than the static
-        scene does (decision 027). If the pose contradicts the log-odds of motion, these are
-        reset.
+        scene does (decision 027).
         """
         if self._view is None:
             return
@@ -215,7 +205,6 @@ class MotionSegmentation:
         self._T_world_camera, self._T_camera_world = T_world_camera, estimate.T_camera_world
 
     def _evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
-        """Return the (S,) log-odds, per `EVIDENCE_PERIOD_S`, from occlusion and from points."""
         evidence = np.zeros(len(small.segments.region))
         if self._config.in_front:
             evidence += self._history.occlusion_evidence(
@@ -236,10 +225,7 @@ class MotionSegmentation:
         return PointDisplacements(tracked.downscaled_pixel[has_depth], in_camera_axes_m, elapsed_s)
 
     def _point_evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
-        """Return the (S,) log-odds that segments move, from reprojection errors of their points.
-
-        The pixel noise that `EgoMotion` estimates is updated from these errors as well.
-        """
+        """Return the log-odds (S,) that segments move, from errors of their tracked points."""
         errors_px = self._ego_motion.residuals_px(tracked.points, self._T_camera_world)
         self._ego_motion.update_noise(errors_px[tracked.points.static_probability > 0.5])
         age_s = small.stamp_s - self._tracks.anchored_s
@@ -256,11 +242,7 @@ class MotionSegmentation:
         return np.clip(total, -_MAX_POINTS_LOG_ODDS, _MAX_POINTS_LOG_ODDS)
 
     def _renew_anchors(self, tracked: SegmentedPoints, now_s: float) -> IntArray:
-        """Give points with an old anchor a new one, and drop those of them without depth.
-
-        Returns:
-            The (N,) indices of the remaining points in the flattened downscaled depth image.
-        """
+        """Give points with an old anchor a new one, or drop them; return the remaining pixels."""
         if not len(self._tracks):
             return np.empty(0, np.int64)
         is_due = self._tracks.renew_s <= now_s
@@ -277,7 +259,6 @@ class MotionSegmentation:
         return tracked.downscaled_pixel[kept]
 
     def _add_points(self, view: MotionView, small: DownscaledView, occupied: IntArray) -> None:
-        """Track new corners where no point is, and update all static probabilities."""
         pixels = self._free_corners(view, small)
         depth_m = depths_at(view.depth_m, pixels).astype(np.float64)
         width = view.depth_m.shape[1]
@@ -300,11 +281,7 @@ class MotionSegmentation:
         self._static_probability = self._log_odds.static_probability(at)
 
     def _free_corners(self, view: MotionView, small: DownscaledView) -> IntArray:
-        """Return the flat pixels of the strongest corner in each grid cell without a point.
-
-        At most as many are returned as points are missing. Corners without depth are left out,
-        and so are corners at a depth edge, because their depth may be that of either side.
-        """
+        """Return the strongest corner, not at a depth edge, in each grid cell without a point."""
         missing = self._config.num_points - len(self._tracks)
         height, width = view.depth_m.shape
         cell_px = (height * width / self._config.num_points) ** 0.5
@@ -325,10 +302,7 @@ class MotionSegmentation:
 
 
 def _area_per_point(area_px: Int32Array, segment: Int32Array) -> FloatArray:
-    """Return the (N,) image areas [px] that points represent, by their segment (-1: 2 px).
-
-    The area of a segment (S,) is divided by the number of its points.
-    """
+    """Return the image areas [px] (N,) that points represent, by their segment (-1: 2 px)."""
     num_points = np.bincount(segment + 1, minlength=len(area_px) + 1)[1:]
     per_point_px = np.append(area_px / np.maximum(num_points, 1), _UNSEGMENTED_AREA_PX)
     return per_point_px[segment]

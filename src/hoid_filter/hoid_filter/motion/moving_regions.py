@@ -34,7 +34,6 @@ class MovingRegions(NamedTuple):
         return self.label.ravel()[self.camera.downscaled_of_pixel[pixels]]
 
     def select(self, index: IntArray) -> MovingRegions:
-        """Return the regions of these indices; the label image still contains all regions."""
         return self._replace(
             boxes_xyxy_px=self.boxes_xyxy_px[index],
             depths_m=self.depths_m[index],
@@ -56,10 +55,6 @@ class MotionDetector:
         self._results: deque[tuple[int, MovingRegions]] = deque(maxlen=_MAX_RESULTS)
 
     def detect(self, view: MotionView) -> None:
-        """Segment motion in the next view and store its moving regions.
-
-        A new camera starts anew.
-        """
         if self._segmentation is None or self._segmentation.camera.camera != view.camera:
             self._segmentation = MotionSegmentation(self._config, view.camera)
         regions = self._segmentation.segment(view)
@@ -73,7 +68,6 @@ class MotionDetector:
         return any(result_ns == stamp_ns for result_ns, _ in self._results)
 
     def regions_at(self, stamp_ns: int) -> MovingRegions:
-        """Return the moving regions of the newest view up to a stamp, or no regions."""
         past = (moving for result_ns, moving in reversed(self._results) if result_ns <= stamp_ns)
         return next(past, NO_MOVING_REGIONS)
 

@@ -1,7 +1,4 @@
-"""Points that are tracked by optical flow, each with its world position in an earlier image.
-
-This earlier position is called the anchor of the point. It is renewed from time to time.
-"""
+"""Points tracked by optical flow, each with its world position in an earlier image, its anchor."""
 
 from __future__ import annotations
 
@@ -81,11 +78,7 @@ def predict_px(
     T_next_world: FloatArray,
     camera: DownscaledCamera,
 ) -> Float32Array:
-    """Return the (N, 2) pixels at which the points would appear next if they were static.
-
-    The predicted motion of a point is limited to 40 px in each coordinate. `T_next_world` is the
-    predicted T_camera_world of the next image.
-    """
+    """Return the pixels (N, 2) at which static points would appear next, at most 40 px off."""
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
     before, after = (
         _normalized(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)
@@ -97,7 +90,6 @@ def predict_px(
 
 
 def _normalized(points_m: FloatArray) -> FloatArray:
-    """Return the (N, 2) coordinates x / z, y / z."""
     normalized: FloatArray = points_m[:, :2] / np.maximum(points_m[:, 2:], MIN_DEPTH_M)
     return normalized
 
@@ -105,11 +97,10 @@ def _normalized(points_m: FloatArray) -> FloatArray:
 def track(
     previous: ByteArray, current: ByteArray, tracks: PointTracks, predicted_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
-    """Return the points found again in the current image, with their pixels, and their (N,) mask.
+    """Return the points found again in the current image, with their pixels, and their mask (N,).
 
-    A point counts as found if optical flow from `predicted_px` (N, 2) finds it at least 3 px
-    inside the current image, and tracking it back ends within 0.5 px, in u and in v, of where it
-    began.
+    A point is found if optical flow from `predicted_px` (N, 2) ends at least 3 px inside the
+    image, and tracking it back ends within 0.5 px of where it began.
     """
     if not len(tracks):
         return tracks, np.empty(0, np.bool_)
@@ -130,10 +121,7 @@ def _optical_flow(
     start_px: Float32Array,
     max_level: int,
 ) -> tuple[Float32Array, BoolArray]:
-    """Return the (N, 2) pixels of points in the current image, and (N,) flags of found points.
-
-    `max_level` is the number of further pyramid levels; 0 = only full resolution.
-    """
+    """Return the pixels (N, 2) of points in the current image, and flags (N,) of found points."""
     uv_px, found, _ = cv2.calcOpticalFlowPyrLK(
         previous,
         current,

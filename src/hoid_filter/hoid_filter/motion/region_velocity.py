@@ -26,11 +26,7 @@ class PointDisplacements(NamedTuple):
         return PointDisplacements(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
 
     def region_velocities_mps(self, regions: LabeledRegions) -> FloatArray:
-        """Return the (R, 3) velocities of regions relative to the world, along camera axes.
-
-        Each is the median, axis by axis, over the points whose earlier position is at least 0.1 s
-        old. It is NaN with fewer than three such points.
-        """
+        """Return the velocities (R, 3) of regions in the world, along camera axes; or NaN."""
         velocities_mps = np.full((regions.num_regions, 3), np.nan)
         is_long = self.elapsed_s >= _MIN_ELAPSED_S
         point_mps = self.displacement_m[is_long] / self.elapsed_s[is_long, None]

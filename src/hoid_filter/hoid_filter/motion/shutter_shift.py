@@ -16,10 +16,10 @@ _MIN_SHIFT_PX = 1.5
 
 
 def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
-    """Return the (...) largest shift [px] of a row between two images, against the middle row.
+    """Return the largest shift [px] (...) of a row between two images, against the middle row.
 
-    Turn rates are (..., 3). If they are nearly the same, both images are distorted alike: a shift
-    below 1.5 px counts as none, because the measured noise contains it.
+    Turn rates are (..., 3). A shift below 1.5 px counts as none, because the measured noise
+    contains it.
     """
     change_radps = np.linalg.norm(turn_radps - earlier_radps, axis=-1)
     shift_px = 0.5 * _READOUT_S * focal_px * change_radps

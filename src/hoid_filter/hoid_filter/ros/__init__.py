@@ -1,4 +1,1 @@
-"""The publishers of the filter node.
-
-No decision of the method belongs here.
-"""
+"""The publishers of the filter node."""

@@ -21,10 +21,7 @@ from hoid_filter.masked_images import dynamic_mask, points_m
 
 
 class FilterOutputs:
-    """Publishes the results for an image, with the header of its color image message.
-
-    Images and point clouds are made only while their topics have subscribers.
-    """
+    """Publishes the results for an image; images and clouds only while somebody subscribes."""
 
     def __init__(self, node: Node) -> None:
         self._features = node.create_publisher(FeaturesMsg, topics.FEATURES, qos.OUTPUT)

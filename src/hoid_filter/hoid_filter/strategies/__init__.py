@@ -1,4 +1,1 @@
-"""The built-in strategies: rules that classify objects as dynamic, and masks of their pixels.
-
-This package neither detects nor describes features.
-"""
+"""The built-in strategies: rules that classify objects as dynamic, and masks of their pixels."""

@@ -55,7 +55,6 @@ class _Upsampling(NamedTuple):
 
 @functools.cache
 def _upsampling(size_hw: tuple[int, int], low_hw: tuple[int, int]) -> _Upsampling:
-    """Return the cells of an image of size (H, W) in a low-resolution image of size (h, w)."""
     rows, columns = (_nearest(*sizes) for sizes in zip(size_hw, low_hw, strict=True))
     areas_px = np.outer(np.bincount(rows), np.bincount(columns)).astype(np.int32)
     cell_of_pixel = np.add.outer(rows * low_hw[1], columns).astype(np.int32)
@@ -75,12 +74,10 @@ def mask_objects(
     low_depth_m: Float32Array,
     plus: PlusConfig,
 ) -> BoolArray:
-    """Return the (h, w) mask of the dynamic objects, without a margin.
+    """Return the mask (h, w) of the dynamic objects, without a margin.
 
-    Of each box, and of a tenth of its sides around it, only the surface near the object's depth
-    is masked, so that features on the background inside the box are kept. The whole box is masked
-    if the object's depth is unknown, or with `keep_background` off. Predicted boxes are enlarged
-    by 10 % to each side first.
+    Of each box, enlarged if it is predicted, only the surface near the object's depth is masked.
+    The whole box is masked if that depth is unknown, or with `keep_background` off.
     """
     dynamic = [n for n, reason in enumerate(reasons) if reason is not ObjectState.AT_REST]
     if not dynamic:

@@ -44,7 +44,6 @@ class HoidPlus:
         )
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict on tracked objects, followed by undetected moving regions."""
         plus = self._config.plus
         if image.detections is not None:
             unsure = self._unsure(
@@ -69,10 +68,10 @@ class HoidPlus:
     def _unsure(
         self, detections: Detections, image_area_px2: int, *, are_blurred: bool
     ) -> BoolArray:
-        """Return (N,) flags: people of low score who cover much of the image or are blurred.
+        """Return flags (N,) of people of low score who cover much of the image or are blurred.
 
-        Such detections are often false. Depth does not reveal it: at arm's length a desk is as
-        wide as a person. With `doubt_large_people` off, a large box alone is no reason.
+        Such detections are often false, which depth does not reveal: at arm's length a desk is as
+        wide as a person.
         """
         plus = self._config.plus
         is_suspicious = np.full(len(detections), are_blurred)
@@ -86,17 +85,12 @@ class HoidPlus:
         return is_suspicious & is_weak & is_person
 
     def _turns_fast(self, image: FilterInput) -> bool:
-        """Return whether the camera turns so fast that detections are tentative (decision 050)."""
         plus = self._config.plus
         turn_radps = image.moving_regions.camera_turn_radps
         return plus.doubt_in_turns and turn_radps > plus.doubt_turn_radps
 
     def _snapshot(self, image: FilterInput, low_depth_m: Float32Array) -> TrackSnapshot:
-        """Predict the tracks to the stamp of the image, and return them with their depths.
-
-        While the camera turns fast, all missed tracks are deleted. The torso depth of each person
-        is stored on the track.
-        """
+        """Return the tracks at the stamp of the image, with their depths."""
         height, width = image.depth_m.shape
         if self._turns_fast(image):
             self._tracker.drop_missed()
@@ -113,10 +107,7 @@ class HoidPlus:
 def _undetected(
     regions: MovingRegions, label: ByteArray, detected_mask: BoolArray
 ) -> MovingRegions:
-    """Return the moving regions that lie mostly outside the detected dynamic objects.
-
-    `label` (h, w) is 0 = static, else 1 + index of the region.
-    """
+    """Return the moving regions (`label`: 1 + index) mostly outside of detected objects."""
     area = np.bincount(label.ravel(), minlength=len(regions.depths_m) + 1)[1:]
     detected_area = np.bincount(label[detected_mask], minlength=len(area) + 1)[1:]
     return regions.select(np.flatnonzero(detected_area < _MAX_DETECTED_RATIO * area))

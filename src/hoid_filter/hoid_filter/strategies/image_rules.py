@@ -53,10 +53,7 @@ class AlignedDetections(NamedTuple):
 
 
 class ImageRule(ABC):
-    """Base of strategies that classify each image on its own.
-
-    People are dynamic, and so are objects that a person handles according to `rule`.
-    """
+    """Base of strategies that classify each image alone: people and handled objects move."""
 
     needs_detections, senses_motion = True, False
 
@@ -70,7 +67,6 @@ class ImageRule(ABC):
         """Return the condition under which a person handles an object."""
 
     def classify(self, image: FilterInput) -> Verdict:
-        """Return the verdict on an image; everything inside a dynamic box is masked."""
         aligned = align_detections(image, self._predictor)
         found = aligned.detections
         names = found.class_names
@@ -138,8 +134,8 @@ class Hoid2d(ImageRule):
 class Hoid3d(ImageRule):
     """The paper's 3-D rule: the 2-D rule, and person and object are at nearly the same depth.
 
-    Where the depth of the person or of the object is unknown, the 2-D rule decides alone: a moving
-    object in the map does harm, while masking a static object only costs a few features.
+    An unknown depth fits: a moving object in the map does harm, while masking a static one only
+    costs a few features.
     """
 
     def rule(self) -> Rule:
@@ -149,12 +145,11 @@ class Hoid3d(ImageRule):
 class Descriptor(ImageRule):
     """The semantic descriptor of keypoints by Fang et al., Pattern Recognition 113 (2021).
 
-    An object that people may handle is dynamic when a person's box reaches into the square window
-    around any keypoint on the object, and person and object are at nearly the same depth.
+    An object is dynamic when a person's box reaches into the square window around any keypoint on
+    it, at nearly the same depth.
     """
 
     def rule(self) -> Rule:
-        """Return half the window's side and the maximum depth difference, which is inclusive."""
         return Rule(math.inf, math.nextafter(_MAX_DEPTH_GAP_M, math.inf), _WINDOW_PX / 2)
 
 

@@ -36,18 +36,17 @@ class TrackSnapshot:
 
     @property
     def is_person(self) -> BoolArray:
-        """Return (N,) flags: people who are not suspected to be false detections."""
+        """Return flags (N,) of people who are not suspected to be false detections."""
         return _flags(track.is_person and track.is_confirmed for track in self.tracks)
 
 
 def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
     """Return how each track interacts with people, and store on each whether it is handled.
 
-    A confirmed person handles an object if three conditions hold. The class of the object may be
-    handled. The person's box covers more than `min_interaction_area` of the object's box. The
-    object is at most `reach_m` nearer to the camera than the person's torso and at most
-    `depth_limit_m` farther; an unknown depth fits. With `remember`, `release_share` of this area
-    is enough for an object that was handled in the image before (hysteresis).
+    A confirmed person handles an object of a class that may be handled if the person's box covers
+    more than `min_interaction_area` of it, and it is at most `reach_m` nearer to the camera than
+    the torso and at most `depth_limit_m` farther (unknown: it fits). With `remember`,
+    `release_share` of this area is enough for an object that was handled before (hysteresis).
     """
     plus = config.plus
     tracks = snapshot.tracks
@@ -78,10 +77,7 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
 def _reasons(
     snapshot: TrackSnapshot, is_handled: BoolArray, config: FilterConfig
 ) -> tuple[ObjectState, ...]:
-    """Store on each track whether it is handled, and return the reasons of all tracks.
-
-    With `remember`, an object stays dynamic until it was observed unhandled for `rest_s`.
-    """
+    """Store on each track whether it is handled, and return the reasons of all tracks."""
     reasons = []
     for track, handled in zip(snapshot.tracks, is_handled.tolist(), strict=True):
         track.is_handled = handled

@@ -17,8 +17,7 @@ class MotionOnly:
 
     needs_detections, senses_motion = False, True
 
-    def __init__(self, config: FilterConfig) -> None:
-        """Ignore the configuration: this strategy has no parameters of its own."""
+    def __init__(self, config: FilterConfig) -> None: ...
 
     def classify(self, image: FilterInput) -> Verdict:
         regions = image.moving_regions

@@ -1,8 +1,6 @@
 """Decoding of sensor_msgs/CompressedImage, of color and of depth, whatever plugin has made it.
 
-The field `format` and the first bytes of the data tell the kinds apart: PNG, JPEG and TIFF of
-compressed_image_transport, PNG and RVL of compressed_depth_image_transport, and
-zstd_image_transport.
+The field `format` and the first bytes of the data tell the kinds apart.
 """
 
 from __future__ import annotations
@@ -33,10 +31,10 @@ _DEPTH_KEYWORD, _RVL = 'compressedDepth', 'compressedDepth rvl'
 
 
 def compressed_head(format_: str, data: Buffer) -> tuple[str, tuple[int, int] | None]:
-    """Return encoding, and width and height or None, of a compressed image without decoding it.
+    """Return encoding, and (width, height) or None, of a compressed image without decoding it.
 
-    The encoding is one of the depth encodings if and only if the image is depth. Arguments are
-    the fields `format` and `data` of the message; MessageError if they contradict.
+    The encoding is one of the depth encodings if and only if the image is depth. MessageError if
+    `format` and `data` contradict.
     """
     raw = bytes(data)
     if format_ == ZSTD_FORMAT:
@@ -51,12 +49,7 @@ def compressed_head(format_: str, data: Buffer) -> tuple[str, tuple[int, int] | 
 
 
 def decode_compressed_color(data: Buffer, format_: str = '') -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of the fields `data` and `format` of a message.
-
-    Raises:
-        MessageError: The data is no image of a known kind, has more than MAX_PIXELS, or cannot be
-            decoded.
-    """
+    """Return the (H, W, 3) uint8 BGR image of the fields `data` and `format`, or MessageError."""
     if format_ == ZSTD_FORMAT:
         return decode_color(stored_image(bytes(data)))
     what = f'compressed color image of format "{format_}"' if format_ else 'compressed color image'
@@ -66,15 +59,8 @@ def decode_compressed_color(data: Buffer, format_: str = '') -> ByteArray:
 def decode_compressed_depth(format_: str, data: Buffer, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a compressed depth image; 0 = no depth.
 
-    Args:
-        format_: Field `format` of the message, such as "16UC1; compressedDepth png".
-        data: Field `data` of the message. In compressedDepth, a header of 12 bytes comes before
-            16-bit depth in mm (16UC1) or quantized inverse depth (32FC1).
-        units_per_m: Depth units per meter; 0: those of its encoding (1000 for 16UC1, 1 for 32FC1).
-
-    Raises:
-        MessageError: The format is another one, the data is no image of one channel or too large,
-            or the unit is wrong (see `check_depth_unit`).
+    In compressedDepth, a header of 12 bytes comes before 16-bit depth in mm (16UC1) or quantized
+    inverse depth (32FC1). MessageError if format, data or unit is invalid.
     """
     if format_ == ZSTD_FORMAT:
         return decode_depth(stored_image(bytes(data)), units_per_m)
@@ -112,12 +98,7 @@ def _one_channel(data: bytes, format_: str) -> NDArray[Any]:
 
 
 def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
-    """Return the pixels of a JPEG, PNG or TIFF, read with OpenCV's flags.
-
-    Raises:
-        MessageError: The data is no such image, has more than MAX_PIXELS, is not safe to decode
-            (see `is_safe_to_decode`), or cannot be decoded.
-    """
+    """Return the pixels of a JPEG, PNG or TIFF; MessageError if it is not safe to decode."""
     raw = np.frombuffer(data, np.uint8)
     check_image_size(raw.data, what)
     try:

@@ -15,10 +15,7 @@ _MORE, _BITS = 8, 3  # of a group of four bits: whether more follow, and the bit
 
 
 def rvl_size_px(data: bytes) -> tuple[int, int]:
-    """Return width and height of an RVL image.
-
-    MessageError if it is too short, empty or too large.
-    """
+    """Return width and height of an RVL image; MessageError if it has none."""
     if len(data) < _SIZE.size:
         raise MessageError(f'RVL image has {len(data)} bytes, too few for its size')
     width, height = _SIZE.unpack_from(data)
@@ -30,8 +27,8 @@ def rvl_size_px(data: bytes) -> tuple[int, int]:
 def decode_rvl(data: bytes) -> NDArray[np.uint16]:
     """Return the (H, W) uint16 pixels of an RVL image; MessageError if it is invalid.
 
-    Runs of zeros and of other pixels alternate. Of the latter, the difference to the pixel before
-    is stored. All numbers have groups of three bits, the lowest first.
+    Runs of zeros and of other pixels alternate, and of the latter the difference to the pixel
+    before is stored.
     """
     width, height = rvl_size_px(data)
     values = _numbers(data[_SIZE.size :])
@@ -54,7 +51,7 @@ def decode_rvl(data: bytes) -> NDArray[np.uint16]:
 
 
 def _numbers(data: bytes) -> NDArray[np.int64]:
-    """Return the numbers in words of 32 bits (little-endian), each from its highest four bits."""
+    """Return the numbers in 32-bit words, from their highest four bits: groups of three bits."""
     words = np.frombuffer(data[: len(data) // 4 * 4], '<u4').astype('>u4').view(np.uint8)
     groups = np.stack([words >> 4, words & 0xF], axis=1).ravel()
     ends = np.flatnonzero(groups < _MORE)

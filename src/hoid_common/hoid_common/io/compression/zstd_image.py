@@ -46,7 +46,6 @@ def stored_head(data: bytes) -> StoredImage:
 
 
 def stored_image(data: bytes) -> StoredImage:
-    """Return an image of zstd_image_transport with its pixels; MessageError if invalid."""
     head = stored_head(data)
     most = 3 * head.step * head.height  # NV24 has three times as many rows as the image
     try:

@@ -1,7 +1,7 @@
 """Conversions between messages and values, by functions `x_from_msg` and `x_to_msg`.
 
-A function `x_from_msg` that cannot use a message raises MessageError with one line that says what
-is wrong. Functions `x_to_msg` for the results of an image take the Header of the image.
+A function `x_from_msg` that cannot use a message raises MessageError. Functions `x_to_msg` for
+results take the Header of their image.
 """
 
 from hoid_common.io.camera_info import camera_from_info as camera_from_msg

@@ -17,14 +17,12 @@ from hoid_common.values import ByteArray, Float32Array
 
 
 def bytes_field(values: NDArray[Any] | bytes) -> array[int]:
-    """Return the raw bytes of an array of any type, as the value of a uint8[] field."""
     field = array('B')
     field.frombytes(values if isinstance(values, bytes) else values.tobytes())
     return field
 
 
 def floats_field(values: NDArray[Any]) -> array[float]:
-    """Return an array's elements as the value of a float32[] field."""
     field = array('f')
     field.frombytes(values.astype(np.float32, copy=False).tobytes())
     return field
@@ -36,12 +34,10 @@ def float_array(field: Any, name: str, length: int) -> Float32Array:
 
 
 def byte_array(field: Any, name: str, length: int) -> ByteArray:
-    """Return a uint8 copy (length,) of a uint8[] field; see `float_array`."""
     return _array(field, name, length, np.dtype(np.uint8))
 
 
 def _array(field: Any, name: str, length: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return a copy (length,) of an array field; raise MessageError if its length is another."""
     if len(field) != length:
         raise MessageError(f'{name} has {len(field)} elements, expected {length}')
     return np.array(field, dtype=dtype) if length else np.empty(0, dtype)

@@ -33,9 +33,7 @@ class Cloud(NamedTuple):
 def cloud_from_msg(msg: PointCloud2) -> Cloud:
     """Return the points of a cloud, with colors (rgb, float32) and labels (uint32) if it has them.
 
-    Raises:
-        MessageError: x, y and z are not little-endian float32, the data has the wrong length, or
-            `point_step` is too small for the fields.
+    MessageError if x, y and z are not little-endian float32, or the data does not fit the fields.
     """
     offsets = {
         field.name: field.offset
@@ -73,11 +71,7 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
 
 
 def point_table(cloud: Cloud) -> ByteArray:
-    """Return the bytes of N points as uint8, (N, 12) for x, y and z as float32.
-
-    If the cloud has colors, each point has four more bytes: blue, green, red and 0. If it has
-    labels, four bytes with the label as uint32 follow.
-    """
+    """Return the bytes (N, 12) of points as float32, with 4 more for color and 4 for label."""
     n = len(cloud.points_m)
     table = np.zeros((n, 4 * len(_fields(cloud))), np.uint8)
     table[:, :12] = np.ascontiguousarray(cloud.points_m, np.float32).view(np.uint8).reshape(n, 12)
@@ -100,7 +94,6 @@ def _fields(cloud: Cloud) -> list[PointField]:
 
 
 def cloud_to_msg(cloud: Cloud, header: Header) -> PointCloud2:
-    """Return an unordered cloud with the fields x, y, z, and rgb and label if `cloud` has them."""
     table = point_table(cloud)
     n, step = table.shape
     return PointCloud2(

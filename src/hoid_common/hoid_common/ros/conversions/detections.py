@@ -19,8 +19,7 @@ def detections_to_msg(
 ) -> DetectionArray:
     """Return the DetectionArray of an image of this size.
 
-    `class_id` is the index of the class in `class_names`, else -1; `inference_ms` is 0 when no
-    network ran.
+    `class_id` is the index in `class_names`, else -1; `inference_ms` is 0 when no network ran.
     """
     ids = {name: i for i, name in enumerate(class_names)}
     return DetectionArray(

@@ -24,14 +24,9 @@ Row = tuple[float, float, float, float]
 def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
     """Return the boxes of a Detection2DArray message, each with its class of highest score.
 
-    The `class_id` of a class becomes its name.
-
-    Rotated boxes become the upright boxes around them. NaN stays NaN, and numbers beyond float32
-    become infinite; `hoid_filter.detections.sanitize` drops such boxes.
-
-    Raises:
-        MessageError: There are more than MAX_DETECTIONS, a box has no class, or a class name is
-            too long.
+    The `class_id` becomes the name; rotated boxes become the upright boxes around them; values
+    that are not finite stay so. MessageError for more than MAX_DETECTIONS, a box without a class,
+    or a long class name.
     """
     found = msg.detections
     if len(found) > MAX_DETECTIONS:
@@ -49,7 +44,6 @@ def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
 
 
 def detections_2d_to_msg(detections: Detections, header: Header) -> Detection2DArray:
-    """Return the Detection2DArray of detections, with the class name as `class_id`."""
     rows = zip(
         detections.boxes_xyxy_px.tolist(),
         detections.class_names,
@@ -62,7 +56,6 @@ def detections_2d_to_msg(detections: Detections, header: Header) -> Detection2DA
 
 
 def _likeliest(detection: Detection2D) -> ObjectHypothesis:
-    """Return the hypothesis of highest score; raise MessageError if the list is empty."""
     if not detection.results:
         raise MessageError('detections_2d.results is empty: a box needs a class and a score')
     return max((r.hypothesis for r in detection.results), key=lambda h: h.score)

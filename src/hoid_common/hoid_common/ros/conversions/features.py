@@ -31,9 +31,8 @@ class FeatureCounts(NamedTuple):
 def features_from_msg(msg: FeaturesMsg) -> Features:
     """Return the features of a message; an empty field `may_seed` becomes all True.
 
-    Raises:
-        MessageError: Arrays have different lengths, a pixel is outside the image, or a depth is
-            negative or not finite.
+    MessageError if lengths disagree, a pixel is outside the image, or a depth is negative or not
+    finite.
     """
     n = len(msg.octave)
     features = Features(
@@ -55,7 +54,6 @@ def features_from_msg(msg: FeaturesMsg) -> Features:
 
 
 def feature_counts_from_msg(msg: FeaturesMsg) -> FeatureCounts:
-    """Return the statistics of the filter in a Features message."""
     return FeatureCounts(msg.num_detected, msg.num_removed, msg.extract_ms, msg.filter_ms)
 
 
@@ -65,10 +63,7 @@ def features_to_msg(
     image_size_px: tuple[int, int],
     counts: FeatureCounts = FeatureCounts(),  # noqa: B008 (immutable)
 ) -> FeaturesMsg:
-    """Return the Features message of an image of this size.
-
-    `may_seed` is empty if all are True.
-    """
+    """Return the Features message of an image; `may_seed` is empty if all are True."""
     seeds_all = bool(features.may_seed.all())
     return FeaturesMsg(
         header=header,
@@ -89,11 +84,7 @@ def features_to_msg(
 
 
 def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
-    """Return the verdicts in a message; an empty array, by which none is dynamic, stays empty.
-
-    Raises:
-        MessageError: There are more verdicts than an image can have features.
-    """
+    """Return the verdicts in a message; an empty array means that none is dynamic."""
     if len(msg.dynamic) > _MAX_FEATURES:
         raise MessageError(
             f'feature_verdicts.dynamic has {len(msg.dynamic)} elements, more than {_MAX_FEATURES}'
@@ -103,13 +94,11 @@ def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
 
 
 def feature_verdicts_to_msg(verdicts: FeatureVerdicts, header: Header) -> FeatureVerdictsMsg:
-    """Return the FeatureVerdicts message, whose array is empty when no feature is dynamic."""
     flags = verdicts.is_dynamic if verdicts.is_dynamic.any() else verdicts.is_dynamic[:0]
     return FeatureVerdictsMsg(header=header, dynamic=bytes_field(flags))
 
 
 def _check_values(features: Features, width_px: int, height_px: int) -> None:
-    """Raise MessageError if a feature is outside the image or has an invalid depth."""
     uv = features.uv_px
     # Pixel centers are integers, so that the sensor ends half a pixel beyond the outermost ones.
     inside = (uv >= -0.5) & (uv <= np.array([width_px, height_px]) - 0.5)

@@ -1,7 +1,7 @@
 """Conversions of poses, transforms, twists and odometry.
 
-In the suite, twists and covariances have the rotation first, as in GTSAM; in ROS messages they
-have the translation first. Only this module converts between the two orders.
+Twists and covariances have the rotation first, as in GTSAM; in ROS messages, the translation. Only
+this module converts between the two orders.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ _ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # the permutation i
 
 
 def pose_to_msg(T_a_b: FloatArray) -> Pose:
-    """Return the pose of frame b in frame a of a transform T_a_b (4, 4)."""
     x, y, z = T_a_b[:3, 3].tolist()
     return Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(T_a_b))
 
@@ -39,8 +38,7 @@ def pose_to_msg(T_a_b: FloatArray) -> Pose:
 def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, float, float]:
     """Return T_a_b (4, 4), and the largest standard deviation of position [m] and rotation [rad].
 
-    Raises:
-        MessageError: The pose is no rigid transform, or a variance is negative or not finite.
+    MessageError if the pose is no rigid transform, or a variance is negative or not finite.
     """
     variances = np.array(msg.covariance).reshape(6, 6).diagonal()
     if not (np.isfinite(variances) & (variances >= 0)).all():
@@ -52,7 +50,6 @@ def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, floa
 def transform_to_msg(
     T_parent_child: FloatArray, stamp_ns: int, parent: str, child: str
 ) -> TransformStamped:
-    """Return the TransformStamped of T_parent_child (4, 4)."""
     msg = TransformStamped(child_frame_id=child)
     msg.header.stamp = stamp_to_msg(stamp_ns)
     msg.header.frame_id = parent
@@ -63,7 +60,6 @@ def transform_to_msg(
 
 
 def twist_from_msg(msg: Twist) -> FloatArray:
-    """Return the twist (6,): angular velocity in rad/s, then linear velocity in m/s."""
     w, v = msg.angular, msg.linear
     return np.array([w.x, w.y, w.z, v.x, v.y, v.z])
 
@@ -84,13 +80,9 @@ def odometry_to_msg(
 ) -> Odometry:
     """Return the Odometry message of the pose and velocity of the robot's base.
 
-    Args:
-        T_odom_base: (4, 4) pose of the base in the odometry frame, translation in m.
-        covariance: (6, 6) covariance of the pose in the base frame, rotation (rad²) first, then
-            translation (m²), as in GTSAM. It is rotated here to the axes of the odometry frame,
-            along which ROS expresses it.
-        twist: (6,) in the base frame: angular velocity in rad/s, then linear velocity in m/s.
-        twist_covariance: (6, 6) covariance of the twist, in the same order.
+    `covariance` (6, 6) of the pose is along the axes of the base (rad², m²), and rotated here to
+    those of the odometry frame. `twist` (6,) is in the base frame: angular velocity in rad/s, then
+    linear in m/s, and so is its covariance.
     """
     A = _block_rotation(T_odom_base)
     rotated = (A @ covariance @ A.T)[_ROS_ORDER]
@@ -103,9 +95,10 @@ def odometry_to_msg(
 
 
 def _quaternion(T: FloatArray) -> Quaternion:
-    """Return the quaternion of one transform (4, 4), as `se3.quat_xyzw_from_rotation` does.
+    """Return the quaternion of one transform (4, 4).
 
-    That function takes 20 times as long for a single rotation, of which each image has three.
+    `se3.quat_xyzw_from_rotation` takes 20 times as long for a single rotation, of which each image
+    has three.
     """
     (a, b, c), (d, e, f), (g, h, i) = T[:3, :3].tolist()
     trace = a + e + i
@@ -122,7 +115,6 @@ def _quaternion(T: FloatArray) -> Quaternion:
 
 
 def _block_rotation(T: FloatArray) -> FloatArray:
-    """Return the (6, 6) block-diagonal matrix with the rotation of T (4, 4) in both blocks."""
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = T[:3, :3]
     return A

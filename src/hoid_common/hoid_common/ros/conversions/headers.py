@@ -15,16 +15,11 @@ def stamp_to_msg(stamp_ns: int) -> Time:
 
 
 def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
-    """Return a header from a stamp and a frame, for an output that belongs to no input message."""
     return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)
 
 
 def camera_frame(header: Header, default: str) -> str:
-    """Return the frame of a header, or else the default, without leading slash.
-
-    Raises:
-        MessageError: The header has no frame, and there is no default.
-    """
+    """Return the frame of a header, or else the default, or MessageError; no leading slash."""
     frame: str = header.frame_id.lstrip('/') or default
     if not frame:
         raise MessageError(

@@ -31,19 +31,16 @@ def camera_to_msg(camera: CameraModel, header: Header) -> CameraInfo:
 
 
 def color_from_msg(msg: images.RawImage | CompressedImage) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image, as `io.images.decode_color` does."""
     if isinstance(msg, CompressedImage):
         return compressed_images.decode_compressed_color(msg.data, msg.format)
     return images.decode_color(msg)
 
 
 def color_to_msg(image_bgr: ByteArray, header: Header) -> Image:
-    """Return the bgr8 message of a (H, W, 3) uint8 BGR image."""
     return _image_to_msg(image_bgr, 'bgr8', header)
 
 
 def mask_to_msg(mask: ByteArray, header: Header) -> Image:
-    """Return the mono8 message of a (H, W) uint8 mask."""
     return _image_to_msg(mask, 'mono8', header)
 
 
@@ -56,14 +53,13 @@ def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) 
 def depth_from_msg(
     msg: images.RawImage | CompressedImage, units_per_m: float = 0.0
 ) -> Float32Array:
-    """Return the (H, W) float32 depth in m, 0 = none, as `io.images.decode_depth` does."""
     if isinstance(msg, CompressedImage):
         return compressed_images.decode_compressed_depth(msg.format, msg.data, units_per_m)
     return images.decode_depth(msg, units_per_m)
 
 
 def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:
-    """Return the message of (H, W) float32 depth in m: 16UC1 (mm) if that is exact, else 32FC1."""
+    """Return the message of (H, W) depth in m: 16UC1 (mm) if that is exact, else 32FC1."""
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:
         return _image_to_msg(depth_m, '32FC1', header)
@@ -71,11 +67,7 @@ def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:
 
 
 def compressed_depth_to_msg(depth_m: Float32Array, header: Header) -> CompressedImage:
-    """Return the compressedDepth message of (H, W) float32 depth in m.
-
-    Raises:
-        MessageError: A depth is not a whole number of mm up to 65.535 m: it would be lost.
-    """
+    """Return the compressedDepth message of (H, W) depth in m; MessageError unless in whole mm."""
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:
         raise MessageError('depth is not in whole millimeters; send it raw to keep it exact')

@@ -26,7 +26,6 @@ _ROWS = 12  # numbers of the first three rows of a transform
 
 
 def keyframe_poses_to_msg(poses: SessionKeyframes, header: Header) -> KeyframePosesMsg:
-    """Return the message of keyframe poses; the header has the map frame."""
     keyframes, loaded, camera = poses.keyframes, poses.loaded, poses.camera
     base = poses.T_camera_base
     return KeyframePosesMsg(
@@ -50,9 +49,8 @@ def keyframe_poses_to_msg(poses: SessionKeyframes, header: Header) -> KeyframePo
 def keyframe_poses_from_msg(msg: KeyframePosesMsg) -> SessionKeyframes:
     """Return the keyframe poses of a message.
 
-    Raises:
-        MessageError: Arrays differ in length, uids do not ascend, a pose is not finite, or no
-            camera has these values.
+    MessageError if lengths differ, uids do not ascend, a pose is not finite, or no camera has
+    these values.
     """
     uids, map_ids = np.array(msg.uids, np.int64), np.array(msg.map_ids, np.int64)
     saved, loaded = np.array(msg.saved_uids, np.int64), np.array(msg.loaded_uids, np.int64)
@@ -77,13 +75,9 @@ def keyframe_poses_from_msg(msg: KeyframePosesMsg) -> SessionKeyframes:
 def tracked_image_to_msg(
     image: TrackedImage, session: str, T_map_keyframe: FloatArray, header: Header
 ) -> TrackedImageMsg:
-    """Return the message of the pose of an image.
+    """Return the message of the pose of an image of a session.
 
-    Args:
-        image: The image.
-        session: Session of its keyframe.
-        T_map_keyframe: (4, 4) pose of this keyframe in the version of the map of the image.
-        header: Stamp of the image and map frame.
+    `T_map_keyframe` (4, 4) is the pose of its keyframe in the version of the map of the image.
     """
     T_keyframe_camera = se3.inverse(T_map_keyframe) @ image.T_map_camera
     return TrackedImageMsg(
@@ -97,11 +91,7 @@ def tracked_image_to_msg(
 
 
 def tracked_image_from_msg(msg: TrackedImageMsg, T_map_keyframe: FloatArray) -> TrackedImage:
-    """Return the pose of the image of a message by the present pose (4, 4) of its keyframe.
-
-    Raises:
-        MessageError: The pose is not finite.
-    """
+    """Return the pose of the image of a message by the present pose (4, 4) of its keyframe."""
     (T_keyframe_camera,) = _transforms(np.array(msg.pose, np.float64))
     return TrackedImage(
         stamp_from_msg(msg.header.stamp),
@@ -137,7 +127,6 @@ def _camera(msg: KeyframePosesMsg) -> CameraModel | None:
 
 
 def _field(kind: str, values: NDArray[np.generic]) -> array[int]:
-    """Return an array's elements as the value of a field of 64-bit numbers."""
     field = array(kind)
     field.frombytes(np.ascontiguousarray(values, np.dtype(kind)).tobytes())
     return field

@@ -16,9 +16,7 @@ _MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size
 def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
     """Return the objects of a message, with the filter's verdict on each.
 
-    Raises:
-        MessageError: There are more than MAX_DETECTIONS, a state is unknown, a class name is too
-            long, or a box or score is out of range.
+    MessageError for more than MAX_DETECTIONS, and for values out of range.
     """
     if len(msg.objects) > MAX_DETECTIONS:
         raise MessageError(
@@ -34,10 +32,7 @@ def dynamic_objects_to_msg(
     *,
     provisional: bool = False,
 ) -> DynamicObjectArray:
-    """Return the DynamicObjectArray of an image of this size.
-
-    A final one follows a provisional.
-    """
+    """Return the DynamicObjectArray of an image; a final one follows a `provisional` one."""
     return DynamicObjectArray(
         header=header,
         image_width=image_size_px[0],

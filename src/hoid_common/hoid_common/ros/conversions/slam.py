@@ -32,11 +32,7 @@ _COPIED = {field.name for field in fields(SlamStatus)} - {'state', 'mode', 'stag
 
 
 def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
-    """Return the state, mode, counters and stage times of a SlamStatus message.
-
-    Raises:
-        MessageError: The state or mode is unknown, or stage names and durations differ in number.
-    """
+    """Return the status in a message; MessageError if it is malformed."""
     if len(msg.stage_names) != len(msg.stage_ms):
         raise MessageError(
             f'slam_status has {len(msg.stage_names)} stage_names and {len(msg.stage_ms)} stage_ms'
@@ -51,7 +47,6 @@ def slam_status_from_msg(msg: SlamStatusMsg) -> SlamStatus:
 
 
 def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
-    """Return the SlamStatus message of the status after an image."""
     return SlamStatusMsg(
         header=header,
         state=status.state.value,
@@ -74,10 +69,7 @@ def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
 
 
 def keyframe_lines_m(T_map_camera: FloatArray) -> FloatArray:
-    """Return the ends (16 N, 3) in m of the lines of N keyframes (N, 4, 4) as pyramids.
-
-    The tip of a pyramid is at the camera.
-    """
+    """Return the ends (16 N, 3) in m of the lines of N keyframes (N, 4, 4) as pyramids."""
     lines_m = _pyramid_lines()
     placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]
     return np.asarray(placed.reshape(-1, 3))

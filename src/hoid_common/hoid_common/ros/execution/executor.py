@@ -1,9 +1,9 @@
 """An executor with low overhead for nodes whose subscriptions, timers and services rarely change.
 
-It takes 0.38 ms of processor time for a message, while rclpy's SingleThreadedExecutor takes 0.65
-ms and rclpy's EventsExecutor hung in Jazzy (decision 015). While messages arrive, it does not wait
-for service requests and QoS events, but looks for them 20 times a second: adding all of 70
-entities to a wait set takes as long as some callbacks (decision 044).
+It takes 0.38 ms of processor time for a message, rclpy's SingleThreadedExecutor 0.65 ms, and
+rclpy's EventsExecutor hung in Jazzy (decision 015). While messages arrive, it looks for service
+requests and QoS events 20 times a second only, because adding all entities to a wait set takes as
+long as some callbacks (decision 044).
 """
 
 from __future__ import annotations
@@ -34,10 +34,7 @@ _RARE_PERIOD_NS = 50_000_000
 
 
 class _WaitList:
-    """A wait set with those entities of nodes for which `is_served` returns True.
-
-    The entities cannot be destroyed until `close` is called.
-    """
+    """A wait set with those entities of nodes for which `is_served` returns True."""
 
     def __init__(
         self,
@@ -122,12 +119,10 @@ class ThreadCallbackGroup(CallbackGroup):
         self.thread_id: int | None = None  # as of threading.get_ident
 
     def can_execute(self, entity: Any) -> bool:
-        """Return whether the calling thread is that of the group; other executors get False."""
         del entity
         return get_ident() == self.thread_id
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Return whether the calling thread may run the callback."""
         return self.can_execute(entity)
 
     def ending_execution(self, entity: Any) -> None:
@@ -137,11 +132,9 @@ class ThreadCallbackGroup(CallbackGroup):
 class SteadyExecutor(SingleThreadedExecutor):
     """A SingleThreadedExecutor that keeps its wait set while the nodes' entities stay the same.
 
-    SingleThreadedExecutor collects the entities of all nodes and builds a wait set before every
-    callback, and wakes itself once more after it, which takes longer than most callbacks. This
-    class keeps the wait set until it is woken, as by a change of a node's entities, and runs all
-    ready callbacks after each wait. Coroutines that await a future are left to
-    SingleThreadedExecutor.
+    SingleThreadedExecutor builds a wait set before every callback, and wakes itself once more
+    after it. This class keeps the wait set until it is woken, as by a change of a node's entities,
+    and runs all ready callbacks after each wait.
     """
 
     _rare_period_ns = _RARE_PERIOD_NS
@@ -155,11 +148,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         self._at_work = RLock()  # held while the wait set is used
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Stop the executor, and release all entities once the running callback has returned.
-
-        The result is whether the base executor has stopped within `timeout_sec`; None = without
-        limit.
-        """
+        """Stop the executor, and release all entities once the running callback has returned."""
         done = bool(super().shutdown(timeout_sec))
         if self._at_work.acquire(timeout=-1 if timeout_sec is None else timeout_sec):
             self._forget()
@@ -174,11 +163,7 @@ class SteadyExecutor(SingleThreadedExecutor):
             self._at_work.release()
 
     def spin_ready(self) -> bool:
-        """Run all ready callbacks, one message of each subscription; return whether any was.
-
-        Coroutines that await a future do not continue here, but only when the executor spins. An
-        error of a callback is raised, and ExternalShutdownException after a shutdown of ROS.
-        """
+        """Run all ready callbacks, one message of each subscription; return whether any was."""
         with self._at_work:
             return not self._is_shutdown and self._run_ready(0)
 
@@ -198,18 +183,13 @@ class SteadyExecutor(SingleThreadedExecutor):
                 self._forget()
 
     def _run_ready(self, limit_ns: int) -> bool:
-        """Wait at most for a time in ns (-1 = without limit), and run all ready callbacks."""
         ready = self._wait(limit_ns)
         for take, entity in ready:
             self._run(take(entity))
         return bool(ready)
 
     def _run(self, act: Callable[[], Any] | None) -> None:
-        """Run a callback of one of the base's `_take_...` methods; None: nothing.
-
-        An error of the callback is raised. A coroutine that awaits a future is queued in
-        `_tasks`.
-        """
+        """Run a callback of one of the base's `_take_...` methods, and raise its error."""
         if act is None:
             return
         task = Task(act, executor=self)
@@ -221,20 +201,10 @@ class SteadyExecutor(SingleThreadedExecutor):
             raise error
 
     def _wait(self, limit_ns: int) -> list[tuple[_Take, Any]]:
-        """Wait until an entity is ready, and return the ready entities.
+        """Return the entities that are ready within a time (-1: no limit), each with its method.
 
-        The wait sets are built first if they were released.
-
-        Args:
-            limit_ns: Longest time to wait in ns; -1 = without limit.
-
-        Returns:
-            Each ready entity with the method that takes a message, request or event from it;
-            empty after the time limit, if the executor was woken or shut down, or if an entity is
-            being destroyed.
-
-        Raises:
-            ExternalShutdownException: ROS was shut down.
+        There are none if the executor was woken or shut down. ExternalShutdownException if ROS was
+        shut down.
         """
         if self._list is None or self._usual is None:
             self._forget()
@@ -259,14 +229,7 @@ class SteadyExecutor(SingleThreadedExecutor):
     def _wait_for_entities(
         self, every: _WaitList, usual: _WaitList, limit_ns: int
     ) -> list[tuple[_Take, Any]]:
-        """Wait for the usual entities until the rare ones are due, and then for all of them.
-
-        Args:
-            limit_ns: Longest time to wait in ns; -1 = without limit.
-
-        Returns:
-            The ready entities, each with its method, as in `_wait`.
-        """
+        """Wait for the usual entities until the rare ones are due, and then for all of them."""
         now_ns = time.monotonic_ns()
         if (left_ns := self._rare_due_ns - now_ns) > 0:
             usual.wait(left_ns if limit_ns < 0 else min(left_ns, limit_ns))
@@ -309,11 +272,7 @@ class SteadyExecutor(SingleThreadedExecutor):
 
 
 class GroupExecutor(SteadyExecutor):
-    """Runs the callbacks of one callback group; the node's executor runs the others.
-
-    Args:
-        group: Callback group. All its services must be created before the executor spins.
-    """
+    """Runs the callbacks of one callback group, whose services exist before the executor spins."""
 
     _rare_period_ns = 0  # service requests are the only entities, so that it always waits for them
 

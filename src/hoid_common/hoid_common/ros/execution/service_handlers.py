@@ -28,9 +28,9 @@ class ServiceHandlers:
     def add(self, type_: type[Any], topic: str, handle: Callable[[Any], str]) -> None:
         """Offer a service, whose response has the fields `success` and `message`.
 
-        `handle` is called with the request and returns the message of a successful response. If it
-        raises a HoidError, `success` is False and the message is the text of the error. Any other
-        error is also counted and logged as a fault.
+        `handle` is called with the request and returns the message. If it raises a HoidError,
+        `success` is False and the message is its text; any other error is also counted and logged
+        as a fault.
         """
         self.add_with_response(type_, topic, lambda request, _: handle(request))
 
@@ -55,7 +55,6 @@ class ServiceHandlers:
         self._node.create_service(type_, topic, respond, callback_group=self._group)
 
     def report_fault(self, error: Exception) -> None:
-        """Count and log an unexpected error, which is a fault of this program."""
         self._diagnostics.count(_FAILURES)
         self._node.get_logger().error(f'a request failed: {_one_line(error)}')
 

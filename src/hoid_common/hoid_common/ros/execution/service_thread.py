@@ -19,8 +19,8 @@ _JOIN_TIMEOUT_S = 2.0  # chosen: for the running service to return at the end of
 class ServiceThread:
     """Runs the services of a callback group in a thread, so that they do not block the node.
 
-    Create the services with `group` as their callback group, then call `start`. The thread runs
-    until `close` is called or ROS shuts down. An error in a service does not end it.
+    Create the services with `group`, then call `start`. An error in a service does not end the
+    thread.
     """
 
     def __init__(self, node: Node) -> None:
@@ -35,11 +35,7 @@ class ServiceThread:
         return self._group
 
     def start(self, on_failure: Callable[[Exception], None]) -> None:
-        """Start the thread. All services of `group` must have been created before.
-
-        Args:
-            on_failure: Function that is called in the thread with each error of a service.
-        """
+        """Start the thread, which calls `on_failure` with each error of a service."""
         self._on_failure = on_failure
         self._thread.start()
 

@@ -1,7 +1,7 @@
 """A publisher of large messages, which need not be made while nobody subscribes.
 
-rclpy holds Python's interpreter lock while it publishes: 10 to 80 ms for a cloud of 20 MB, in
-which no other thread of the node runs. Serialized messages are therefore given to rcl itself.
+rclpy holds Python's interpreter lock while it publishes: 10 to 80 ms for a cloud of 20 MB.
+Serialized messages are therefore given to rcl itself.
 """
 
 from __future__ import annotations
@@ -20,10 +20,9 @@ from hoid_common.values import ByteArray
 
 
 class OnDemandPublisher:
-    """Publisher of messages or serialized messages, which knows whether somebody subscribes.
+    """Publisher of messages or serialized ones, which knows whether somebody subscribes.
 
-    Args:
-        on_change: Called in the thread that spins the node when a subscriber has joined or left.
+    `on_change` is called in the thread that spins the node when a subscriber has joined or left.
     """
 
     def __init__(
@@ -46,15 +45,7 @@ class OnDemandPublisher:
         return bool(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
-        """Publish a message or a serialized message.
-
-        Args:
-            message: Message of the topic's type, or the (N,) uint8 bytes (CDR) of one. While bytes
-                are published, other Python threads run.
-
-        Raises:
-            InvalidHandle: The node has been destroyed.
-        """
+        """Publish a message, or the bytes (N,) (CDR) of one, while other Python threads run."""
         if isinstance(message, np.ndarray):
             self._publish_bytes(message)
         else:
@@ -91,7 +82,6 @@ class _SerializedMessage(ctypes.Structure):
 
 @cache
 def _rcl_publish() -> Any:
-    """Return rcl_publish_serialized_message of the library that rclpy has loaded."""
     function = ctypes.CDLL('librcl.so').rcl_publish_serialized_message
     function.argtypes = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
     function.restype = ctypes.c_int32

@@ -33,12 +33,7 @@ _SENTINEL = 1.2345678987654321e-300  # chosen: a value that no template contains
 
 
 def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> ByteArray:
-    """Return the bytes (uint8) of a nav_msgs/Path with N poses in the frame of the header.
-
-    Args:
-        stamps_ns: (N,) stamps of the poses.
-        T_map_base: (N, 4, 4) poses of the base in the header's frame, translation in m.
-    """
+    """Return the bytes of a nav_msgs/Path of poses (N, 4, 4), stamps (N,) in a header's frame."""
     one = PoseStamped(header=Header(frame_id=header.frame_id))
     position, quat = one.pose.position, one.pose.orientation
     position.x = position.y = position.z = quat.x = quat.y = quat.z = quat.w = _SENTINEL
@@ -87,12 +82,9 @@ def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
 
 
 def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
-    """Return the bytes (uint8) of a MarkerArray that shows each keyframe as a pyramid.
+    """Return the bytes of a MarkerArray that shows each keyframe (N, 4, 4) as a pyramid.
 
     It has one line marker, whose action is DELETE if there are no keyframes.
-
-    Args:
-        T_map_camera: (N, 4, 4) poses of the keyframes' optical frames in the map frame.
     """
     marker = keyframe_marker(header, is_empty=len(T_map_camera) == 0)
     empty = serialize_message(MarkerArray(markers=[marker]))
@@ -109,9 +101,8 @@ def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
 def _around(empty: Any, one: Any, element: bytes) -> tuple[bytes, bytes]:
     """Return the bytes of a message before the length of an array, and after its elements.
 
-    Args:
-        empty: The message with an empty array; it may be serialized already.
-        element: Bytes with which these elements end. They occur nowhere else in the message.
+    `empty` and `one` are the message without and with elements, which end with `element`, that
+    occurs nowhere else.
     """
     if not isinstance(empty, bytes):
         empty = serialize_message(empty)
@@ -127,5 +118,4 @@ def _joined(begin: bytes, count: int, elements: list[ByteArray], end: bytes) -> 
 
 
 def _aligned(offset: int) -> int:
-    """Return the least multiple of 8 that is not less than the offset."""
     return -(-offset // _ALIGNMENT) * _ALIGNMENT
