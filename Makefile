@@ -30,9 +30,9 @@ docs:  ## The documents as a site, out/site; broken links are errors
 	@echo 'open out/site/index.html, or serve it: python3 -m http.server --bind 127.0.0.1 --directory out/site'
 
 reference:  ## Write the pages of parameters, commands, messages and decisions, and the tables of results, anew
-	@./hoid dev python -m hoid_bringup.parameter_reference > docs/reference/parameters.md
-	@./hoid dev python -m hoid_bringup.command_reference > docs/reference/commands.md
-	@./hoid dev python -m hoid_bringup.message_reference src/hoid_msgs > docs/reference/messages.md
+	@./hoid dev python -m hoid_benchmarks.publish.parameter_reference > docs/reference/parameters.md
+	@./hoid dev python -m hoid_benchmarks.publish.command_reference > docs/reference/commands.md
+	@./hoid dev python -m hoid_benchmarks.publish.message_reference src/hoid_msgs > docs/reference/messages.md
 	@./hoid dev python -m hoid_benchmarks.publish.pages
 
 format:

@@ -58,8 +58,7 @@ LAYERS = {
         < truth static_model < scene < bag room_truth < commands
     """,
     'hoid_bringup': """
-        arguments evaluate < run < live view maps < commands cli parameter_reference
-        < command_reference message_reference < __main__
+        arguments evaluate < run < live view maps < commands cli < __main__
     """,
     'hoid_benchmarks': """
         animation consistency plan < jobs < rooms faults planner < building < live < report

@@ -23,7 +23,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(prog=prog, **options)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse arguments; unknown ones are refused with the name of a similar option."""
+        """Refuse unknown arguments with the name of a similar option."""
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:
             command = self.of_command(getattr(found, 'command', ''))
@@ -39,14 +39,14 @@ class Parser(argparse.ArgumentParser):
         return self
 
     def suggested_option(self, word: str) -> str:
-        """Return which option was probably meant by an unknown one, as the end of a line."""
+        """Return the end of an error line: the option that was probably meant, or nothing."""
         name = word.partition('=')[0]
         if name in _MOVED:
             return f'; use {_MOVED[name]}'
         return did_you_mean(name, self._option_string_actions)
 
     def error(self, message: str) -> NoReturn:
-        """Print what is wrong and the usage, and exit with status 2."""
+        """Print the error before the usage, and exit with status 2."""
         if found := _CHOICE.search(message):
             message += did_you_mean(found[1], [c.strip(" '") for c in found[2].split(',')])
         sys.stderr.write(f'{self.prog}: {message}; see "./{self.prog} --help"\n')

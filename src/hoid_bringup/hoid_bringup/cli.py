@@ -91,9 +91,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     The status is 0 after success, or if the reader of stdout has ended; 1 after a HoidError or an
     OSError, which is printed in one line; and 130 after an interrupt.
 
-    Args:
-        argv: Arguments; by default those of the process.
-
     Raises:
         SystemExit: The usage is wrong (status 2), or help was requested (status 0).
     """
@@ -163,10 +160,10 @@ def _check_names(args: argparse.Namespace) -> None:
 
 
 def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
-    """Yield a line of warning for each hidden folder that a killed command has left behind.
+    """Yield a warning for each hidden folder that a killed command has left behind.
 
-    The folders that the arguments name are searched, and the parents of paths in the arguments.
-    Lists of paths are not considered. A folder that an argument names itself is no warning.
+    The folders that the arguments name are searched, and the parents of the paths there. Lists of
+    paths are not considered.
     """
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
     for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
@@ -178,14 +175,9 @@ def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
 
 
 def argument_parser(chosen: str) -> argparse.ArgumentParser:
-    """Return the parser of `hoid` with all commands.
+    """Return the parser of all commands, with the arguments of the chosen one only.
 
-    Args:
-        chosen: Command whose arguments are declared as well, for which its module is imported; an
-            empty text for none.
-
-    Raises:
-        InputError: A Python package that the chosen command needs is missing.
+    Its module is imported; InputError if a Python package that it needs is missing.
     """
     parser = Parser(prog='hoid', description='RGB-D SLAM among moving people.')
     parser.add_argument('--version', action='version', version=f'hoid {version("hoid_bringup")}')
@@ -209,12 +201,10 @@ def complete(parser: argparse.ArgumentParser) -> None:
 
 
 def add_completion_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid completion`."""
     parser.add_argument('shell', choices=('bash', 'zsh'), help='the shell that completes')
 
 
 def completion_command(args: argparse.Namespace) -> None:
-    """Print the script by which a shell completes the words of `./hoid`."""
     from argcomplete.shell_integration import shellcode
 
     print(shellcode(['hoid'], shell=args.shell))
@@ -227,16 +217,11 @@ def _add_verbosity(parser: argparse.ArgumentParser, default: str) -> None:
     ):
         parser.add_argument(
             f'-{name[0]}', f'--{name}', dest='verbosity', action='store_const', const=name,
-            default=default, help=what,
+            default=default, help=what
         )  # fmt: skip
 
 
 def add_arguments(command: str, parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of a command in a parser.
-
-    Raises:
-        InputError: A Python package that the command needs is missing.
-    """
     getattr(_module(command), f'add_{_identifier(command)}_arguments')(parser)
 
 
@@ -245,11 +230,7 @@ def _identifier(command: str) -> str:
 
 
 def _module(command: str) -> ModuleType:
-    """Import and return the module of a command.
-
-    Raises:
-        InputError: A Python package that the command needs is missing.
-    """
+    """Import the module of a command; InputError if a Python package that it needs is missing."""
     try:
         with termination_signals_blocked():  # an import may swallow KeyboardInterrupt
             return import_module(COMMANDS[command].module)

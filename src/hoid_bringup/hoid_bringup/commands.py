@@ -44,7 +44,6 @@ def _add_shared_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid run`."""
     _add_shared_arguments(parser)
     parser.add_argument(
         '--dense',
@@ -102,7 +101,6 @@ def run_command(args: argparse.Namespace) -> None:
 
 
 def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
-    """Return the samples of the named files and topics; None if there are no names."""
     if not names:
         return None
     return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))
@@ -111,12 +109,12 @@ def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
 def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:
     """Return the configuration with the roll of the mounted camera as `detector.camera_roll_deg`.
 
-    The detector then gets images that are upright to the nearest quarter turn.
+    The detector then gets images that are upright to the nearest quarter turn. A roll that is
+    already configured is kept.
 
     Args:
-        config: The configuration. It is returned unchanged if it sets this parameter already.
         mount_deg: Roll (clockwise as seen from behind), pitch (down) and yaw (to the left) of the
-            camera in degrees; None: the configuration is returned unchanged.
+            camera in degrees; None: the camera is level.
     """
     if mount_deg is None or _CAMERA_ROLL in config.changed():
         return config
@@ -124,7 +122,6 @@ def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfi
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid replay`."""
     _add_shared_arguments(parser)
     parser.add_argument(
         '--rate',
@@ -150,9 +147,7 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def replay_command(args: argparse.Namespace) -> None:
-    """Start the nodes, play a recording to them, write the results and print a report.
-
-    A TUM folder is first converted to a temporary bag.
+    """Play a recording in real time to the nodes, write the results and print a report.
 
     Raises:
         HoidError: An argument is invalid or the replay fails. For a damaged bag, this is raised
@@ -171,7 +166,6 @@ def replay_command(args: argparse.Namespace) -> None:
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid evaluate`."""
     parser.add_argument(
         'estimate', type=Path, metavar='ESTIMATE', help='estimated trajectory in TUM format'
     )
@@ -191,12 +185,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate_command(args: argparse.Namespace) -> None:
-    """Print the errors of a trajectory, and write them to a file if one is given.
-
-    Raises:
-        InputError: A trajectory cannot be read, the two cannot be compared, or the file cannot be
-            written.
-    """
+    """Print the errors of a trajectory, and write them to a file if one is given."""
     num_frames = args.frames or num_frames_of_run(args.estimate)
     result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), num_frames)
     print(evaluation_report(result))
@@ -208,10 +197,7 @@ def evaluate_command(args: argparse.Namespace) -> None:
 
 
 def _config(args: argparse.Namespace) -> RunConfig:
-    """Return the configuration of the command line, and print a note about detections if needed.
-
-    If the strategy is not given and no detector model is found, the strategy is `motion`.
-    """
+    """Return the configuration, with the strategy `motion` if there is no detector model."""
     config = run_config(args)
     if lacks_model(config, given_parameters(args)):
         print(NO_DETECTOR)
@@ -221,13 +207,11 @@ def _config(args: argparse.Namespace) -> RunConfig:
 
 
 def print_detection_note(config: RunConfig) -> None:
-    """Print a note if ground-truth boxes are used instead of a detector."""
     if config.needs_detections and config.detector.model == TRUTH:
         print('detections: ground-truth boxes of the rendered scene; no detector runs')
 
 
 def run_report(summary: Summary, out_dir: Path) -> str:
-    """Return a report of a run as a few lines of text: counts, errors, times, output folder."""
     s = summary
     lines = [
         f'tracked    {s.frames_tracked} of {s.frames_total} frames ({100 * s.coverage:.1f} %)',
@@ -259,11 +243,7 @@ def run_report(summary: Summary, out_dir: Path) -> str:
 
 
 def dropped_frames(summary: Summary) -> str:
-    """Return how many frames of a replay were dropped, and why, as a text.
-
-    The text is empty if none was dropped, or if the processor time of the nodes is not known, as
-    after an offline run.
-    """
+    """Return how many frames of a replay were dropped, and why; empty if none is known to be."""
     num_dropped = summary.frames_total - summary.frames_processed
     if num_dropped <= 0 or not summary.cpu_share_by_node:
         return ''
@@ -276,7 +256,6 @@ def dropped_frames(summary: Summary) -> str:
 
 
 def evaluation_report(result: Evaluation) -> str:
-    """Return the errors of a trajectory as a few lines of text."""
     r = result
     spread = f'mean {r.ate_mean_m:.4f}, median {r.ate_median_m:.4f}, max {r.ate_max_m:.4f}'
     coverage = '' if r.coverage is None else f', coverage {100 * r.coverage:.1f} %'

@@ -92,7 +92,11 @@ CASES = {
     (*FR3, '--localize'): '--localize needs --map',
     # parameters
     (*FR3, '--set', 'filter.strategy=magic'): 'filter.strategy must be one of none, person',
-    (*FR3, '--min-interaction-area', '2'): 'min_interaction_area must be in [0.0, 1.0], got 2.0',
+    (
+        *FR3,
+        '--set',
+        'min_interaction_area=2',
+    ): 'min_interaction_area must be in [0.0, 1.0], got 2.0',
     (*FR3, '--seed', '-1'): 'slam.seed must be at least 0, got -1',
     (*FR3, '--set', 'oops'): 'expected NAME=VALUE',
     (*FR3, '--set', 'filtr.strategy=none'): '"filtr.strategy"; did you mean filter.strategy?',

@@ -93,10 +93,6 @@ def evaluate(
 ) -> Evaluation:
     """Return the absolute and relative errors of an estimated trajectory, and its coverage.
 
-    Args:
-        frames_total: Number of frames of the recording; None: it is unknown, and so is the
-            coverage.
-
     Raises:
         InputError: Fewer than three poses are associated, they do not determine a rotation, or
             there are more poses than frames.
@@ -121,14 +117,10 @@ def evaluate(
 
 
 def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the errors of the motion over one second.
+    """Return the errors (M,) in m and (M,) in degrees of the motion over one second.
 
-    The first array is the error of the translation (M,) in m, the second that of the rotation (M,)
-    in degrees.
-
-    Each pose is paired with the pose whose stamp is nearest to one second later, if that stamp
-    differs by at most 0.02 s from one second later. (evo has intervals of frames only, but a
-    trajectory with gaps needs intervals of time.)
+    Each pose is paired with the pose whose stamp is nearest to one second later, within 0.02 s.
+    (evo has intervals of frames only, but a trajectory with gaps needs intervals of time.)
     """
     stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / NS_PER_S
     first, second = _pairs_at_interval(stamps_s)
@@ -142,10 +134,7 @@ def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]
 
 
 def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of the first (M,) and of the second (M,) pose of each pair.
-
-    The two poses are one second apart, within 0.02 s.
-    """
+    """Return the indices of the first (M,) and of the second (M,) pose of each pair."""
     target = stamps_s + RPE_INTERVAL_S
     right = np.clip(np.searchsorted(stamps_s, target), 1, len(stamps_s) - 1)
     nearer_left = target - stamps_s[right - 1] < stamps_s[right] - target
@@ -166,7 +155,6 @@ def _to_evo(trajectory: Trajectory) -> PoseTrajectory3D:
 
 
 def _no_overlap(estimate: Trajectory, truth: Trajectory, num_pairs: int) -> str:
-    """Return the error text for trajectories with too few associated poses."""
     spans = ' and '.join(
         f'{t.stamps_ns[0] / NS_PER_S:.2f}-{t.stamps_ns[-1] / NS_PER_S:.2f} s'
         for t in (estimate, truth)

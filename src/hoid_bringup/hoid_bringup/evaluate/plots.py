@@ -29,12 +29,8 @@ def plot_run(
     """Write a PNG with the trajectory of a run, and its errors or its speed over time.
 
     Args:
-        path: The file, which is replaced if it exists.
         estimate: All poses of the run in the map frame (z up); used if `aligned` is None.
         aligned: The poses aligned to the ground truth; None: there is no ground truth.
-
-    Raises:
-        OSError: The file cannot be written.
     """
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
     FigureCanvasAgg(figure)
@@ -73,11 +69,7 @@ def _draw_errors(
 def _draw_plane(
     axes: Axes, aligned: AlignedTrajectory, plane: tuple[int, int], norm: Normalize
 ) -> LineCollection:
-    """Draw ground truth and estimate in a plane, and return the line colored by error.
-
-    Args:
-        plane: Indices of the two coordinates that span the plane.
-    """
+    """Draw ground truth and estimate in the plane of two coordinates; return the colored line."""
     xyz_m = aligned.T_world_camera[:, :3, 3]
     true_m = aligned.T_world_camera_true[:, :3, 3]
     joined = _joined(aligned.stamps_ns)
@@ -110,10 +102,7 @@ def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) 
 
 
 def _joined(stamps_ns: IntArray) -> FloatArray:
-    """Return (N-1,) factors for the lines between successive poses: 1, or NaN over a gap.
-
-    NaN breaks a line.
-    """
+    """Return (N-1,) factors for the lines between poses: 1, or NaN, which breaks a line."""
     return np.where(np.diff(stamps_ns) <= _GAP_S * NS_PER_S, 1.0, np.nan)
 
 
@@ -128,12 +117,9 @@ def _path(
     values: FloatArray | None = None,
     norm: Normalize | None = None,
 ) -> LineCollection:
-    """Draw a line through (N, 2) points, in one color or colored by values, and return it.
+    """Draw a line through (N, 2) points, in one color or colored by (N,) values, and return it.
 
-    Args:
-        points: (N, 2) points.
-        joined: (N-1,) result of `_joined`.
-        values: (N,) values that determine the color; None: the line has one color.
+    `joined` (N-1,) is the result of `_joined`.
     """
     segments = np.stack([points[:-1], points[1:]], axis=1) * joined[:, None, None]
     lines = LineCollection(list(segments), linewidths=width, capstyle='round', label=label)

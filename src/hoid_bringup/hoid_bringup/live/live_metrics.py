@@ -27,21 +27,16 @@ class LiveMetrics:
 
     @property
     def num_processed(self) -> int:
-        """Return the number of images that the SLAM node has processed."""
         return len(self.processed)
 
     def record_stages(self, stamp_ns: int, stage_ms: Mapping[str, float]) -> None:
-        """Add the times [ms] of processing stages for an image, by stage.
-
-        They are processor times of a thread, but that of `detect` is wall-clock time.
-        """
+        """Add processor times [ms] of stages of an image; that of `detect` is wall time."""
         self._stage_ms.setdefault(stamp_ns, {}).update(stage_ms)
 
     def latency_ms(self) -> list[float]:
-        """Return the times [ms] from the publication of an image to the arrival of its odometry.
+        """Return the times [ms] from publishing an image to receiving its odometry, by stamp.
 
-        They are sorted by stamp. Images without odometry or without a time of publication are left
-        out.
+        Images of which one of the two is unknown are left out.
         """
         return [
             (at_ns - self.published_ns[stamp_ns]) * _MS_PER_NS
@@ -52,8 +47,7 @@ class LiveMetrics:
     def stage_ms(self) -> dict[str, list[float]]:
         """Return the times [ms] by stage, one for each image in which the stage was timed.
 
-        The stage `frame` is the sum of the stages `extract`, `filter` and `track`, for images with
-        all three.
+        `frame` is the sum of `extract`, `filter` and `track`, for images with all three.
         """
         out: dict[str, list[float]] = {}
         for _, stages in sorted(self._stage_ms.items()):
@@ -64,7 +58,6 @@ class LiveMetrics:
         return out
 
     def filter_counts(self) -> FilterCounts:
-        """Return the counts of the filter, summed over all images."""
         return FilterCounts(
             sum(detected for detected, _ in self.num_features.values()),
             sum(removed for _, removed in self.num_features.values()),

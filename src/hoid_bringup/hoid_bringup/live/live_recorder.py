@@ -73,7 +73,6 @@ class LiveRecorder:
         self._node.create_subscription(kind, topic, callback, profile)
 
     def spin(self, timeout_s: float) -> None:
-        """Receive messages for `timeout_s` seconds."""
         end_s = time.monotonic() + timeout_s
         while (left_s := end_s - time.monotonic()) > 0:
             if not self._executor.spin_ready():
@@ -82,11 +81,9 @@ class LiveRecorder:
     def missing(self, camera_info: bytes) -> str:
         """Return why filter or SLAM node cannot receive images yet; empty: both can.
 
-        Once all connections exist, each call also publishes camera_info until the SLAM node has
-        published its status, so that it starts its mapping process before the first image.
-
-        Args:
-            camera_info: A serialized camera_info message of the recording.
+        Once all connections exist, each call also publishes `camera_info`, a serialized message,
+        until the SLAM node has published its status, so that its mapping process runs before the
+        first image.
         """
         outputs = (topics.FEATURES, topics.ODOM)
         if not all(self._node.count_publishers(topic) for topic in outputs):
@@ -105,15 +102,14 @@ class LiveRecorder:
         return ''
 
     def state_text(self) -> str:
-        """Return the tracking state of the SLAM node; an empty text before its first status."""
         return self.last_status.state.name.lower() if self.last_status is not None else ''
 
     def trajectory(self, kind: str, folder: Path) -> Trajectory:
-        """Have the SLAM node save a trajectory, and return it.
+        """Have the SLAM node save a trajectory in its map directory, and return it.
 
         Args:
-            kind: Kind of the trajectory: 'final', 'online' or 'keyframes'.
-            folder: Map directory of the node, in which it saves files.
+            kind: 'final', 'online' or 'keyframes'.
+            folder: Map directory of the node.
 
         Raises:
             InputError: The service fails or does not respond, or the file cannot be read.
@@ -132,11 +128,7 @@ class LiveRecorder:
         return read_tum(folder / name)
 
     def latest_map_points_m(self) -> FloatArray:
-        """Wait for the next message of map points, and return its (N, 3) points in the map frame.
-
-        If none comes within five seconds, the points of the last message are returned; N is 0 if
-        there was none.
-        """
+        """Wait up to 5 s for the next map points, and return the last (N, 3) in the map frame."""
         before, end_s = self._num_clouds, time.monotonic() + _MAP_TIMEOUT_S
         while self._num_clouds == before and time.monotonic() < end_s:
             self._executor.spin_once(timeout_sec=0.1)

@@ -42,22 +42,15 @@ def _add_node_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_save_map_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid save-map`."""
     parser.add_argument('name', metavar='NAME', help='name of the map in the map directory')
     _add_node_arguments(parser)
 
 
 def save_map_command(args: argparse.Namespace) -> None:
-    """Have the running SLAM node save its map, and print its response with the path of the file.
-
-    Raises:
-        InputError: The node is not found in time, does not respond, or cannot save the map.
-    """
     _call(args, SaveMap, topics.SAVE_MAP, SaveMap.Request(name=args.name))
 
 
 def add_load_map_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid load-map`."""
     parser.add_argument('name', metavar='NAME', help='name of a map in the map directory')
     parser.add_argument(
         '--merge',
@@ -68,16 +61,10 @@ def add_load_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def load_map_command(args: argparse.Namespace) -> None:
-    """Have the running SLAM node load a saved map, and print its response.
-
-    Raises:
-        InputError: The node is not found in time, does not respond, or cannot load the map.
-    """
     _call(args, LoadMap, topics.LOAD_MAP, LoadMap.Request(name=args.name, merge=args.merge))
 
 
 def add_set_mode_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid set-mode`."""
     parser.add_argument(
         'mode',
         choices=[mode.name.lower() for mode in SlamMode],
@@ -87,16 +74,10 @@ def add_set_mode_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def set_mode_command(args: argparse.Namespace) -> None:
-    """Switch the running SLAM node to mapping or to localization, and print its response.
-
-    Raises:
-        InputError: The node is not found in time, does not respond, or cannot switch.
-    """
     _call(args, SetMode, topics.SET_MODE, SetMode.Request(mode=args.mode))
 
 
 def add_status_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid status`."""
     _add_node_arguments(parser)
 
 
@@ -104,11 +85,7 @@ def status_command(args: argparse.Namespace) -> None:
     """Print which nodes run and what they lack, and the state, images and map of the SLAM node.
 
     For two seconds after the first message of a node, others are awaited, and the rate of images
-    is measured.
-
-    Raises:
-        InputError: No node reports within the time of `--wait`.
-        MessageError: The status has a state or mode that is unknown here.
+    is measured. InputError if no node reports within the time of `--wait`.
     """
     statuses: list[SlamStatusMsg] = []
     reports: list[DiagnosticArray] = []
@@ -142,11 +119,7 @@ def _messages_by_node(reports: Sequence[DiagnosticArray], prefix: str) -> dict[s
 
 
 def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str:
-    """Return an error text: no node of the suite reports in a namespace.
-
-    Args:
-        wait_s: For how long reports were awaited.
-    """
+    """Return an error text: no node of the suite reports in a namespace."""
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
     where = sorted({space for name, space in names if name in _NODES})
     text = f'no node of the suite reports in namespace {prefix} of ROS domain {domain}'
@@ -160,7 +133,7 @@ def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: 
 
     Args:
         status: The last status; None: the SLAM node has sent none yet.
-        rate_hz: Measured rate of processed images in Hz.
+        rate_hz: Measured rate of processed images.
     """
     lines = [
         f'{"" if n else "nodes":7s} {name}: {text}' for n, (name, text) in enumerate(nodes.items())
@@ -201,8 +174,7 @@ def _slam_lines(status: SlamStatus | None, rate_hz: float) -> list[str]:
 def _call(args: argparse.Namespace, kind: type[Any], service: str, request: Any) -> None:
     """Call a service of the running SLAM node, and print the line of its response.
 
-    Raises:
-        InputError: The service is not available in time, does not respond, or fails.
+    InputError if it is not available in time, does not respond, or fails.
     """
     with ros_session('hoid_client', args.namespace) as node:
         name = node.resolve_service_name(service.replace('~', SLAM))

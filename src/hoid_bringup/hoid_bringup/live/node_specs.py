@@ -47,14 +47,11 @@ class NodeOptions:
 
 
 def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
-    """Return the command lines of the nodes.
+    """Return the command lines of the nodes, for which `parameters` precede `params_file`.
 
     They contain the values of `parameters` and not the name of a temporary file with them, so that
     a node can be restarted even if temporary files were removed. If a parameter for experts is
     among them, the parameters for experts of its node are switched on.
-
-    Args:
-        options: The nodes and their options. `parameters` take precedence over `params_file`.
 
     Raises:
         ConfigError: A given parameter is internal: it exists in offline runs only.
@@ -85,9 +82,7 @@ def _spec(package: str, options: NodeOptions) -> ProcessSpec:
 def parameter_arguments(parameters: Mapping[str, Any]) -> list[str]:
     """Return the command-line arguments that set parameters of every node of a process.
 
-    Args:
-        parameters: Values by dotted name. An empty tuple becomes [''], because ROS has no empty
-            lists of strings.
+    An empty tuple becomes [''], because ROS has no empty lists of strings.
     """
     arguments = []
     for name, value in parameters.items():

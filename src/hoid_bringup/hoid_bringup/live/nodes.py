@@ -15,7 +15,7 @@ from typing import Any
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, has_model
-from hoid_bringup.run.options import add_set_argument, assignments
+from hoid_bringup.run.options import add_set_argument, add_strategy_argument, assignments
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
@@ -25,7 +25,6 @@ from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.store.map_directory import existing_map
 from hoid_common.topics import IMU, NAMESPACED_TF
 from hoid_detector.model.model_path import find_model
-from hoid_filter.strategy_registry import STRATEGIES
 from rgbd_slam.config.node_config import SlamNodeConfig
 
 _TICK_S = 0.05  # chosen: longest delay until the end of a node is noticed
@@ -35,7 +34,6 @@ _ALL = (DETECTOR, FILTER, SLAM, SCENE)
 
 
 def add_nodes_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid nodes`."""
     _add_topic_options(parser)
     _add_parameter_options(parser)
     _add_process_options(parser)
@@ -78,12 +76,7 @@ def _add_parameter_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--params', type=Path, metavar='YAML', help='ROS parameter file for the nodes'
     )
-    parser.add_argument(
-        '--filter',
-        choices=STRATEGIES,
-        help='strategy that identifies dynamic objects (default: '
-        f'{RunConfig().filter.strategy}, or {MOTION} without a detector model)',
-    )
+    add_strategy_argument(parser)
     add_set_argument(parser)
     parser.add_argument(
         '--detector',
@@ -124,11 +117,7 @@ def _add_process_options(parser: argparse.ArgumentParser) -> None:
 
 
 def nodes_command(args: argparse.Namespace) -> None:
-    """Run the nodes until Ctrl-C or SIGTERM, or until a node ends that is not restarted.
-
-    Raises:
-        HoidError: An option is invalid, or a node ended that is not restarted.
-    """
+    """Run the nodes until Ctrl-C or SIGTERM, or until a node ends that is not restarted."""
     require_node_limits()  # which the nodes inherit
     options = node_options(args)
     check_files(options)
@@ -145,12 +134,7 @@ def nodes_command(args: argparse.Namespace) -> None:
 
 
 def _supervise(supervisor: Supervisor) -> None:
-    """Run the nodes until an interrupt, or until one ends and is not restarted.
-
-    Raises:
-        InputError: A node refused its first start, a node ended without `--restart`, or the log
-            folder cannot be written.
-    """
+    """Run the nodes until an interrupt; InputError if one ends and is not restarted."""
     with supervisor, _saying_the_end():
         _say(f'{", ".join(supervisor.pids)} started; Ctrl-C ends them')
         while True:
@@ -187,11 +171,6 @@ def _say(text: str) -> None:
 
 
 def node_options(args: argparse.Namespace) -> NodeOptions:
-    """Return the options of the nodes from the command line.
-
-    Raises:
-        ConfigError: The parameter file, a namespace or a parameter of `--set` is invalid.
-    """
     for option in ('namespace', 'camera_namespace'):
         if not _NAMESPACE.fullmatch(namespace := getattr(args, option)):
             name = option.replace('_', '-')
@@ -230,58 +209,28 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
 
 
 def check_files(options: NodeOptions) -> None:
-    """Check, before any node is started, that the model and the map to start with exist.
-
-    Raises:
-        HoidError: One of them does not exist, or cannot be downloaded.
-    """
-    given = {
-        node: {
-            **(load_params(options.params_file, node) if options.params_file else {}),
-            **options.parameters[node],
-        }
-        for node in options.nodes
-    }
-    if model := given.get(DETECTOR, {}).get('model'):
+    """Refuse a model or a map that does not exist, before any node is started."""
+    if model := _given(options, DETECTOR).get('model'):
         find_model(model)
-    slam = given.get(SLAM, {})
+    slam = _given(options, SLAM)
     if name := slam.get('map_file'):
         existing_map(slam.get('map_directory', SlamNodeConfig().map_directory), name)
 
 
 def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the parameters of `--set` by node and name.
-
-    Raises:
-        ConfigError: A text is not NAME=VALUE, a name is unknown or ambiguous, or a value is
-            invalid.
-    """
+    """Return the parameters of `--set` by node and name; ConfigError if one is invalid."""
     values = assignments(texts)
     return RunConfig().updated(values).named(values)
 
 
 def without_detector(options: NodeOptions) -> NodeOptions:
-    """Return options that work without a detector model if none is found.
+    """Return options with the strategy `motion` if no detector model is found.
 
-    The options are returned unchanged if detector or filter is not to run, if the user gives a
-    model or a strategy, or if a model is found or downloaded (see `has_model`). In all other cases
-    the detector is left out, the strategy is `motion`, and a note is printed to stderr.
-
-    Raises:
-        ConfigError: The parameter file cannot be used.
-        ModelError: The environment variable HOID_MODEL names a model that does not exist, or a
-            downloaded model has another digest than expected.
+    The options are unchanged if detector or filter is not to run, if the user gives a model or a
+    strategy, or if a model is found or downloaded (see `has_model`).
     """
-    given = {
-        (node, name)
-        for node in (DETECTOR, FILTER)
-        for name in (
-            *options.parameters[node],
-            *(load_params(options.params_file, node) if options.params_file else ()),
-        )
-    }
-    whole_suite = DETECTOR in options.nodes and FILTER in options.nodes
-    if not whole_suite or given & {(DETECTOR, 'model'), (FILTER, 'strategy')} or has_model():
+    is_chosen = 'model' in _given(options, DETECTOR) or 'strategy' in _given(options, FILTER)
+    if is_chosen or not {DETECTOR, FILTER} <= set(options.nodes) or has_model():
         return options
     _say(NO_DETECTOR)
     filter_parameters = {**options.parameters[FILTER], 'strategy': MOTION}
@@ -290,6 +239,14 @@ def without_detector(options: NodeOptions) -> NodeOptions:
         nodes=tuple(node for node in options.nodes if node != DETECTOR),
         parameters={**options.parameters, FILTER: filter_parameters},
     )
+
+
+def _given(options: NodeOptions, node: str) -> dict[str, Any]:
+    """Return the parameters that the user gives to a node; none if the node is not started."""
+    if node not in options.nodes:
+        return {}
+    from_file = load_params(options.params_file, node) if options.params_file else {}
+    return {**from_file, **options.parameters[node]}
 
 
 def _chosen(args: argparse.Namespace) -> tuple[str, ...]:

@@ -43,14 +43,9 @@ def replay(
     """Start the nodes, play a bag to them, and write the results.
 
     Args:
-        config: Rate, and parameters of all stages.
-        out_dir: Folder for the results, and for the log files of the processes in `logs`, whose
-            content is deleted first.
-        options: Options to write into the summary, beside rate and lockstep; None or empty:
-            strategy, seed and all changed parameters.
-        recording: Path of the recording to write into the summary, if the bag was converted from
-            another one; None: the path of the bag.
-        show_progress: Whether to draw a progress bar on stderr.
+        out_dir: Folder for the results. Its folder `logs`, for those of the processes, is emptied.
+        options: Options for the summary; None or empty: strategy, seed and all changed parameters.
+        recording: Path for the summary, if the bag was converted; None: that of the bag.
 
     Raises:
         HoidError: The bag lacks topics of the nodes, a node does not start or ends early, the
@@ -71,16 +66,7 @@ def replay(
 
 
 class _LiveRun:
-    """One replay: starts the nodes and the player, and collects the results.
-
-    Args:
-        config: Rate, and parameters of all stages.
-        folder: Folder for the files that the SLAM node saves.
-        log_dir: Folder for log files, whose content is deleted first.
-
-    Raises:
-        InputError: The bag lacks a topic that the nodes need, or a message of camera_info.
-    """
+    """One replay: starts the nodes and the player, and collects the results."""
 
     def __init__(
         self, bag: BagSequence, config: ReplayConfig, folder: Path, log_dir: Path
@@ -93,11 +79,6 @@ class _LiveRun:
         self._cpu_share: dict[str, float] = {}  # cores in use while the bag is played, by process
 
     def run(self, summary_options: Mapping[str, Any], *, show_progress: bool) -> RunResult:
-        """Start all processes, record until the bag has been played, and return the results.
-
-        Raises:
-            HoidError: Shared memory is scarce, or a process is not ready in time or ends early.
-        """
         check_shared_memory(len(self._nodes) + _NUM_OTHER_PROCESSES)
         with ros_session('hoid_replay') as node:
             recorder = LiveRecorder(node, BagNames.of(self._bag).camera_info)
@@ -108,13 +89,10 @@ class _LiveRun:
                 return self._result(recorder, nodes, summary_options)
 
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
-        """Wait until the filter and the SLAM node can receive images.
+        """Wait until the filter and the SLAM node can receive images; InputError after 90 s.
 
         The detector is not waited for: the player waits for its subscription, which exists before
         its model is loaded.
-
-        Raises:
-            InputError: A node ended, or filter and SLAM node are not ready after 90 s.
         """
         end_s = time.monotonic() + _READY_TIMEOUT_S
         while missing := recorder.missing(self._camera_info):
@@ -136,9 +114,6 @@ class _LiveRun:
         """Record until the bag has been played and no further image is processed for 2 s.
 
         The processor time of the nodes and the player is measured while the bag is played.
-
-        Raises:
-            InputError: A node ended, or the player of an undamaged bag ended with an error.
         """
         metrics = recorder.metrics
         start_s, cpu_before_s = time.monotonic(), nodes.cpu_s()
@@ -171,11 +146,6 @@ class _LiveRun:
     def _result(
         self, recorder: LiveRecorder, nodes: Supervisor, summary_options: Mapping[str, Any]
     ) -> RunResult:
-        """Have the SLAM node save its trajectories, and return all results of the run.
-
-        Raises:
-            InputError: The SLAM node has processed no image or cannot save, or a node ended.
-        """
         status, metrics = recorder.last_status, recorder.metrics
         if status is None or not metrics.num_processed:
             raise InputError(f'rgbd_slam processed no image; see {self._log_dir}')
@@ -214,11 +184,7 @@ class _LiveRun:
 
 
 def _first_camera_info(bag: BagSequence) -> bytes:
-    """Return the first camera_info message of a bag, serialized.
-
-    Raises:
-        InputError: The bag has no camera_info topic, or no message of it can be read.
-    """
+    """Return the first message of camera_info, serialized; InputError if there is none."""
     topic = f'/{BagNames.of(bag).camera_info}'
     with BagReader(bag.path) as reader:
         for message in reader.messages([topic]):

@@ -49,12 +49,11 @@ class ReplayConfig(Config):
 
     @property
     def uses_truth(self) -> bool:
-        """Return whether the ground-truth boxes of the bag are used instead of a detector."""
         return self.run.needs_detections and self.run.detector.model == TRUTH
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Return the names of the nodes to run: the detector and the scene only where needed."""
+        """Return the nodes to run: detector and scene only where needed."""
         scene = self.run.scene
         is_needed = {
             DETECTOR: self.run.needs_detections and not self.uses_truth,
@@ -107,10 +106,7 @@ class BagNames:
 
 
 def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOptions:
-    """Return the options with which the nodes are started for a bag.
-
-    Args:
-        folder: Map directory of the nodes, in which they save files.
+    """Return the options of the nodes for a bag; they save files in `folder`.
 
     Raises:
         InputError: The bag lacks ground-truth boxes that are to be used, or its topics cannot be

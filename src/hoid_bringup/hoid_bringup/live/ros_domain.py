@@ -42,11 +42,7 @@ def own_domain() -> Iterator[int]:
 
 
 def _reserve(stack: ExitStack) -> int:
-    """Return a free domain, which is reserved by a bound port until the stack is closed.
-
-    Raises:
-        ConfigError: No domain is free.
-    """
+    """Return a free domain, which is reserved by a bound port until the stack is closed."""
     for attempt in itertools.islice(_USED, _COUNT):
         domain = _FIRST + (_STRIDE * os.getpid() + attempt) % _COUNT
         port = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))

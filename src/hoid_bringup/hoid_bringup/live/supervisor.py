@@ -123,14 +123,10 @@ class Supervisor:
 
     @property
     def pids(self) -> dict[str, int]:
-        """Return the process ids of the running children, by name."""
         return {name: process.pid for name, process in self._running.items()}
 
     def peak_rss_mb(self) -> dict[str, float]:
-        """Return the largest resident memory [MiB] that `poll` has measured, by child.
-
-        It includes the descendants of a child.
-        """
+        """Return the largest resident memory [MiB] that `poll` has measured of each family."""
         return dict(self._peak_rss_mb)
 
     def new_log_lines(self) -> list[str]:
@@ -145,7 +141,7 @@ class Supervisor:
         return lines
 
     def cpu_s(self) -> dict[str, float]:
-        """Return the processor time [s] by running child, including its running descendants."""
+        """Return the processor time [s] of each running child and its descendants."""
         return {name: sum(_of_family(pid, _cpu_s)) for name, pid in self.pids.items()}
 
     def poll(self) -> list[ProcessExit]:
@@ -172,12 +168,8 @@ class Supervisor:
     def stop(self, grace_s: float = _GRACE_S, *, after_failure: bool = False) -> None:
         """End all children by SIGINT, then SIGTERM, then SIGKILL, and wait until they have ended.
 
-        Restarts that were due are cancelled.
-
-        Args:
-            grace_s: Longest time between SIGINT and SIGTERM; SIGKILL follows after a quarter of
-                this time.
-            after_failure: Whether to send the failure signal of each child in place of SIGINT.
+        Restarts that were due are cancelled. SIGTERM follows after `grace_s`, SIGKILL after a
+        quarter more of it. After a failure, each child gets its failure signal in place of SIGINT.
         """
         self._due_s.clear()
         if after_failure:
@@ -196,7 +188,6 @@ class Supervisor:
                 )
 
     def _exit(self, name: str, status: int, now_s: float) -> ProcessExit:
-        """Record that a child has ended, and when to restart it; return its exit."""
         del self._running[name]
         ended = ProcessExit(name, status)
         if not ended.refused_to_start:
@@ -211,10 +202,7 @@ class Supervisor:
         return replace(ended, restart_s=pause_s)
 
     def _next_pause_s(self, name: str) -> float:
-        """Return the time [s] until the next try to start a child.
-
-        The time for the try after that is doubled, up to 30 s.
-        """
+        """Return the time [s] until the next try to start a child, and double it up to 30 s."""
         pause_s = self._pauses_s.get(name, self._restart_period_s)
         self._pauses_s[name] = min(2 * pause_s, _MAX_REFUSAL_PERIOD_S)
         return pause_s
@@ -277,10 +265,7 @@ def family_mb(pid: int) -> float:
 
 
 def last_line(log: Path) -> str:
-    """Return the last line of a log file, the error message of its process, without "error: ".
-
-    If there is none, the text says that the file is empty, or why it cannot be read.
-    """
+    """Return the last line of a log file, without "error: ", or why there is none."""
     try:
         lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
     except OSError as error:
@@ -299,7 +284,7 @@ def _cpu_s(process: psutil.Process) -> float:
 
 
 def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator[float]:
-    """Yield a measurement of a process and of each descendant, leaving out those that ended."""
+    """Yield a measurement of a process and of each descendant that still runs."""
     with contextlib.suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
         for member in (process, *process.children(recursive=True)):
@@ -308,7 +293,7 @@ def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator
 
 
 def _end_with_parent(sign: signal.Signals) -> tuple[str, ...]:
-    """Return the prefix of a command line with which a child gets a signal when this process dies.
+    """Return the prefix by which a command gets a signal when this process dies.
 
     It is empty where the program setpriv (of util-linux) is missing.
     """

@@ -29,7 +29,6 @@ _OTHER_VOXELS = 'its voxels have another size than those of the first map'
 
 
 def add_map_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid map`."""
     parser.add_argument(
         'action',
         choices=(_INFO, _MERGE, _LOOPS, _REMOVE),
@@ -60,11 +59,10 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def map_command(args: argparse.Namespace) -> None:
-    """Print what saved maps hold, or join them.
+    """Print what saved maps hold, or join or change them.
 
     Raises:
         ConfigError: The arguments do not fit the action.
-        InputError: The folder of the joined map cannot be written.
         MapFileError: A file is no valid map, no map shows a place of another one, or the joined
             map cannot be written.
     """
@@ -117,11 +115,7 @@ def _remove_loop(args: argparse.Namespace) -> None:
 
 
 def scene_of(path: Path) -> SavedScene:
-    """Return the scene of a saved map; that of a map which a killed node has left is empty.
-
-    Raises:
-        MapFileError: The file is no valid map.
-    """
+    """Return the scene of a saved map; that of a map which a killed node has left is empty."""
     return scene_file.read_file(path) if path.is_file() else SavedScene()
 
 
@@ -166,11 +160,7 @@ def _listed_loops(path: Path, content: MapFile) -> Iterable[str]:
 
 
 def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tuple[int, int]]:
-    """Return the numbers of the maps of each pair.
-
-    Raises:
-        ConfigError: A map of a pair is not among the maps, or a pair has one map twice.
-    """
+    """Return the numbers of the maps of each pair; ConfigError if one is not among the maps."""
     for pair in pairs:
         for path in pair:
             if path not in maps:

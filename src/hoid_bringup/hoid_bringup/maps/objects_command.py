@@ -21,7 +21,6 @@ from rgbd_slam.store import map_file
 
 
 def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid objects`."""
     parser.add_argument('map', type=Path, metavar='FILE', help=f'saved {SUFFIX} file')
     parser.add_argument(
         '--class',
@@ -59,11 +58,6 @@ def objects_command(args: argparse.Namespace) -> None:
     """List the objects of a saved map that the options select, and write them to a file if given.
 
     Of several maps in the file, only the one with most keyframes counts.
-
-    Raises:
-        InputError: The map has no object map, the point or the radius is invalid, or the YAML file
-            cannot be written.
-        MapFileError: The file is no valid map.
     """
     path = named_map(args.map)
     content, scene = map_file.load(path), scene_of(path)

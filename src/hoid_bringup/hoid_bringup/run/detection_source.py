@@ -24,10 +24,8 @@ def detection_source(
 ) -> DetectionSource:
     """Return a function that returns the detections of a frame.
 
-    Depending on the configuration, they come from a detector, or are the ground-truth boxes of a
-    rendered bag. The function returns None for each frame if the strategy needs no detections, and
-    for frames for which the bag has no message of ground-truth boxes. A message without boxes
-    gives empty detections.
+    It returns None for each frame if the strategy needs no detections, and for frames for which
+    the bag has no message of ground-truth boxes.
 
     Args:
         expected: Function that returns where the object map expects objects; a detector uses it

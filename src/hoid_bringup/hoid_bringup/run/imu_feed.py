@@ -16,11 +16,7 @@ _AHEAD_NS = NS_PER_S // 10
 
 
 class ImuFeed:
-    """Adds the samples of a recording to an IMU in step with the images.
-
-    Raises:
-        InputError: The calibration file cannot be used.
-    """
+    """Adds the samples of a recording to an IMU in step with the images."""
 
     def __init__(self, recording: ImuRecording, config: ImuConfig) -> None:
         self.imu = Imu(config, kalibr_mounting(config))

@@ -17,11 +17,7 @@ class MapFiles(NamedTuple):
     save: Path | None = None  # file in which to save the map at the end; None: it is not saved
 
     def check(self) -> None:
-        """Check the options before a run.
-
-        Raises:
-            HoidError: The options contradict each other, or the map cannot be saved there.
-        """
+        """Refuse options that contradict each other, or a file that cannot be saved."""
         if self.localize and self.load is None:
             raise ConfigError('--localize needs --map FILE')
         if self.save is not None:

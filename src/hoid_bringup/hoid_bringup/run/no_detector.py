@@ -17,9 +17,7 @@ NO_DETECTOR = (
 
 
 def has_model() -> bool:
-    """Return whether a default detector model is available.
-
-    A model that is not found on this computer is downloaded into the user's cache, if possible.
+    """Return whether a default detector model is found, or can be downloaded into the cache.
 
     Raises:
         ModelError: The environment variable HOID_MODEL names a model that does not exist, or a
@@ -35,15 +33,9 @@ def has_model() -> bool:
 def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
     """Return whether a run must use the strategy `motion` because no detector model is found.
 
-    The default model may be downloaded (see `has_model`).
-
     Args:
         given: Names of the parameters that the user has set. If the strategy is one of them, the
             result is False: the strategy is kept, and the run fails without a model.
-
-    Raises:
-        ConfigError: A name is unknown or ambiguous.
-        ModelError: As in `has_model`.
     """
     known = [p.name for p in config.params()]
     changed = {full for name in given for full in full_names(name, known)}

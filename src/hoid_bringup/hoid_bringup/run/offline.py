@@ -42,12 +42,10 @@ class OfflinePipeline:
     """Detector, filter and SLAM in one process, with one call of `process` for each frame.
 
     Args:
-        sequence: The recording, from which the camera and ground-truth boxes are taken.
         detect: Function that returns the detections of a frame; None: the configured detector.
         find_features: Function that returns the features of a frame; None: the configured filter.
         dense: Whether to make the dense map and the grid as well.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
-        imu: Samples of an IMU; None: there is none.
 
     Raises:
         HoidError: There is no usable detector model, or no ground-truth boxes although they are
@@ -92,10 +90,7 @@ class OfflinePipeline:
         self.objects: tuple[DynamicObject, ...] = ()  # objects in the last frame
 
     def load_map(self, path: Path, *, localize: bool) -> None:
-        """Load a saved map.
-
-        Args:
-            localize: Whether the run only localizes in the map, without changing it.
+        """Load a saved map, in which the run may only localize.
 
         Raises:
             MapFileError: The file is not a valid map, the map has other octaves or its dense map
@@ -110,14 +105,7 @@ class OfflinePipeline:
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
     def save_map(self, path: Path) -> None:
-        """Save the map in a file, with the dense map and the object map if there are any.
-
-        The folder of the file is created if it is missing.
-
-        Raises:
-            HoidError: There is no map, or the file cannot be written.
-            OSError: The folder cannot be created.
-        """
+        """Save the map in a file, with the dense map and the object map if there are any."""
         content = self._session.map.export()
         keyframes = self._session.map.keyframes()
         self._scene.correct(keyframes)
@@ -126,10 +114,6 @@ class OfflinePipeline:
         scene_file.add_to_file(path, scene_file.exported(self._scene, keyframes.uids))
 
     def process(self, frame: RgbdFrame) -> Processed:
-        """Process the next frame by all stages, and return the result of SLAM.
-
-        Counts and times of the frame are added to those of the run.
-        """
         start_s = time.perf_counter()  # wall time, as the network may use threads
         detections = self._detect(frame)
         detect_ms = _MS_PER_S * (time.perf_counter() - start_s)
@@ -152,11 +136,9 @@ class OfflinePipeline:
         return done
 
     def imu_report(self) -> ImuReport | None:
-        """Return the calibration of the IMU as known so far; None without an IMU."""
         return None if self._imu is None else report_of(self._imu.imu)
 
     def _count(self, filtered: FilterResult) -> None:
-        """Add the features and objects of a frame to the counts of the run."""
         self.num_processed += 1
         self.num_kept.append(len(filtered.features))
         self.objects = filtered.objects
@@ -179,9 +161,6 @@ class OfflinePipeline:
         """Finish mapping, end the session, and return all results in the z-up map frame.
 
         The ground truth stays in its own frame.
-
-        Args:
-            recording: Path of the recording to write into the summary; None: no path.
         """
         session, scene = self._session, self._scene
         session.map.finish()
@@ -253,12 +232,9 @@ def run_offline(
         out_dir: Folder for the results, which is created if needed.
         detect: Function that returns the detections of a frame; None: the configured detector.
         dense: Whether to make the dense map and the grid as well.
-        options: Options to write into the summary; None: strategy, seed and all changed
-            parameters.
-        recording: Path of the recording to write into the summary; None: no path.
+        options: Options for the summary; None: strategy, seed and all changed parameters.
+        recording: Path of the recording for the summary.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
-        imu: Samples of an IMU; None: there is none.
-        show_progress: Whether to draw a progress bar on stderr.
 
     Raises:
         HoidError: The recording, the detector model or a map file is invalid, or the results

@@ -34,41 +34,13 @@ DETECTOR_HELP = (
 _DEFAULT = RunConfig()
 _SLOP = 'filter.sync_slop_s'
 # Name of the parameter that each option sets.
-_SHORTCUTS = {
-    **SHORT_NAMES,
-    'detector': 'detector.model',
-    'min_interaction_area': 'filter.min_interaction_area',
-    'depth_limit': 'filter.depth_limit_m',
-}
+_SHORTCUTS = {**SHORT_NAMES, 'detector': 'detector.model'}
 
 
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the filter's strategy, the detector, two limits and the seed.
-
-    The limits are those of the interaction rule: minimum interaction area and depth difference.
-    The option `--set` for any other parameter is declared as well.
-    """
-    parser.add_argument(
-        '--filter',
-        choices=STRATEGIES,
-        help='strategy that identifies dynamic objects (default: '
-        f'{_DEFAULT.filter.strategy}, or {MOTION} without a detector model)',
-    )
+    """Declare the options for strategy, detector, seed and any other parameter."""
+    add_strategy_argument(parser)
     parser.add_argument('--detector', metavar='MODEL', help=DETECTOR_HELP)
-    parser.add_argument(
-        '--min-interaction-area',
-        type=float,
-        metavar='A',
-        help="share of an object's box, from 0 to 1, that a person must cover for the object to "
-        f'count as handled (default: {_DEFAULT.filter.min_interaction_area:g})',
-    )
-    parser.add_argument(
-        '--depth-limit',
-        type=float,
-        metavar='M',
-        help='largest depth difference between a person and a handled object in m '
-        f'(3-D rule) (default: {_DEFAULT.filter.depth_limit_m:g})',
-    )
     parser.add_argument(
         '--seed',
         type=int,
@@ -78,8 +50,16 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
     add_set_argument(parser)
 
 
+def add_strategy_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--filter',
+        choices=STRATEGIES,
+        help='strategy that identifies dynamic objects (default: '
+        f'{_DEFAULT.filter.strategy}, or {MOTION} without a detector model)',
+    )
+
+
 def add_set_argument(parser: argparse.ArgumentParser) -> None:
-    """Declare the option `--set`, which sets any parameter of any node."""
     parser.add_argument(
         '--set',
         action='append',
@@ -91,16 +71,12 @@ def add_set_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def recording(args: argparse.Namespace) -> Sequence:
-    """Open the recording that the command line names.
-
-    Raises:
-        HoidError: The recording cannot be read, or an option is invalid.
-    """
+    """Open the recording that the command line names."""
     return open_recording(args, args.input, _max_gap_ns(args))
 
 
 def _max_gap_ns(args: argparse.Namespace) -> int:
-    """Return the limit [ns]: stamps of a color image and its depth image differ by less.
+    """Return the limit [ns] for the gap between the stamps of a color and a depth image.
 
     It is `filter.sync_slop_s` if the options change it, or else that of TUM's association tool.
     """
@@ -114,9 +90,6 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
 
     A folder, and a bag whose images are in a video or in RGBD messages, is converted to a
     temporary bag, which is removed at the end of the block.
-
-    Raises:
-        HoidError: The recording cannot be read or converted, or an option is invalid.
     """
     found = recording(args)
     if isinstance(found, BagSequence) and not found.topics.color.source:
@@ -137,14 +110,7 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
 
 
 def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:
-    """Return the configuration of a run with the parameters of the command line.
-
-    Args:
-        base: Configuration that the options change; None: the defaults.
-
-    Raises:
-        ConfigError: A name is unknown or a value is out of range.
-    """
+    """Return the configuration with the parameters of the command line."""
     return (base or RunConfig()).updated(given_parameters(args))
 
 
@@ -152,9 +118,6 @@ def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that the command line sets, by name.
 
     Names from `--set` are as the user wrote them: they may lack the short name of the node.
-
-    Raises:
-        ConfigError: A value of `--set` is not NAME=VALUE with valid YAML.
     """
     values: dict[str, Any] = {
         name: getattr(args, option)
@@ -167,13 +130,8 @@ def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
     """Return parameters by name from texts NAME=VALUE, where the value is YAML.
 
-    A list becomes a tuple. If a name is repeated, its last value counts.
-
-    Args:
-        texts: Values of the option `--set`.
-
-    Raises:
-        ConfigError: A text is not NAME=VALUE, or its value is not valid YAML.
+    A list becomes a tuple. If a name is repeated, its last value counts. ConfigError if a text is
+    not NAME=VALUE, or its value is not valid YAML.
     """
     return dict(_assignment(text) for text in texts)
 

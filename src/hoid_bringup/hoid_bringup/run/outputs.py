@@ -55,10 +55,9 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
 
 
 def num_frames_of_run(trajectory: Path) -> int | None:
-    """Return `frames_total` from the summary of the run that wrote a trajectory.
+    """Return `frames_total` from the summary beside `trajectory.txt` or `trajectory_online.txt`.
 
-    None is returned if the file is not called `trajectory.txt` or `trajectory_online.txt`, or if
-    there is no valid summary beside it.
+    None if the file has another name, or there is no valid summary beside it.
     """
     path = trajectory.parent / SUMMARY
     if trajectory.name not in (FINAL, ONLINE) or not path.is_file():
@@ -74,10 +73,8 @@ def num_frames_of_run(trajectory: Path) -> int | None:
 def staged(out_dir: Path) -> Iterator[Path]:
     """Yield a temporary folder, whose files are moved to `out_dir` at the end of the block.
 
-    If the block raises an error, the folder is removed and `out_dir` keeps its files.
-
-    Raises:
-        InputError: The folder cannot be written, or the disk is full.
+    If the block raises an error, the folder is removed and `out_dir` keeps its files. InputError
+    if the folder cannot be written, or the disk is full.
     """
     with scratch_folder(out_dir, 'results') as stage:
         try:
@@ -89,11 +86,7 @@ def staged(out_dir: Path) -> Iterator[Path]:
 
 
 def write_ply(path: Path, points_m: FloatArray) -> None:
-    """Write (N, 3) points in m as a binary little-endian PLY file of float32.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write (N, 3) points in m as a binary little-endian PLY file of float32."""
     header = (
         f'ply\nformat binary_little_endian 1.0\nelement vertex {len(points_m)}\n'
         'property float x\nproperty float y\nproperty float z\nend_header\n'
@@ -102,7 +95,6 @@ def write_ply(path: Path, points_m: FloatArray) -> None:
 
 
 def _aligned_or_none(estimate: Trajectory, truth: Trajectory | None) -> AlignedTrajectory | None:
-    """Return the poses aligned to the ground truth; None: no ground truth, or no alignment."""
     if truth is None:
         return None
     try:

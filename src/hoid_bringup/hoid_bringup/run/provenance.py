@@ -47,16 +47,12 @@ class Provenance:
 
 
 def machine() -> str:
-    """Return processor, number of cores, memory and operating system in one line."""
     memory_gib = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30
     return f'{_processor()}, {os.cpu_count()} cores, {memory_gib:.0f} GiB, {platform.system()}'
 
 
 def commit(folder: Path) -> str:
-    """Return the commit of a clone, with "-dirty" if files differ from it.
-
-    The text is empty outside a clone, or without git.
-    """
+    """Return the commit of a clone, with "-dirty" if files differ; empty outside a clone."""
     command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--exclude=*']
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)

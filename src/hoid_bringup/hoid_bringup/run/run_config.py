@@ -54,7 +54,6 @@ class RunConfig(Config):
 
     @property
     def needs_detections(self) -> bool:
-        """Return whether the strategy of the filter uses detections."""
         return needs_detections(self.filter)
 
     @property
@@ -63,14 +62,7 @@ class RunConfig(Config):
         return [name for name in self.changed() if name.startswith(self.LIVE_ONLY)]
 
     def updated(self, values: Mapping[str, Any]) -> Self:
-        """Return a copy in which some parameters have new values.
-
-        Args:
-            values: New values by any name that `full_names` accepts.
-
-        Raises:
-            ConfigError: A name is unknown or ambiguous, or a value is invalid.
-        """
+        """Return a copy with new values, by any name that `full_names` accepts."""
         known = [p.name for p in self.params()]
         return super().updated(
             {full: v for name, v in values.items() for full in full_names(name, known)}
@@ -82,22 +74,12 @@ class RunConfig(Config):
         return {p.name: p.value for p in self.params() if p.value != default[p.name]}
 
     def named(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-        """Return the values of some parameters, by node and by the parameter's name in the node.
-
-        Args:
-            names: Any names that `full_names` accepts.
-
-        Raises:
-            ConfigError: A name is unknown or ambiguous.
-        """
+        """Return the values of some parameters, by node and by the name in the node."""
         values = {p.name: p.value for p in self.params()}
         return by_node({full: values[full] for n in names for full in full_names(n, values)})
 
     def summary_options(self) -> dict[str, Any]:
-        """Return the options to write into a summary: strategy, seed, and changed parameters.
-
-        Strategy and seed have their short names; the others have dotted names.
-        """
+        """Return the options to write into a summary: strategy, seed, and changed parameters."""
         values = {p.name: p.value for p in self.params()}
         always = {short: values[name] for short, name in SHORT_NAMES.items()}
         rest = {n: v for n, v in self.changed().items() if n not in SHORT_NAMES.values()}
@@ -109,12 +91,6 @@ class RunConfig(Config):
 
         Options that are no parameters, such as the rate of a replay or parameters of another
         version, are ignored.
-
-        Args:
-            options: Options as read from the JSON file.
-
-        Raises:
-            ConfigError: The value of a parameter is invalid.
         """
         values: dict[str, Any] = {}
         known = [p.name for p in cls().params()]
@@ -129,10 +105,8 @@ def _with_octaves_of(camera: CameraConfig, extraction: ExtractionConfig) -> Came
     """Return the camera of SLAM with the octaves of the extracted features.
 
     A number or scale of octaves that is not at its default is kept. An adapted number is not
-    smaller than the default.
-
-    Raises:
-        ConfigError: SLAM has fewer octaves than the features, or another scale.
+    smaller than the default. ConfigError if SLAM has fewer octaves than the features, or another
+    scale.
     """
     default = CameraConfig()
     if camera.num_octaves == default.num_octaves:

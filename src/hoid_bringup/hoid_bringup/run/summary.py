@@ -37,7 +37,6 @@ class Spread:
 
     @classmethod
     def of(cls, values_ms: Sequence[float]) -> Spread | None:
-        """Return the spread of times in ms; None if there are no times."""
         if not len(values_ms):
             return None
         median, p95 = np.percentile(np.asarray(values_ms), (50, 95))
@@ -133,7 +132,6 @@ class Summary:
 
 
 def summarize(result: RunResult) -> Summary:
-    """Return the summary of a run: errors, counts and times."""
     errors = _errors(result.final, result.ground_truth, warn=True)
     online = _errors(result.online, result.ground_truth)
     total = result.frames_total
@@ -167,7 +165,7 @@ def summarize(result: RunResult) -> Summary:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, this suite and the libraries that results depend on, by name.
+    """Return the versions of Python, this suite and the libraries that results depend on.
 
     `machine` is the processor architecture. Libraries that are not installed are left out.
     """
@@ -183,12 +181,7 @@ def versions() -> dict[str, str]:
 def _errors(
     estimate: Trajectory, truth: Trajectory | None, *, warn: bool = False
 ) -> dict[str, float | None]:
-    """Return the errors by name; each is None without ground truth, or if it cannot be computed.
-
-    Args:
-        truth: Ground truth; None: there is none.
-        warn: Whether to log why errors with respect to a ground truth cannot be computed.
-    """
+    """Return the errors by name; None without ground truth, or if one cannot be computed."""
     names = ('ate_rmse_m', 'rpe_trans_1s_rmse_m', 'rpe_rot_1s_rmse_deg')
     if truth is None:
         return dict.fromkeys(names)
@@ -202,7 +195,7 @@ def _errors(
 
 
 def _without_nan(value: Any) -> Any:
-    """Return nested values in which NaN and infinity, which JSON lacks, are replaced by None."""
+    """Return nested values in which NaN and infinity, which JSON lacks, are None."""
     if isinstance(value, dict):
         return {key: _without_nan(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -24,7 +24,6 @@ _NO_VIEWER = (
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid view`."""
     add_recording_arguments(parser, 'TUM folder, bag, or output folder of a run')
     parser.add_argument(
         '--save',
@@ -33,21 +32,12 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'write FILE{_SUFFIX}, which others can open, instead of opening a window',
     )
     parser.add_argument(
-        '--recording',
-        type=Path,
-        metavar='PATH',
-        help='recording of the run, if it was moved',
+        '--recording', type=Path, metavar='PATH', help='recording of the run, if it was moved'
     )
     add_method_arguments(parser)
 
 
 def view_command(args: argparse.Namespace) -> None:
-    """Show a recording or a run in the viewer, or write it to a file for the viewer.
-
-    Raises:
-        HoidError: The recording or the run cannot be read, the file cannot be written, there is no
-            display, or the viewer is not installed or fails.
-    """
     if not args.input.exists():
         raise InputError(f'{args.input}: no such file or folder')
     if args.save is not None:
@@ -65,12 +55,17 @@ def view_command(args: argparse.Namespace) -> None:
 
 
 def _write(args: argparse.Namespace, path: Path) -> None:
-    """Write the file for the viewer; raise InputError where Rerun is missing."""
     if find_spec('rerun') is None:
         raise InputError(_NO_VIEWER)
+    from hoid_bringup.view.view_content import (
+        is_run,
+        log_images,
+        log_recording,
+        log_run,
+        open_run,
+        with_ground_truth_boxes,
+    )
     from hoid_bringup.view.view_log import ViewLog
-    from hoid_bringup.view.view_recording import log_images, log_recording, with_ground_truth_boxes
-    from hoid_bringup.view.view_run import is_run, log_run, open_run
 
     with ViewLog(path) as log:
         if not is_run(args.input):
@@ -87,12 +82,7 @@ def _write(args: argparse.Namespace, path: Path) -> None:
 
 
 def _recording_of_run(args: argparse.Namespace, recorded_path: Path | None) -> Sequence | None:
-    """Return the recording of a run; None, after printing a note, if it is not found.
-
-    Args:
-        args: Parsed options, which may name the recording.
-        recorded_path: Path in the summary of the run; None: the summary names none.
-    """
+    """Return the recording of a run; None, after printing a note, if it is not found."""
     path = args.recording or recorded_path
     if path is None or not (args.recording or path.exists()):
         where = f'{path} does not exist' if path else 'its summary names none'
@@ -113,9 +103,6 @@ def _open(path: Path) -> None:
     """Show a file in the viewer, and wait until its window is closed.
 
     The viewer accepts connections from this computer only.
-
-    Raises:
-        InputError: The viewer fails.
     """
     command = [sys.executable, '-m', 'rerun', '--bind', '127.0.0.1', '--port', 'auto', str(path)]
     status = subprocess.run(command, check=False).returncode

@@ -57,11 +57,6 @@ class ViewLog:
         self._unfinished = path.with_name(f'.{path.name}.partial')
 
     def __enter__(self) -> Self:
-        """Create the file.
-
-        Raises:
-            InputError: The file cannot be written.
-        """
         self._stream = rr.RecordingStream('hoid')
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -100,24 +95,14 @@ class ViewLog:
         self._stream.log(entity, points, static=True)
 
     def path(self, entity: str, trajectory: Trajectory) -> None:
-        """Log a trajectory in the map frame as a line, with gaps where poses miss for over 0.5 s.
-
-        Args:
-            entity: ESTIMATED_PATH or TRUE_PATH.
-            trajectory: The trajectory.
-        """
+        """Log a trajectory in the map frame as a line, with gaps where poses miss for 0.5 s."""
         gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * NS_PER_S) + 1
         strips = np.split(trajectory.T_world_camera[:, :3, 3], gaps)
         lines = rr.LineStrips3D(strips, colors=_PATH_COLORS[entity], radii=rr.Radius.ui_points(1))
         self._stream.log(entity, lines, static=True)
 
     def keyframes(self, T_map_camera: FloatArray, camera: CameraModel | None) -> None:
-        """Log a small pyramid for each keyframe.
-
-        Args:
-            T_map_camera: (N, 4, 4) poses of the keyframes.
-            camera: Camera model, which determines the shape of the pyramid; None: a usual shape.
-        """
+        """Log a small pyramid for each pose (N, 4, 4); of a usual shape without a camera."""
         outline = _frustum_m(camera)
         strips = [se3.transform(T, outline) for T in T_map_camera]
         lines = rr.LineStrips3D(strips, colors=_KEYFRAME_COLOR, radii=rr.Radius.ui_points(0.7))
@@ -139,11 +124,7 @@ class ViewLog:
     def frame(
         self, frame: RgbdFrame, result: FilterResult, T_map_camera: FloatArray | None
     ) -> None:
-        """Log one image with the results of the filter.
-
-        Args:
-            T_map_camera: (4, 4) camera pose; None if it is unknown.
-        """
+        """Log an image with the results of the filter and its (4, 4) pose, None if unknown."""
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(frame.stamp_ns, 'ns'))
         self._pose(T_map_camera)
         jpeg = images.encode_jpeg(frame.image_bgr, _JPEG_QUALITY)
@@ -190,7 +171,7 @@ def _layout() -> rrb.Blueprint:
 
 
 def _frustum_m(camera: CameraModel | None) -> FloatArray:
-    """Return a keyframe's pyramid as one line of (11, 3) points in the camera frame, in m."""
+    """Return a keyframe's pyramid as one line of (11, 3) points in the camera frame."""
     half = np.array([0.6, 0.45])
     if camera is not None:
         half = np.array([camera.width_px / camera.fx_px, camera.height_px / camera.fy_px]) / 2
@@ -201,10 +182,7 @@ def _frustum_m(camera: CameraModel | None) -> FloatArray:
 
 
 def _label(item: DynamicObject) -> str:
-    """Return the label of a box: class and score, and for most objects the reason of the verdict.
-
-    For people and static objects the reason is left out.
-    """
+    """Return the label of a box, for all but people and static objects with the reason."""
     if item.state in (ObjectState.AT_REST, ObjectState.PERSON):
         return label(item)
     return f'{label(item)} {item.state.name.lower()}'

@@ -1,4 +1,4 @@
-"""Logging of the results of a run for the viewer."""
+"""Logging of recordings, and of the results of runs, for the viewer."""
 
 from __future__ import annotations
 
@@ -7,15 +7,21 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
+from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bringup.evaluate.evaluation import align
 from hoid_bringup.run import outputs
-from hoid_bringup.run.run_config import RunConfig
+from hoid_bringup.run.detection_source import detection_source
+from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.view.view_log import ESTIMATED_PATH, TRUE_PATH, ViewLog
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import read_tum
-from hoid_common.values import Trajectory
+from hoid_common.values import FloatArray, Trajectory
+from hoid_filter.feature_filter import FeatureFilter
 from hoid_scene.export import read_ply
 
 
@@ -31,16 +37,11 @@ class FinishedRun:
 
 
 def is_run(path: Path) -> bool:
-    """Return whether a path is the output folder of a run: it contains `summary.json`."""
     return (path / outputs.SUMMARY).is_file()
 
 
 def open_run(folder: Path) -> FinishedRun:
-    """Read the results of a run from its output folder.
-
-    Raises:
-        HoidError: A file is missing or damaged, or a parameter in the summary is invalid.
-    """
+    """Read the results of a run from its output folder; HoidError if a file is damaged."""
     path = folder / outputs.SUMMARY
     try:
         summary = json.loads(path.read_text(encoding='utf-8'))
@@ -62,12 +63,6 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     """Log the map, the trajectories and the keyframes of a run.
 
     The true trajectory is aligned to the estimate; it is left out if that is not possible.
-
-    Args:
-        sequence: The recording, from which ground truth and camera are taken; None: it is missing.
-
-    Raises:
-        InputError: A file of the run is missing or damaged.
     """
     log.path(ESTIMATED_PATH, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
@@ -81,10 +76,46 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
 
 
 def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:
-    """Return the true poses in the map frame of the run, after alignment to the estimate.
-
-    Raises:
-        InputError: Too few poses are associated, or they do not determine the alignment.
-    """
+    """Return the true poses in the map frame of the run, after alignment to the estimate."""
     T_map_world = se3.inverse(align(estimate, truth).T_world_map)
     return Trajectory(truth.stamps_ns, T_map_world @ truth.T_world_camera)
+
+
+def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:
+    """Filter and log all images of a recording, with its true poses if it has any."""
+    if sequence.ground_truth is not None:
+        log.path(TRUE_PATH, sequence.ground_truth)
+    log_images(log, sequence, config, sequence.ground_truth)
+
+
+def log_images(
+    log: ViewLog, sequence: Sequence, config: RunConfig, poses: Trajectory | None
+) -> None:
+    """Filter every image of a recording, and log it with the results.
+
+    Each image gets the pose nearest in time, or none if no pose is within 0.02 s.
+    """
+    detect = detection_source(sequence, config)
+    feature_filter = FeatureFilter(config.filter, sequence.camera)
+    log.camera(sequence.camera)
+    for frame in progress(sequence, len(sequence), 'frames'):
+        result = feature_filter.process(frame, detect(frame), for_picture=True)
+        log.frame(frame, result, None if poses is None else _pose_at(poses, frame.stamp_ns))
+
+
+def with_ground_truth_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
+    """Return the configuration, changed to use ground-truth boxes if that is possible.
+
+    It is unchanged if it names a detector model or the recording has no ground-truth boxes.
+    """
+    if config.detector.model or sequence.true_detections is None:
+        return config
+    return config.updated({'detector.model': TRUTH})
+
+
+def _pose_at(poses: Trajectory, stamp_ns: int) -> FloatArray | None:
+    """Return the pose (4, 4) nearest to a stamp; None if none is within 0.02 s."""
+    gap_ns = np.abs(poses.stamps_ns - stamp_ns)
+    if len(gap_ns) == 0 or gap_ns.min() > MAX_PAIR_GAP_NS:
+        return None
+    return np.asarray(poses.T_world_camera[gap_ns.argmin()])
