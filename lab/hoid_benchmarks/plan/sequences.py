@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import hoid_synth
+from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
 from hoid_benchmarks.plan.official import WHERE, find_official, official_name, packed_official
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
@@ -24,6 +25,7 @@ _SYNTH = 'synth-'
 # Recordings whose name does not tell the camera, which `camera.yaml` in the folder has: depth
 # units per meter.
 _OF_OWN_CAMERA = {'d435_office': 1000}
+_PEOPLE_DEPTH_SCALE = 0.36  # the default of the script: people about a meter from the camera
 _MAKE_PEOPLE = 'tools/make_people_sequence.py'
 _SCENES = Path(__file__).parent / 'experiments' / 'scenes.yaml'
 
@@ -90,12 +92,16 @@ class Store:
         """Return the `hoid` arguments that make a sequence; empty for one that is there."""
         if options := scene_options(name):
             return ['synth', str(self._bag(name, options)), *options]
-        if units_per_m := _OF_OWN_CAMERA.get(name):
-            folder = self.shared / 'data' / name
-            camera = ['--calibration', str(folder / 'camera.yaml')]
-            units = ['--depth-factor', str(units_per_m)]
-            return ['convert', str(folder), str(self.made / name), *camera, *units]
+        if name in _OF_OWN_CAMERA:
+            return self._conversion(name, self.shared / 'data' / name, self.made / name)
         return []
+
+    def _conversion(self, camera: str, folder: Path, bag: Path) -> list[str]:
+        """Return the `hoid` arguments that convert a folder with a recording's own camera."""
+        calibration = str(self.shared / 'data' / camera / 'camera.yaml')
+        units_per_m = str(_OF_OWN_CAMERA[camera])
+        options = ['--calibration', calibration, '--depth-factor', units_per_m]
+        return ['convert', str(folder), str(bag), *options]
 
     def _official(self) -> dict[str, Path]:
         folder = self.official
@@ -109,15 +115,26 @@ class Store:
         )
         return self.made / f'{name}-{hashlib.sha256(text).hexdigest()[:8]}'
 
-    def _paste_people(self, name: str, folder: Path) -> None:
-        base = self.find(name.removesuffix(PEOPLE_SUFFIX))
+    def _paste_people(self, name: str, path: Path) -> None:
+        recording = name.removesuffix(PEOPLE_SUFFIX)
         tool = self.shared / _MAKE_PEOPLE
         if not tool.is_file():
             raise InputError(f'sequence {name} is missing, as is its script {_MAKE_PEOPLE}')
-        unfinished = folder.with_name(f'.{name}.unfinished')
+        unfinished = path.with_name(f'.{name}.unfinished')
         shutil.rmtree(unfinished, ignore_errors=True)
-        _call([sys.executable, str(tool), str(base), str(unfinished)])
-        unfinished.rename(folder)
+        paste = [sys.executable, str(tool)]
+        if recording in _OF_OWN_CAMERA:
+            # The object that is carried is pasted in the depth units of TUM only.
+            share = _OF_OWN_CAMERA[recording] / TUM_DEPTH_UNITS_PER_M
+            options = ['--no-object', '--depth-scale', str(_PEOPLE_DEPTH_SCALE * share)]
+            base = self.shared / 'data' / recording
+            _call([*paste, str(base), str(unfinished), *options])
+            convert = self._conversion(recording, unfinished, path)
+            _call([sys.executable, '-m', 'hoid_bringup', *convert])
+            shutil.rmtree(unfinished)
+        else:
+            _call([*paste, str(self.find(recording)), str(unfinished)])
+            unfinished.rename(path)
 
 
 def scene_options(name: str) -> list[str]:
