@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import numpy as np
@@ -354,6 +355,17 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
     assert peer.send(10)[-1].state == SlamStatus.TRACKING
     assert peer.save('after').success
     assert map_file.load(folder / 'after.hoidmap').map.digest() == digest
+
+
+def test_a_map_is_saved_once_the_mapper_has_inserted_its_first_keyframe(begin: Begin) -> None:
+    peer, node = begin()
+    mapper = mapper_of(node)
+    mapper.suspend()
+    peer.send(0, 1)
+    Timer(1.0, mapper.resume).start()
+    answer = peer.save()
+    assert answer.success, answer.message
+    assert answer.message.startswith('1 keyframes and ')
 
 
 def test_the_map_of_a_very_different_camera_can_only_be_localized_in(

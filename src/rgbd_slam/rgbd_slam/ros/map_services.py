@@ -122,7 +122,10 @@ class MapServices:
     def _save(self, request: SaveMap.Request) -> str:
         path = self._new_path(request.name, MAP)
         session = self._node_thread.call(self._session)
-        if len(session.map.atlas.keyframes) == 0:
+        atlas = session.map.atlas
+        if len(atlas.keyframes) == 0 and atlas.pending:  # the mapper has not inserted them yet
+            self._is_settled_by(time.monotonic() + _SETTLE_S)
+        if len(atlas.keyframes) == 0:
             raise InputError('nothing has been mapped yet: there is nothing to save')
         with replaced(path) as aside:
             if not self._copy_stored(aside):
