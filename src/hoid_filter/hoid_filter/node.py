@@ -86,6 +86,8 @@ class FilterNode(ManagedNode):
         (header, image_bgr), (depth_header, depth_m) = match.values
         size_px = image_bgr.shape[1], image_bgr.shape[0]
         if size_px != self._size_px:
+            if self._size_px is not None:  # boxes of the other resolution mean nothing now
+                self._live.forget()
             self._size_px = size_px
             self._use_camera()
         depth_m = self._alignment.align(depth_m, depth_header, header, size_px)
