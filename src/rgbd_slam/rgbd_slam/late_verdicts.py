@@ -26,11 +26,7 @@ class LateVerdicts:
         self._newest_ns = self._num_newest = 0  # stamp and number of features of the last image
 
     def filtered(self, features: Features) -> Features:
-        """Return the features of the next image without those that an early verdict calls dynamic.
-
-        A verdict on another number of features is ignored. The image is remembered as the latest
-        one.
-        """
+        """Return the features of the next image without those that an early verdict excludes."""
         early = self._early.pop(features.stamp_ns, None)
         if early is not None and len(early.is_dynamic) == len(features):
             features = features.select(~early.is_dynamic)
@@ -42,11 +38,10 @@ class LateVerdicts:
         _put(self._keyframes, self._newest_ns, self._num_newest)
 
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
-        """Return whether verdicts call features of a keyframe dynamic.
+        """Return whether verdicts call features of a keyframe dynamic, which has no verdict yet.
 
-        The result is False for an image that is none of the latest 60 keyframes without a verdict;
-        a keyframe has its verdict from this call on. Verdicts on an image that has not arrived yet
-        are stored for `filtered`.
+        The result is False for an image that is none of the latest 60 keyframes without a verdict.
+        Verdicts on an image that has not arrived yet are stored for `filtered`.
 
         Raises:
             MessageError: Features are called dynamic, but the keyframe has another number of them.

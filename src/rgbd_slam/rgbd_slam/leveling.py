@@ -25,10 +25,6 @@ class Leveling:
     above 3 degrees, are not used. If the first trial of the accelerometer contradicts it, the
     frame of the start comes back. The frame is kept from the measurement on whose standard
     deviation is below 0.5 degrees, or which is more than 30 s later than the first used one.
-
-    Args:
-        frames: The frames of the robot, of which the map frame is turned.
-        imu: The IMU; None: the map frame stays as it is at the start.
     """
 
     def __init__(self, frames: RobotFrames, imu: Imu | None) -> None:
@@ -42,11 +38,8 @@ class Leveling:
     def update(self, result: TrackingResult, *, is_in_main_map: bool) -> bool:
         """Turn the map frame if gravity was measured at an image; return whether it was turned.
 
-        Once gravity is known well enough, the frame is fixed, and the IMU stops measuring gravity.
-
-        Args:
-            result: The result of the image; without a tracked pose, nothing is turned.
-            is_in_main_map: Whether this pose is in the main map; if it is not, nothing is turned.
+        Nothing is turned outside the main map. Once gravity is known well enough, the frame is
+        fixed, and the IMU stops measuring gravity.
         """
         imu, frames = self._imu, self._frames
         if imu is None:
@@ -65,7 +58,6 @@ class Leveling:
         return self._level(imu, up, result)
 
     def _level(self, imu: Imu, up: Up, result: TrackingResult) -> bool:
-        """Turn the map frame by gravity at a tracked image; return whether it was turned."""
         frames = self._frames
         assert result.T_map_camera is not None
         self._last = up

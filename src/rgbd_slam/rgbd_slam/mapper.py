@@ -51,11 +51,7 @@ class Mapper:
     closing, which measures the noise itself in the map that it adjusts. Local bundle adjustment
     weights residuals by the noise that the tracker measured and sent with the keyframe.
 
-    Args:
-        camera: The camera with its configured noise.
-        atlas: The map.
-        config: Parameters.
-        background: Run global adjustment in a separate process.
+    With `background`, global adjustment runs in a separate process.
     """
 
     def __init__(
@@ -127,12 +123,7 @@ class Mapper:
         self.closer.index_places()
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
-        """Take over the map of a mapping process that has died; this mapper's map must be empty.
-
-        Args:
-            whole: All keyframes and points of the tracker's copy of that map.
-            loops: The numbers of loops and merges so far.
-        """
+        """Take over the map of a dead mapping process; the map of this mapper must be empty."""
         self.map.apply(whole)
         self.map.version += 1  # of the changes from now on
         self.loops = loops
@@ -144,9 +135,8 @@ class Mapper:
     def _add(self, request: KeyframeRequest) -> int | None:
         """Add the keyframe to the map and return its row, or None as described at `insert`.
 
-        The keyframe observes those of the points of the request that are still in the map. Points
-        on moving objects are removed, and the counts of the other points are updated. With few
-        observations, the points around the reference keyframe are searched as well.
+        Points on moving objects are removed, and the counts of the other points are updated. With
+        few observations, the points around the reference keyframe are searched as well.
         """
         keyframes, points = self.map.keyframes, self.map.points
         anchor = self.map.anchor(request.reference_uid)
@@ -176,7 +166,7 @@ class Mapper:
         return i
 
     def _match_neighborhood(self, i: int, reference: int) -> None:
-        """Search the points around keyframe `reference` in keyframe `i`, and observe them there.
+        """Search the points around keyframe `reference` in keyframe `i`; observe them there.
 
         If the mapper is late, these points did not exist yet when the tracker searched the frame.
         Without common points, the keyframe would not be connected with the map.

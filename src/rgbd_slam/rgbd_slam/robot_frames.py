@@ -99,9 +99,8 @@ class RobotFrames:
         Args:
             stamp_ns: Stamp of the image.
             T_map_camera: (4, 4) pose in the core's map.
-            T_odom_camera: (4, 4) pose in the odometry frame of the core, which is the optical
-                frame of the camera in the first tracked image and not the frame odom of the
-                result. Corrections of the map do not change it.
+            T_odom_camera: (4, 4) pose in the odometry frame of the core, the optical frame of the
+                camera in the first tracked image. Corrections of the map do not change it.
             covariance: (6, 6) covariance of T_map_camera, as a small motion in the camera frame,
                 rotation first [rad^2, m^2].
             image_covariance: (6, 6) part of this covariance whose errors differ from image to
@@ -125,8 +124,8 @@ class RobotFrames:
     def camera_at(self, T_map_base: FloatArray) -> FloatArray:
         """Return the camera pose T_core_camera (4, 4) of a robot at the pose T_map_base (4, 4).
 
-        The core's frame is that of its map, and the base has x forward and z up. If no base frame
-        is configured, the given pose is that of the camera's body axes.
+        The base has x forward and z up. If no base frame is configured, the given pose is that of
+        the camera's body axes.
         """
         return se3.inverse(self.T_map_core) @ T_map_base @ self._T_odom_core
 
@@ -153,15 +152,12 @@ class RobotFrames:
         return se3.transform(self.T_map_core, points_core_m)
 
     def level(self, up_core: FloatArray) -> float:
-        """Turn the map frame so that its z axis points up; return the angle [rad] of the turn.
+        """Turn the z axis of the map frame along `up_core` (3,); return the angle [rad].
 
         The new frame is the one that the mounting of the camera defines, turned about its origin
         by the least angle, so that headings stay. The odometry frame does not turn: odom -> base
         never jumps, map -> odom does. Nothing happens, and 0 is returned, if `is_fixed`, or if the
         base moves in a plane.
-
-        Args:
-            up_core: (3,) unit vector opposite to gravity, in the core's map frame.
         """
         if self.is_fixed or self._planar:
             return 0.0
@@ -177,8 +173,7 @@ class RobotFrames:
     def _twist(self, now: _BasePose) -> tuple[FloatArray, FloatArray]:
         """Return the mean velocity (6,) since the last pose, and its covariance (6, 6).
 
-        They are in the base frame, rotation first. Zero and a large covariance are returned if the
-        velocity is unknown.
+        They are in the base frame, rotation first.
         """
         last = self._last
         elapsed_s = 0.0 if last is None else (now.stamp_ns - last.stamp_ns) / NS_PER_S

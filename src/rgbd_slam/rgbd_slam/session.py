@@ -56,9 +56,7 @@ class Processed(NamedTuple):
 
 
 class SlamSession:
-    """Runs SLAM on a stream of features.
-
-    `slam` is the core with odometry and trajectory, and `map` is its map.
+    """Runs SLAM on a stream of features; `slam` is the core, and `map` its map.
 
     Args:
         camera: The camera of the images that the features come from.
@@ -71,7 +69,8 @@ class SlamSession:
 
     Raises:
         ConfigError: No place index has the configured name.
-        MapperStoppedError: The mapping process does not start.
+        MapperStoppedError: The mapping process does not start. `track` and `learn` raise it too,
+            if the process has ended for good or does not respond.
     """
 
     def __init__(
@@ -110,10 +109,7 @@ class SlamSession:
         self.map.mapper.close()
 
     def process(self, features: Features) -> Processed:
-        """Call `track` and then `learn` for one image, and return all results of the image.
-
-        It raises the errors of both.
-        """
+        """Call `track` and then `learn` for one image, and return all results of the image."""
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> Tracked:
@@ -123,7 +119,6 @@ class SlamSession:
 
         Raises:
             MessageError: A feature has an octave beyond the configured number of octaves.
-            MapperStoppedError: The mapping process has ended for good or does not respond.
         """
         self._dropped.add(features.stamp_ns)
         if self.is_paused:
@@ -133,11 +128,7 @@ class SlamSession:
         return Tracked(self._robot_pose(result), result)
 
     def learn(self, tracked: Tracked) -> Processed:
-        """Learn from a tracked image, which may become a keyframe; return all its results.
-
-        Raises:
-            MapperStoppedError: The mapping process has ended for good or does not respond.
-        """
+        """Learn from a tracked image, which may become a keyframe; return all its results."""
         if tracked.result is None:
             return Processed(self._status(SlamState.PAUSED), None)
         result = self.slam.learn(tracked.result)
@@ -168,7 +159,6 @@ class SlamSession:
 
     @property
     def mode(self) -> SlamMode:
-        """Return whether the session extends its map or only localizes in it."""
         return SlamMode.MAPPING if self.map.is_growing else SlamMode.LOCALIZATION
 
     def set_mode(self, mode: SlamMode) -> None:

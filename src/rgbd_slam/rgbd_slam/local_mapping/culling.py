@@ -29,16 +29,16 @@ _MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe 
 def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Remove new points that few frames find, or that keyframe `i` should observe but does not.
 
-    A point is weak if it has at most three observations, of which one with depth counts twice.
-    The age of a point is the number of keyframes since the one that created it.
+    A point is weak if it has at most three observations, of which one with depth counts twice. Its
+    age is the number of keyframes since the one that created it.
 
     - A point that is weak, or at most three keyframes old, is removed if it was found in less than
-      the share `min_found_ratio` of the frames that should show it.
+    the share `min_found_ratio` of the frames that should show it.
     - A weak point that is at least two keyframes old is removed if it should be visible in
-      keyframe `i` (`visible_points`), but the keyframe does not observe it.
+    keyframe `i` (`visible_points`), but the keyframe does not observe it.
 
-    Only the points that keyframe `i`, its parent, or a neighbor of the parent observes are tested,
-    whatever the size of the map. Other points stay until they come into view again.
+    Only points around keyframe `i` are tested, whatever the size of the map. Other points stay
+    until they come into view again.
     """
     points, uid = atlas.points, atlas.keyframes.uid[i]
     j = atlas.points_of(_around(atlas, i))
@@ -55,10 +55,7 @@ def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingC
 
 
 def _around(atlas: Atlas, i: int) -> IntArray:
-    """Return rows: keyframe `i`, its parent, and the keyframes that share points with the parent.
-
-    Without a parent, it is keyframe `i` alone.
-    """
+    """Return rows: keyframe `i`, its parent, and the keyframes covisible with the parent."""
     parent = atlas.keyframes.index_of(int(atlas.keyframes.parent_uid[i]))
     return np.array([i]) if parent is None else np.r_[i, parent, atlas.covisible(parent)]
 
@@ -67,10 +64,9 @@ def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: f
     """Remove neighbors of keyframe `i` whose close points are nearly all seen by three others.
 
     A neighbor shares at least 15 points with keyframe `i`. It is removed if more than the share
-    `redundant_share` of its close points are observed by at least three other keyframes.
-    An observation counts if its octave is at most one above the octave in which the neighbor
-    itself observes the point. If hardly any point is close, as in a hall, all points are
-    considered. The root of a map stays, because it defines the frame of the map.
+    `redundant_share` of its close points are observed by at least three other keyframes, in an
+    octave at most one above its own. If hardly any point is close, as in a hall, all points are
+    considered.
     """
     for neighbor in atlas.covisible(i, NEAR_SHARED).tolist():
         if _is_redundant(atlas, neighbor, config.redundant_share, close_limit_m):

@@ -65,15 +65,9 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
 
 
 def _join(atlas: Atlas, i: int, k: IntArray, j: IntArray) -> None:
-    """Let features of keyframe `i` observe points, and fuse these with points observed there.
+    """Let features `k` of keyframe `i` observe points `j`, or fuse them with those seen there.
 
     Of two points that are fused, the one with more observations remains.
-
-    Args:
-        atlas: The map.
-        i: Row of the keyframe.
-        k: (N,) features of the keyframe.
-        j: (N,) rows of the points that match these features.
     """
     points = atlas.points
     present = atlas.keyframes.point_of_feature[i, k].astype(np.int64)

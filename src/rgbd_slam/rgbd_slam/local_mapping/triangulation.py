@@ -92,16 +92,7 @@ def _matches(
     octave_scale: FloatArray,
     config: TriangulationConfig,
 ) -> Matches:
-    """Return matches of features `k` with features on their epipolar lines in the second view.
-
-    Args:
-        views: The two keyframes.
-        k: (N,) features of the first keyframe.
-        free: Mask of the features of the second keyframe that may be matched.
-        camera: The camera.
-        octave_scale: Scales of the octaves.
-        config: Parameters.
-    """
+    """Return matches of features `k` on their epipolar lines among features `free`."""
     first, second = views.first, views.second
     octave = first.octave[k].astype(np.int8)
     above = np.minimum(octave + 1, len(octave_scale) - 1).astype(np.int8)
@@ -120,17 +111,10 @@ def epipolar_segments(
 ) -> FloatArray:
     """Return the (N, 4) u, v [px] of both ends of features' epipolar segments in the second view.
 
-    A depth reading limits the segment to 30 % around this depth; without a depth reading it
-    extends from `min_depth_m` to infinity. The part whose depth in the second camera is below
-    `min_depth_m` is cut off. The segment is NaN if nothing remains, or if the depth in the second
-    camera does not increase along the ray.
-
-    Args:
-        views: The two keyframes.
-        k: (N,) features of the first keyframe.
-        camera: The camera.
-        min_depth_m: Smallest depth of a point in the second camera and, for features without a
-            depth reading, in the first.
+    A depth measurement of feature `k` limits the segment to 30 % around this depth; otherwise it
+    extends from `min_depth_m` to infinity. The part nearer to the second camera than `min_depth_m`
+    is cut off. The segment is NaN if nothing remains, or if the depth in the second camera does
+    not increase along the ray.
     """
     depth = views.first.depth_m[k].astype(np.float64)
     near = np.where(depth > 0, (1 - _DEPTH_SHARE) * depth, min_depth_m)
@@ -153,19 +137,12 @@ def depth_from_parallax(
     camera: StereoCamera,
     min_parallax_rad: float,
 ) -> FloatArray:
-    """Return the (N,) depths [m] of matched features in the first camera.
+    """Return the (N,) depths [m] of matched features in the first camera; negative behind it.
 
     The depth is that of the point on the ray of the first camera that is nearest to the ray of the
-    second camera (least squares). For nearly parallel rays, it is the depth reading of the first
-    camera; without one, it is calculated from the depth reading of the second camera; without
-    either, it is 0. The depth of a point behind the camera is negative.
-
-    Args:
-        views: The two keyframes.
-        first: (N,) features of the first keyframe.
-        second: (N,) features of the second keyframe that they were matched with.
-        camera: The camera.
-        min_parallax_rad: Angle between two rays below which they count as parallel.
+    second camera (least squares). For rays that are parallel up to `min_parallax_rad`, it is the
+    depth measurement of the first camera, or follows from that of the second one; without either,
+    it is 0.
     """
     R, t = views.T_second_first[:3, :3], views.T_second_first[:3, 3]
     ones = np.ones(len(first))
@@ -192,15 +169,7 @@ def fits_both(
     """Return the (N,) mask of triangulated points that fit the features of both keyframes.
 
     They must lie in front of both cameras, project to both features, and have distances whose
-    ratio is about that of the octaves.
-
-    Args:
-        views: The two keyframes.
-        first: (N,) features of the first keyframe.
-        second: (N,) features of the second keyframe that they were matched with.
-        points_m: (N, 3) points in the first camera's frame.
-        camera: The camera.
-        octave_scale: Scales of the octaves.
+    ratio is about that of the octaves. `points_m` (N, 3) are in the first camera's frame.
     """
     in_second = se3.transform(views.T_second_first, points_m)
     good = (points_m[:, 2] > 0) & (in_second[:, 2] > 0)

@@ -1,4 +1,4 @@
-"""The landmarks that a frame is matched with: map points, and depth readings of the last frame."""
+"""The landmarks of a frame: map points, and depth measurements of the last frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 
 
 class Landmarks(NamedTuple):
-    """N landmarks to match a frame with: map points, or depth readings of the last frame."""
+    """N landmarks to match a frame with: map points, or depth measurements of the last frame."""
 
     point: IntArray  # (N,) row of the map point; NO_POINT for a depth reading
     position_m: FloatArray  # (N, 3) in the map frame
@@ -25,7 +25,6 @@ class Landmarks(NamedTuple):
     descriptors: ByteArray  # (N, 32) of the map point, or of the feature with the depth reading
 
     def select(self, keep: BoolArray) -> Landmarks:
-        """Return the landmarks that an (N,) mask selects."""
         return Landmarks._make(column[keep] for column in self)
 
     def joined(self, other: Landmarks) -> Landmarks:
@@ -39,11 +38,7 @@ class Landmarks(NamedTuple):
         )
 
     def matched(self, matches: Matches) -> Correspondences:
-        """Return the correspondences of features with the landmarks that matches refer to.
-
-        Args:
-            matches: Matches of these landmarks, as queries, with features.
-        """
+        """Return the correspondences of matches that have these landmarks as queries."""
         return Correspondences(matches.k, self.point[matches.q], self.position_m[matches.q])
 
 
@@ -55,7 +50,6 @@ class Correspondences(NamedTuple):
     position_m: FloatArray  # (M, 3) in the map frame
 
     def select(self, keep: BoolArray) -> Correspondences:
-        """Return the correspondences that an (M,) mask selects."""
         n = np.flatnonzero(keep)
         return Correspondences(self.k[n], self.point[n], self.position_m.take(n, 0))
 
@@ -65,12 +59,12 @@ class Correspondences(NamedTuple):
 
     @property
     def points(self) -> IntArray:
-        """Return the rows of the observed map points, without depth readings."""
+        """Return the rows of the observed map points, without depth measurements."""
         return np.asarray(self.point[self.point != NO_POINT])
 
 
 def landmarks_of_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
-    """Return, as landmarks, the map points that a tracked frame observed and that still exist."""
+    """Return the map points that a tracked frame observed and that still exist."""
     points = last.current_points(atlas)
     k = np.flatnonzero(points != NO_POINT)
     j, table = points[k], atlas.points
@@ -84,7 +78,7 @@ def landmarks_of_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
 
 
 def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
-    """Return, as landmarks, the map points that the keyframe in row `i` observes."""
+    """Return the map points that the keyframe in row `i` observes."""
     keyframes, table = atlas.keyframes, atlas.points
     k = np.flatnonzero(keyframes.point_of_feature[i] != NO_POINT)
     j = keyframes.point_of_feature[i, k].astype(np.int64)
@@ -98,12 +92,10 @@ def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
 
 
 def temporal_landmarks(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Landmarks:
-    """Return the depth readings of a tracked frame as landmarks.
+    """Return depth measurements of a tracked frame, at features that may still create a point.
 
-    These are the readings at features that observe no map point but may create one.
-    ORB-SLAM3 calls them temporal points (Tracking.cc, UpdateLastFrame), and uses them for
-    localization only. They help to track the next frame where the map has few points, and are
-    discarded afterwards.
+    ORB-SLAM3 calls them temporal points (Tracking.cc, UpdateLastFrame). They help to track the
+    next frame where the map has few points, and are discarded afterwards.
     """
     frame = last.frame
     observes_none = last.current_points(atlas) == NO_POINT
@@ -150,6 +142,5 @@ def match_near_projections(
 
 
 def with_consistent_rotation(landmarks: Landmarks, frame: Frame, matches: Matches) -> Matches:
-    """Return the matches whose features have turned in the image by one of the common angles."""
     consistent = rotation_consistent(landmarks.angle_deg[matches.q], frame.angle_deg[matches.k])
     return matches.select(consistent)

@@ -26,26 +26,20 @@ _OBLIQUE_RADIUS_PX = 4.0
 
 
 class LocalMap(NamedTuple):
-    """The reference keyframe of a frame, and the map points that the frame may show.
-
-    These are usually all points of those keyframes that share most observed points with the frame;
-    `find_local_map` states the exceptions.
-    """
+    """The reference keyframe of a frame, and the map points that the frame may show."""
 
     reference_uid: int  # the keyframe that shares most points with the frame, if one shares any
     points: IntArray  # (P,) rows
 
 
 def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
-    """Return the local map of a frame.
+    """Return the points of the keyframes that share most observed points with a frame.
 
     Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
-    not depend on the size of the map. If the mapper has not inserted the last reference keyframe
-    yet, or has removed it, its nearest ancestor in the map takes its place. If there is no such
-    ancestor, the local map is empty. If no candidate observes any of the points, for example as
-    that ancestor has another view, all keyframes that observe some are candidates. If no keyframe
-    observes any, the reference keyframe stays the last one, and the local map has only the points
-    of this keyframe or of the ancestor in its place.
+    not depend on the size of the map. If the last reference keyframe is pending or removed, its
+    nearest ancestor in the map takes its place; without one, the local map is empty. If no
+    candidate observes any of the points, all keyframes that observe some are candidates. If none
+    does, the reference keyframe stays the last one, and the local map has its points only.
 
     Args:
         atlas: The map.
@@ -139,7 +133,6 @@ def _dot(a: FloatArray, b: FloatArray | Float32Array) -> FloatArray:
 
 
 def _is_inside(camera: StereoCamera, pixels: FloatArray) -> BoolArray:
-    """Return the (N,) mask of (3, N) pixels inside the undistorted image."""
     u, v = pixels[0], pixels[1]
     u_min, v_min, u_max, v_max = camera.bounds_px
     return np.asarray((u >= u_min) & (u < u_max) & (v >= v_min) & (v < v_max))

@@ -42,7 +42,6 @@ class Matches(NamedTuple):
     distance: IntArray  # (M,) Hamming distances of the descriptors [bits]
 
     def select(self, keep: BoolArray) -> Matches:
-        """Return the matches that an (M,) mask selects."""
         return Matches._make(column[keep] for column in self)
 
 
@@ -71,14 +70,14 @@ def match_by_projection(
     """Return one-to-one matches of queries with features near their projections.
 
     A candidate lies in the search window and in the octave range of a query; if it has a depth
-    reading, its u_right lies in the window as well. If the two best candidates have the same
-    octave, the distance of the best one must be at most `ratio` times that of the other one.
+    measurement, its u_right lies in the window as well.
 
     Args:
         queries: The map points to search.
         frame: The frame with N features.
         max_distance: Largest Hamming distance of a match [bits].
-        ratio: Largest ratio of these two distances; 1.0: no ratio test.
+        ratio: Largest ratio of the distances of the best and the second best candidate, if both
+            are in the same octave; 1.0: no ratio test.
         free: (N,) mask of the features that may be matched; None: all of them.
     """
     pairs = hoid_native.match_by_projection(
@@ -96,14 +95,8 @@ def match_by_descriptor(
 ) -> Matches:
     """Return one-to-one matches of (Q, 32) descriptors with features anywhere in a frame.
 
-    There are no matches if there are fewer than two descriptors or features.
-
-    Args:
-        descriptors: (Q, 32) descriptors to search.
-        frame: The frame.
-        max_distance: Largest Hamming distance of a match [bits].
-        ratio: Largest ratio of the best to the second best distance, if the features of both are
-            in the same octave; 1.0: no ratio test.
+    The last two arguments are those of `match_by_projection`. There are no matches if there are
+    fewer than two descriptors or features.
     """
     if min(len(descriptors), len(frame)) < _NUM_NEAREST:
         return Matches(*np.empty((3, 0), np.int64))
@@ -130,9 +123,8 @@ def _best_matches(
         k: (C,) features of the candidate pairs.
         distance: (C,) Hamming distances of the candidate pairs [bits].
         octave: (N,) octaves of all features.
-        max_distance: Largest distance of a match.
-        ratio: Largest ratio of the best to the second best distance, if the features of both are
-            in the same octave; 1.0: no ratio test.
+        max_distance: As in `match_by_descriptor`.
+        ratio: As in `match_by_descriptor`.
     """
     order = np.argsort(q * (2 * _MAX_HAMMING) + distance, kind='stable')
     q, k, distance = q[order], k[order], distance[order]

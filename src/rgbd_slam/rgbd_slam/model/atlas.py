@@ -1,9 +1,6 @@
 """The atlas: keyframes and points of all maps, and the operations that keep them consistent.
 
-An `Atlas` has one writer. Offline this is the mapper in the same process. Live the mapper has its
-own atlas in a separate process and sends `MapChange`s (the rows that changed since the last one),
-which the tracker applies to its copy between two frames. An observation is a triple `(i, k, j)`:
-keyframe i observes point j in its feature k.
+An observation is a triple `(i, k, j)`: keyframe i observes point j in its feature k.
 """
 
 from __future__ import annotations
@@ -31,13 +28,12 @@ _NOTHING = np.empty(0, np.int64)
 class Atlas(MapTables):
     """Keyframes and points of all maps. After a loss, a new map (`map_id`) may be started.
 
-    Args:
-        scale_factor: Ratio of the scales of two successive octaves.
-        num_octaves: Number of octaves.
+    An `Atlas` has one writer, the mapper. If the mapper runs in a process of its own, the tracker
+    has a copy, to which it applies the `MapChange`s of the mapper between two frames.
     """
 
     def clear(self) -> None:
-        """Remove all keyframes and points, pending ones and redirects included."""
+        """Remove all keyframes, also pending ones, points and redirects."""
         keyframes, points = self.keyframes, self.points
         self._note_features(*np.nonzero(keyframes.point_of_feature != NO_POINT))
         keyframes.point_of_feature[:] = NO_POINT
@@ -79,10 +75,7 @@ class Atlas(MapTables):
         return i
 
     def set_poses(self, i: IntArray, T_map_camera: FloatArray) -> None:
-        """Set the poses T_map_camera (N, 4, 4) of the keyframes in rows `i` (N,).
-
-        Keyframes whose new pose is invalid keep their old one (`PoseGuard`).
-        """
+        """Set the poses T_map_camera (N, 4, 4) of keyframes, except invalid ones (`PoseGuard`)."""
         is_valid = self.guard.are_valid(T_map_camera, 'keyframes')
         i, T_map_camera = i[is_valid], T_map_camera[is_valid]
         self.keyframes.T_map_camera[i] = T_map_camera
@@ -116,8 +109,8 @@ class Atlas(MapTables):
     def remove_keyframe(self, i: int) -> None:
         """Remove a keyframe, whose parent takes its place in the spanning tree.
 
-        Its observations are removed, and so are the points that no other keyframe observes. Poses
-        relative to the keyframe become relative to the parent by a `Redirect`.
+        Points that no other keyframe observes are removed as well. Poses relative to the keyframe
+        become relative to the parent by a `Redirect`.
 
         Raises:
             ValueError: The keyframe is the root of its map, which has no parent.
@@ -147,7 +140,7 @@ class Atlas(MapTables):
     # ---- points and observations
 
     def add_points(self, i: int, k: IntArray, position_m: FloatArray) -> IntArray:
-        """Create N points, each observed in one feature of a keyframe, and return their rows (N,).
+        """Create N points in features `k` (N,) of keyframe `i`, and return their rows (N,).
 
         Args:
             i: Row of the keyframe.
@@ -168,11 +161,10 @@ class Atlas(MapTables):
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
-        """Set the positions (N, 3) of the points in rows `j` (N,), in the frame of their map.
+        """Set the positions (N, 3) of points `j` (N,), in the frame of their map.
 
-        Points with a coordinate that is NaN, or whose absolute value is not below
-        `MAX_POSITION_M`, are removed from the map: an adjustment may move a point without parallax
-        and depth to any distance.
+        Points with a coordinate that is NaN, or not below `MAX_POSITION_M`, are removed: an
+        adjustment may move a point without parallax and depth to any distance.
         """
         self.points.position_m[j] = position_m
         self.points.shifted[j] = self.version
@@ -195,11 +187,10 @@ class Atlas(MapTables):
         points.version[j] = self.version
 
     def unobserve(self, i: int, k: IntArray) -> None:
-        """Remove the observations of features `k` (N,) of keyframe `i`.
+        """Remove the observations of features `k` (N,) of keyframe `i`, where there are any.
 
-        Features that observe no point are skipped. Points that no keyframe observes any more are
-        removed. A point whose reference keyframe is keyframe `i` gets another one, and its
-        statistics are computed again (`refresh`).
+        Points that no keyframe observes any more are removed. A point whose reference keyframe is
+        `i` gets another one.
         """
         kf, points = self.keyframes, self.points
         k = k[kf.point_of_feature[i, k] != NO_POINT]
@@ -231,9 +222,8 @@ class Atlas(MapTables):
         """Fuse points: observations of row `old[n]` become observations of row `new[n]`.
 
         A keyframe that observes several of the points that become one keeps one observation: that
-        of `new[n]`, if it has one. The counts of frames are added, and the points `old` are
-        removed. Call `refresh` afterwards for the statistics of `new`. `old` and `new` are
-        disjoint, and `old` has no repetitions.
+        of `new[n]`, if it has one. Call `refresh` afterwards for the statistics of `new`. `old`
+        and `new` are disjoint, and `old` has no repetitions.
         """
         if len(old) == 0:
             return
@@ -288,10 +278,7 @@ class Atlas(MapTables):
         points.version[new.rows] = self.version
 
     def count_sightings(self, counts: PointCounts) -> None:
-        """Add the numbers of frames in which points were visible and in which they were found.
-
-        Points that were removed are skipped.
-        """
+        """Add the numbers of frames in which points, unless removed, were visible and found."""
         points = self.points
         same = points.uid[counts.points] == counts.uids
         j = counts.points[same]
@@ -310,12 +297,9 @@ class Atlas(MapTables):
         keyframes.version[i] = points.version[j] = self.version
 
     def append_keyframes(self, saved: SavedKeyframes, first_uid: int | None = None) -> IntArray:
-        """Add keyframes of an earlier session, without observations, and return their (N,) rows.
+        """Add N keyframes of an earlier session, without observations, and return their rows (N,).
 
-        Args:
-            saved: The keyframes.
-            first_uid: The uid of the first one; the others get the next ones. None: the next
-                unused one.
+        Their uids count from `first_uid` on; None: from the next unused one on.
         """
         kf = self.keyframes
         kf.reserve_features(int(saved.columns['num_features'].max()))
@@ -329,17 +313,12 @@ class Atlas(MapTables):
     def adopt(
         self, loaded: Atlas, version: int, uid_offset: int, *, keep_pending: bool = False
     ) -> None:
-        """Exchange the content of this atlas with that of another one.
+        """Exchange the content of this atlas with that of another one, which has a restored map.
 
         The tables stay the same objects, because others refer to them; their columns are
-        exchanged. Redirects are kept. The old content is not freed here: that takes 90 ms for
-        10,000 keyframes.
-
-        Args:
-            loaded: An atlas that a saved map was restored in.
-            version: The version of the map from now on.
-            uid_offset: Is added to the uids of its points, so that they are those of the mapper.
-            keep_pending: False: discard the pending keyframes, whose map is gone.
+        exchanged. The old content is not freed here: that takes 90 ms for 10,000 keyframes.
+        Afterwards the map has a version, and its points have the uids of the mapper, which are
+        higher by `uid_offset`.
         """
         for table, new in ((self.keyframes, loaded.keyframes), (self.points, loaded.points)):
             if new.capacity < table.capacity:  # rows of the old map may still be looked up
@@ -357,7 +336,7 @@ class Atlas(MapTables):
         self.version = version
 
     def append_points(self, columns: Mapping[str, Column], reference: IntArray) -> IntArray:
-        """Add points of an earlier session and return their (N,) rows.
+        """Add N points of an earlier session and return their rows (N,).
 
         Args:
             columns: (N, ...) columns of the points.
@@ -372,8 +351,7 @@ class Atlas(MapTables):
     def append_observations(self, blocks: Iterable[Observations], points: IntArray) -> None:
         """Add the observations of appended points (P,), whose columns already count them.
 
-        The connections of the keyframes, and the directions, scale ranges and descriptors of the
-        points are then computed from the observations.
+        Connections of the keyframes and statistics of the points are then computed from them.
 
         Args:
             blocks: The observations, sorted by keyframe. There are several blocks, so that no

@@ -44,7 +44,6 @@ class StereoCamera:
 
     @classmethod
     def from_model(cls, camera: CameraModel, config: CameraConfig) -> StereoCamera:
-        """Return the stereo camera for a depth camera."""
         u = np.linspace(0, camera.width_px - 1, 9, dtype=np.float32)
         v = np.linspace(0, camera.height_px - 1, 9, dtype=np.float32)
         edge = np.concatenate(
@@ -98,8 +97,7 @@ class StereoCamera:
     def project_rows(self, points_camera_m: FloatArray) -> FloatArray:
         """Return (3, N) u, v, u_right of (3, N) points in front of the camera.
 
-        With coordinates as rows, every operation is contiguous, which is 3 times as fast as with
-        (N, 3).
+        Rows of coordinates are contiguous, which is 3 times as fast as (N, 3).
         """
         x, y, z = points_camera_m
         inv_z = 1.0 / z
@@ -121,12 +119,7 @@ class StereoCamera:
     def back_project(
         self, uv_px: Float32Array | FloatArray, depth_m: Float32Array | FloatArray
     ) -> FloatArray:
-        """Return the points (N, 3) [m] in the camera frame of undistorted pixels with depth.
-
-        Args:
-            uv_px: (N, 2 or more) undistorted u, v; further columns are ignored.
-            depth_m: (N,) depths.
-        """
+        """Return points (N, 3) [m] in the camera frame of pixels (N, >=2) with depths (N,)."""
         z = depth_m.astype(np.float64)
         out = np.empty((len(z), 3))
         out[:, 0] = (uv_px[:, 0] - self.cx_px) / self.fx_px * z
@@ -136,11 +129,7 @@ class StereoCamera:
 
 
 def check_octaves(features: Features, num_octaves: int) -> None:
-    """Check that all octaves of features are in the tables of scales and weights.
-
-    Raises:
-        MessageError: A feature has an octave of `num_octaves` or above.
-    """
+    """Raise MessageError if a feature has an octave of `num_octaves` or above."""
     highest = int(features.octave.max(initial=0))
     if highest >= num_octaves:
         raise MessageError(
@@ -180,5 +169,5 @@ class Frame:
 
     @cached_property
     def has_depth(self) -> BoolArray:
-        """Return the (N,) mask of features with a depth reading."""
+        """Return the (N,) mask of features with a depth measurement."""
         return self.depth_m > 0

@@ -47,9 +47,8 @@ class SavedKeyframes(NamedTuple):
 class KeyframeTable(SoaTable):
     """The table of keyframes (index letter i); feature columns are (capacity, max features, ...).
 
-    Only `Atlas` writes to the columns.
-
-    `point_of_feature` is the record of observations; the graph of the `Atlas` is its inverse.
+    Only `Atlas` writes to the columns. `point_of_feature` is the record of observations; the
+    graph of the `Atlas` is its inverse.
     """
 
     columns: ClassVar[tuple[str, ...]] = (
@@ -109,11 +108,9 @@ class KeyframeTable(SoaTable):
 
     @property
     def max_features(self) -> int:
-        """Return the number of features that a row can hold."""
         return int(self.point_of_feature.shape[1])
 
     def grow(self, capacity: int) -> None:
-        """Enlarge all columns to `capacity` rows; the new rows are empty."""
         old = self.capacity
         super().grow(capacity)
         self.point_of_feature[old:] = NO_POINT
@@ -128,16 +125,11 @@ class KeyframeTable(SoaTable):
         return column.array
 
     def release_memory(self) -> None:
-        """Let the operating system take the memory of the features of a large map.
-
-        They are read from the file again when they are used. Features without a file stay in
-        memory: those of a map of at most 1024 rows, and those for which no file could be made.
-        """
+        """Let the operating system take the memory of columns in files; use reads them again."""
         for column in self._on_disk.values():
             column.release_memory()
 
     def grow_features(self, max_features: int) -> None:
-        """Widen the feature columns to `max_features`."""
         self._on_disk.clear()
         for name in ('is_reobserved', *_FEATURE_COLUMNS):
             old = getattr(self, name)
@@ -158,10 +150,7 @@ class KeyframeTable(SoaTable):
         self.put_features(i, frame)
 
     def put_features(self, i: int, frame: Frame) -> None:
-        """Copy the features of a frame into row `i`.
-
-        The row's observations, stamp and number of features stay as they are.
-        """
+        """Copy the features of a frame into row `i`; observations and counts stay as they are."""
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))
@@ -172,12 +161,11 @@ class KeyframeTable(SoaTable):
             self.release_memory()
 
     def reserve_features(self, max_features: int) -> None:
-        """Widen the feature columns, if they are narrower than `max_features`."""
         if max_features > self.max_features:
             self.grow_features(max_features)
 
     def append_features(self, rows: IntArray, columns: Mapping[str, Column]) -> None:
-        """Store the features of several keyframes, whose numbers of features are known.
+        """Store the features of keyframes (N,) whose numbers of features are known.
 
         Args:
             rows: (N,) rows of the keyframes.
@@ -236,11 +224,9 @@ class KeyframeTable(SoaTable):
         return a, b
 
     def rows_since(self, version: int, *, with_features: bool = True) -> SoaTableRows:
-        """Return copies of the rows that changed after a version.
+        """Return copies of the rows that changed after a version of the map.
 
-        Args:
-            version: Version of the map.
-            with_features: False: leave out the features of new keyframes.
+        With `with_features=False`, the features of new keyframes are left out.
         """
         change = super().rows_since(version)
         if with_features:
@@ -250,12 +236,7 @@ class KeyframeTable(SoaTable):
         return change._replace(fixed_columns=kept)
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite the changed rows with those of another copy of the table.
-
-        Args:
-            change: The rows that changed, as `rows_since` of the other copy returned them.
-            version: Version of the map to which the change leads.
-        """
+        """Overwrite the rows that changed in another copy of the table (`rows_since`)."""
         if 'octave' in change.fixed_columns:
             width = change.fixed_columns['octave'].shape[1]
             if width > self.max_features:

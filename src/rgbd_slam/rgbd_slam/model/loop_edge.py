@@ -15,7 +15,7 @@ JOIN = 'merged'
 class LoopEdge(NamedTuple):
     """A loop or join that was found, whether or not the map uses it.
 
-    Ends of which the keyframe was removed are moved to its parent.
+    If the keyframe at an end is removed, the end moves to its parent.
     """
 
     first_uid: int  # the keyframe that was recognized

@@ -96,12 +96,10 @@ class Redirects:
         self._removed: dict[int, Redirect] = {}  # by uid, the oldest first
 
     def clear(self) -> None:
-        """Delete all redirects, because the map is cleared."""
         self._to_take = []
         self._removed.clear()
 
     def add(self, redirects: Iterable[Redirect]) -> None:
-        """Add the redirects of removed keyframes."""
         for redirect in redirects:
             self._to_take.append(redirect)
             self._removed[redirect.uid] = redirect
@@ -109,10 +107,10 @@ class Redirects:
                 del self._removed[next(iter(self._removed))]
 
     def take(self) -> tuple[Redirect, ...]:
-        """Return the redirects of removed keyframes that were added since the last call."""
+        """Return the redirects that were added since the last call."""
         redirects, self._to_take = tuple(self._to_take), []
         return redirects
 
     def find(self, uid: int) -> Redirect | None:
-        """Return the redirect of a keyframe; None if it is not among the latest 4096 redirects."""
+        """Return the redirect of a keyframe; None if it is not among the latest 4096."""
         return self._removed.get(uid)

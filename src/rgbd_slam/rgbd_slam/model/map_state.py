@@ -76,12 +76,6 @@ class MapState(Record):
 
         Pixels are limited to one image size outside the other camera's image, octaves to those
         that exist.
-
-        Args:
-            old: The camera of the map.
-            new: The other camera.
-            scale_factor: Ratio of the sizes of two successive octaves.
-            num_octaves: Number of octaves.
         """
         rays = (self.uv_px - _center_px(old)) / _focal_px(old)
         size_px = np.array(new.size_px)
@@ -175,12 +169,7 @@ def restore(
 
 
 def joined_rows(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
-    """Return the first n entries of each row i of a table, concatenated.
-
-    Args:
-        table: (N, M, ...) values.
-        rows: Pairs (i, n).
-    """
+    """Return the first n entries of row i of a table (N, M, ...), joined for all pairs (i, n)."""
     empty = table[:0].reshape(0, *table.shape[2:])
     return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
 

@@ -51,9 +51,8 @@ _NOTHING = np.empty(0, np.int64)
 class MapTables:
     """The tables of a map, with the methods that read them and keep copies of them equal.
 
-    The operations that change a map are those of `Atlas`. Live the mapper has its own copy in a
-    separate process and sends `MapChange`s (what changed since the last one), which the tracker
-    applies to its copy between two frames.
+    A mapper in a process of its own sends `MapChange`s (what changed since the last one), which
+    the tracker applies to its copy between two frames.
     """
 
     def __init__(self, scale_factor: float, num_octaves: int) -> None:
@@ -75,20 +74,13 @@ class MapTables:
     def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
         """Return the (N,) rows of keyframes that share points with `i`, most shared points first.
 
-        The shared points are those that `Atlas.update_connections` counted last.
-
-        Args:
-            i: Row of the keyframe.
-            min_shared: Least number of shared points.
-            limit: Largest number of keyframes that are returned; None: all.
+        The shared points are those that `Atlas.update_connections` counted last. At most `limit`
+        rows of keyframes with at least `min_shared` shared points are returned.
         """
         return self._graph.neighbors(i, min_shared).rows[:limit]
 
     def edges(self) -> Edges:
-        """Return all pairs of keyframes that share points, sorted by first and second row.
-
-        The shared points are those that `Atlas.update_connections` counted last.
-        """
+        """Return all pairs of keyframes that share points, sorted by first and second row."""
         return self._graph.edges()
 
     def points_of(self, keyframes: IntArray) -> IntArray:
@@ -113,14 +105,8 @@ class MapTables:
     def path_length_m(self, start: int, goal: int, min_shared: int, m_per_rad: float) -> float:
         """Return the length [m] of the shortest path between two keyframes; inf if there is none.
 
-        See `hoid_native.ObservationGraph.path_length_m`.
-
-        Args:
-            start: Row of one keyframe.
-            goal: Row of the other keyframe.
-            min_shared: Number of shared points from which keyframes are connected. Parent and
-                child in the spanning tree are always connected.
-            m_per_rad: Length [m] that is added for a rotation by 1 rad.
+        Keyframes are connected if they share `min_shared` points, or are parent and child in the
+        spanning tree. For a rotation by 1 rad, `m_per_rad` is added.
         """
         kf = self.keyframes
         poses = kf.T_map_camera
@@ -134,10 +120,7 @@ class MapTables:
         return parents
 
     def anchor(self, uid: int) -> Anchor | None:
-        """Return the anchor of a keyframe, which may have been removed or be still pending.
-
-        None is returned if the keyframe is unknown, or was removed long ago.
-        """
+        """Return the anchor of a keyframe; None if it is unknown, or was removed long ago."""
         T_anchor_keyframe = np.eye(4)
         row = self.keyframes.index_of(uid)
         while row is None:
@@ -152,10 +135,7 @@ class MapTables:
         return Anchor(row, T_anchor_keyframe)
 
     def pose(self, uid: int) -> FloatArray | None:
-        """Return T_map_keyframe (4, 4) of a keyframe, which may be removed or pending.
-
-        None is returned if it is unknown, or was removed long ago.
-        """
+        """Return T_map_keyframe (4, 4) of a keyframe, also removed or pending; None: unknown."""
         anchor = self.anchor(uid)
         if anchor is None or anchor.row is None:
             return None if anchor is None else anchor.T_anchor_keyframe
@@ -165,8 +145,7 @@ class MapTables:
     def drop_pending(self, uid: int) -> None:
         """Replace a pending keyframe by its parent, because the mapper will not insert it.
 
-        A keyframe that is not pending is ignored. The first keyframe of a map has no parent; its
-        pose is unknown from then on.
+        The first keyframe of a map has no parent; its pose is unknown from then on.
         """
         lost = self.pending.pop(uid, None)
         if lost is not None and lost.parent_uid is not None:
@@ -175,12 +154,8 @@ class MapTables:
     def changes_since(self, version: int, *, with_features: bool = True) -> MapChange:
         """Return the changes after a version, and start a new version for later changes.
 
-        Redirects, moves and feature states are returned once only.
-
-        Args:
-            version: The version of the copy that the change will be applied to.
-            with_features: False: leave out the features of new keyframes, because the copy has
-                them already.
+        Redirects, moves and feature states are returned once only. With `with_features=False`,
+        the features of new keyframes are left out, because the copy has them already.
         """
         change = MapChange(
             self.version,
@@ -200,10 +175,9 @@ class MapTables:
         return change
 
     def skip_changes(self) -> int:
-        """Discard the changes that `changes_since` would return; the copies already have them.
+        """Discard what `changes_since` would return, and return the version of the copies.
 
-        Call it after both processes have restored the same saved map. Returns the version of the
-        map that the copies have.
+        Call it after both processes have restored the same saved map.
         """
         self._moves, self._has_copies = [], True
         self.keyframes.is_reobserved[:] = False
@@ -227,13 +201,9 @@ class MapTables:
         )
 
     def apply(self, change: MapChange, frame: Frame | None = None) -> None:
-        """Apply a change to this copy of the map.
+        """Apply a change to this copy of the map; its keyframes are no longer pending.
 
-        Keyframes that the change inserts or removes are no longer pending.
-
-        Args:
-            change: The change.
-            frame: The features of the only new keyframe, if the change was made without features.
+        If the change was made without features, `frame` has those of its only new keyframe.
         """
         kf, rows = self.keyframes, change.keyframes.rows
         for move in change.moves:
@@ -277,10 +247,7 @@ class MapTables:
         return np.asarray(which >= 0)
 
     def _positions_since(self, version: int) -> PointPositions:
-        """Return the positions that changed after `version`, of points without other changes.
-
-        The positions of points with other changes are among the rows of `rows_since`.
-        """
+        """Return the positions that changed after `version`, of points without other changes."""
         points = self.points
         rows = np.flatnonzero((points.shifted > version) & (points.version <= version))
         rows = rows[points.uid[rows] != DEAD]
@@ -292,10 +259,9 @@ class MapTables:
         self.keyframes.is_reobserved[i, k] = True
 
     def _features_since(self, version: int) -> FeatureStates:
-        """Return the feature states that changed after `version`, and mark them as sent.
+        """Return the unsent feature states that changed after `version`, and mark them as sent.
 
-        States that an earlier call returned are left out. For version 0, the states of all
-        features that observe a point are returned, and all states are marked as sent.
+        For version 0, the states of all features that observe a point are returned.
         """
         kf = self.keyframes
         if version == 0:
@@ -312,7 +278,6 @@ class MapTables:
         return FeatureStates(i32, k32, kf.point_of_feature[i, k], kf.may_seed[i, k])
 
     def _apply_features(self, states: FeatureStates) -> None:
-        """Set the states of features to those of another copy."""
         kf = self.keyframes
         i, k, new = (part.astype(np.int64) for part in states[:3])
         old = kf.point_of_feature[i, k].astype(np.int64)
@@ -323,7 +288,6 @@ class MapTables:
         kf.may_seed[i, k] = states.may_seed
 
     def _connections_since(self, version: int) -> Connections:
-        """Return the connections that were counted after `version`."""
         rows = np.flatnonzero(self.keyframes.alive & (self.keyframes.connected > version))
         found = [self._graph.neighbors(i) for i in rows.tolist()]
         return Connections(
@@ -334,7 +298,6 @@ class MapTables:
         )
 
     def _connect(self, connections: Connections) -> None:
-        """Set the connections of keyframes to those of another copy."""
         ends = np.cumsum(connections.lengths).tolist()
         starts = [0, *ends]
         for i, start, end in zip(connections.rows.tolist(), starts, ends, strict=False):

@@ -59,10 +59,7 @@ class PointTable(SoaTable):
 
 
 class PointTally(NamedTuple):
-    """The points that a frame should show, and those found in it.
-
-    A point occurs at most once in each of the two arrays.
-    """
+    """The points that a frame should show, and those found in it; each occurs at most once."""
 
     visible: IntArray  # (V,) rows of the points that should be visible
     found: IntArray  # (M,) rows of the points that were found
@@ -78,13 +75,7 @@ class PointCounts(NamedTuple):
 
 
 class PointTallies:
-    """Counts how often points were visible and found since the last call of `take`.
-
-    The counts are stored by point and not by frame.
-
-    Args:
-        points: The points of the map.
-    """
+    """Counts how often points were visible and found since the last call of `take`."""
 
     def __init__(self, points: PointTable) -> None:
         self._points = points

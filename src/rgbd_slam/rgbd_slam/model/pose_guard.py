@@ -32,9 +32,7 @@ class PoseGuard:
     def are_valid(self, T: FloatArray, name: str) -> BoolArray:
         """Return which of the poses (N, 4, 4) are valid; log and count the others.
 
-        Args:
-            T: The poses.
-            name: What they are poses of, for the log, such as "keyframes".
+        `name` says what they are poses of, for the log, such as "keyframes".
         """
         is_valid = se3.is_rigid(T) & (np.abs(T[..., :3, 3]) < MAX_POSITION_M).all(-1)
         num_refused = int(np.count_nonzero(~is_valid))

@@ -31,10 +31,7 @@ class TrackedFrame:
         return np.where(stale | (points == NO_POINT), NO_POINT, points)
 
     def current_pose(self, atlas: Atlas) -> FloatArray:
-        """Return T_map_camera (4, 4) by the current pose of the reference keyframe.
-
-        If the pose of that keyframe is unknown, `self.T_map_camera` is returned.
-        """
+        """Return T_map_camera (4, 4) by the current pose of the reference keyframe, if known."""
         T_map_reference = atlas.pose(self.reference_uid)
         if T_map_reference is None:
             return self.T_map_camera
@@ -45,14 +42,14 @@ class TrackedFrame:
 def tracked_frame(
     frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference_uid: int
 ) -> TrackedFrame:
-    """Return a tracked frame whose pose is stored relative to a keyframe.
+    """Return a tracked frame whose pose is stored relative to a keyframe, which may be pending.
 
     Args:
         frame: The frame.
         T_map_camera: (4, 4) pose.
         points: (N,) row of the point that each feature observes, or NO_POINT.
         atlas: The map.
-        reference_uid: Uid of the keyframe, which may be pending; its pose must be known.
+        reference_uid: Uid of the keyframe, whose pose must be known.
     """
     T_map_reference = atlas.pose(reference_uid)
     assert T_map_reference is not None
@@ -71,12 +68,7 @@ def tracked_keyframe(
 ) -> TrackedFrame:
     """Return the tracked frame of a keyframe, with the pose and points that the map has.
 
-    Args:
-        frame: The frame that became the keyframe.
-        atlas: The map.
-        uid: Uid of the keyframe, whose pose must be known. While it is not in the map, as when it
-            is pending, it observes no point.
-        unseen: (N,) mask of features whose observations are left out, although the map has them.
+    A pending keyframe observes no point. Features in the mask `unseen` (N,) observe none either.
     """
     i, T_map_camera = atlas.keyframes.index_of(uid), atlas.pose(uid)
     assert T_map_camera is not None

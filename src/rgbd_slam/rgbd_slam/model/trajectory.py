@@ -47,10 +47,8 @@ class _MapLink(NamedTuple):
 class TrajectoryRecorder:
     """Stores two poses of each frame: as published, and relative to its reference keyframe.
 
-    The second one follows the corrections of the map.
-
-    Args:
-        atlas: The map, whose guard keeps invalid poses out of the trajectories.
+    The second one follows the corrections of the map. All methods that read old poses raise
+    InputError if their file cannot be read.
     """
 
     def __init__(self, atlas: Atlas) -> None:
@@ -68,7 +66,6 @@ class TrajectoryRecorder:
         return self._frames.num_unwritten
 
     def add(self, tracked: TrackedFrame) -> None:
-        """Add a frame; its poses are copied."""
         self._frames.append(
             (
                 tracked.frame.stamp_ns,
@@ -81,9 +78,9 @@ class TrajectoryRecorder:
     def pose(self, n: int) -> FloatArray | None:
         """Return T_map_camera (4, 4) of the `n`-th frame by the current map; None if unknown.
 
-        It is in the frame of the map of its reference keyframe, which need not be the main map. It
-        is unknown while the reference keyframe is pending, and if it was removed long ago: only
-        the latest one or two thousand removed keyframes are searched.
+        It is in the frame of the map of its reference keyframe, which need not be the main map.
+        It is unknown while the reference keyframe is pending, and if it was removed long ago:
+        only the latest one or two thousand removed keyframes are searched.
         """
         frame = self._frames[n]
         row, T_map_reference = self._reference(frame)
@@ -92,10 +89,7 @@ class TrajectoryRecorder:
         return np.asarray(T_map_reference @ _whole(frame['T_reference_camera'][None])[0])
 
     def revise(self, n: int, T_map_camera: FloatArray) -> None:
-        """Replace the final pose of frame `n`; its online pose stays as it was published.
-
-        Nothing is replaced if the final pose is unknown (see `pose`).
-        """
+        """Replace the final pose of frame `n` unless it is unknown; the online pose stays."""
         frame = self._frames[n]
         row, T_map_reference = self._reference(frame)
         if row == _UNKNOWN:
@@ -117,7 +111,8 @@ class TrajectoryRecorder:
         Args:
             before: The last frame in the previous map; None: nothing is stored.
             after: The first frame of the new map; None: nothing is stored.
-            T_before_after: (4, 4) measured pose of camera `after` in the frame of camera `before`.
+            T_before_after: (4, 4) measured pose of camera `after` in the frame of camera
+                `before`.
         """
         if before is not None and after is not None:
             T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
@@ -128,9 +123,9 @@ class TrajectoryRecorder:
     ) -> None:
         """Correct the final poses of bridged frames by the first tracked pose after them.
 
-        The difference between the tracked and the predicted pose is spread over the time since the
-        last tracked frame. The online poses stay as published. Nothing is corrected if the camera
-        was found in another map.
+        The difference between the tracked and the predicted pose is spread over the time since
+        the last tracked frame. The online poses stay as published. Nothing is corrected if the
+        camera was found in another map.
 
         Args:
             num_bridged: Number of the latest frames whose poses were predicted.
@@ -155,7 +150,7 @@ class TrajectoryRecorder:
             self._frames[n] = frame
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Store the parents of removed keyframes; poses of frames become relative to these."""
+        """Make poses relative to removed keyframes relative to their parents."""
         for redirect in redirects:
             self._removed.append(redirect)
 
@@ -166,10 +161,9 @@ class TrajectoryRecorder:
     def final(self) -> Trajectory:
         """Return the poses that follow from the current keyframe poses of the main map.
 
-        Frames of other maps are left out unless links connect these maps with the main one,
-        because without a link the poses of these maps are unknown. Frames are also left out if
-        neither their reference keyframe nor an ancestor of it exists any more, and while their
-        reference keyframe is pending.
+        Frames of other maps are left out unless links connect these maps with the main one.
+        Frames are also left out if neither their reference keyframe nor an ancestor of it exists
+        any more, and while their reference keyframe is pending.
         """
         return Trajectory.joined(self.parts('final'))
 
@@ -236,11 +230,7 @@ class TrajectoryRecorder:
 
 
 class _PoseSnapshot:
-    """Snapshot of all keyframe poses.
-
-    Row 0 is a sentinel for keyframes of which neither they nor an ancestor are found; it is in no
-    map.
-    """
+    """Snapshot of all keyframe poses. Row 0 is a sentinel, in no map, for unknown keyframes."""
 
     def __init__(self, keyframes: KeyframeTable) -> None:
         rows = keyframes.indices_by_uid()
@@ -313,10 +303,7 @@ def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 def _find(ascending: IntArray, uids: IntArray) -> IntArray:
-    """Return the index of each uid (K,) among ascending uids, or 0 if it is not among them.
-
-    Where `ascending` has a uid several times, the last index is returned.
-    """
+    """Return the last index of each uid (K,) among ascending uids; 0: it is not among them."""
     n = np.searchsorted(ascending, uids, side='right') - 1
     return np.where(ascending[n] == uids, n, 0)
 
@@ -326,9 +313,6 @@ def current_pass(poses: Trajectory) -> Trajectory:
 
     Stamps start again where a bag is played in a loop. Of poses with equal stamps, the first is
     returned.
-
-    Args:
-        poses: N poses in the order of their images.
     """
     restarts = np.flatnonzero(np.diff(poses.stamps_ns) <= -RESTART_NS)
     first = int(restarts[-1]) + 1 if len(restarts) else 0
@@ -339,17 +323,14 @@ def current_pass(poses: Trajectory) -> Trajectory:
 def main_map(keyframes: KeyframeTable) -> int:
     """Return the id of the map with most keyframes; of equally large maps, the lowest id.
 
-    It is 0 if there are no keyframes.
-
-    After a loss there may be several maps, each in a frame of its own until a recognized place
-    merges them.
+    It is 0 if there are no keyframes. After a loss there may be several maps, each in a frame of
+    its own until a recognized place merges them.
     """
     ids = keyframes.map_id[keyframes.indices()]
     return int(np.bincount(ids).argmax()) if len(ids) else 0
 
 
 def keyframe_poses(atlas: Atlas) -> KeyframePoses:
-    """Return a snapshot of the keyframe poses of all maps."""
     keyframes = atlas.keyframes
     rows = keyframes.indices_by_uid()
     return KeyframePoses(

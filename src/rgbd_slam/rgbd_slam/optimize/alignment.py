@@ -73,7 +73,7 @@ def align_image(
     Args:
         measurement_px: (N, 3) undistorted u, v, u_right of the features.
         sigma_px: (N,) standard deviations of pixels, 1 in octave 0; they grow with the octave.
-        depth_m: (N,) depth readings of the features; 0 = none.
+        depth_m: (N,) depth measurements of the features; 0: none.
         points_m: (N, 3) the matched points, all in one frame.
         camera: The camera of the image.
         rng: Draws the samples; a seeded generator makes runs repeat.

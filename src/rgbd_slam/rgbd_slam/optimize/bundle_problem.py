@@ -56,11 +56,8 @@ def adjust(
 ) -> BundleSolution:
     """Return adjusted poses and points. Each round leaves out the outliers of the round before.
 
-    Args:
-        camera: The camera with the noise that weights the residuals; their kernels are Huber's.
-        problem: The problem with its initial poses and points.
-        iterations: Largest number of iterations in each round.
-        rounds: Number of rounds.
+    The noise of the camera weights the residuals, whose kernels are Huber's. `iterations` is the
+    largest number in each round.
     """
     fit = hoid_native.adjust_bundle(
         camera.lens,

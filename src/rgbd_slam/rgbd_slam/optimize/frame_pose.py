@@ -22,21 +22,14 @@ class FramePose(NamedTuple):
 
     @property
     def T_camera_map(self) -> FloatArray:  # noqa: N802
-        """Return the (4, 4) transform from the map to the camera."""
         return self.consensus.estimate.T_camera_map
 
 
 class FramePoseEstimator:
     """Estimates poses of frames in a map.
 
-    Attributes:
-        camera: The camera with its measured noise.
-        prior: A prior of the pose of the current frame; None if there is none.
-
-    Args:
-        camera: The camera with its configured noise.
-        atlas: The map.
-        config: Parameters.
+    `camera` has the measured noise; `prior` is one of the pose of the current frame, if there is
+    any.
     """
 
     def __init__(self, camera: StereoCamera, atlas: Atlas, config: ConsensusConfig) -> None:
@@ -52,13 +45,9 @@ class FramePoseEstimator:
         *,
         is_initial: bool = False,
     ) -> FramePose:
-        """Return the pose optimized on correspondences, and those that fit it.
+        """Return the pose optimized on correspondences from an initial one, and those that fit it.
 
-        Args:
-            frame: The frame.
-            found: The correspondences.
-            T_camera_map: (4, 4) pose at which the optimization starts.
-            is_initial: True for a pose that only guides the search for more matches.
+        `is_initial` states that the pose only guides the search for more matches.
         """
         problem = PoseProblem.of(frame, found.k, found.position_m, self._atlas.octave_scale)
         num_observations = self._atlas.points.num_observations[found.point]

@@ -17,12 +17,11 @@ from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
 def local_bundle_adjustment(
     atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig
 ) -> None:
-    """Adjust a keyframe, the keyframes that share most points with it, and their points.
+    """Adjust keyframe `i`, the keyframes that share most points with it, and their points.
 
-    The keyframe is in row `i`. The root of a map keeps its pose, and so do up to `fixed_window`
-    other keyframes that observe these points. Nothing is adjusted if there is no keyframe that
-    keeps its pose, or none whose pose may change.
-    The result is written to the map, and observations that are outliers are removed from it.
+    The root of a map keeps its pose, and so do up to `fixed_window` other keyframes that observe
+    these points. Nothing is adjusted without a keyframe of each kind. Observations that are
+    outliers are removed from the map.
     """
     free = np.concatenate([[i], atlas.covisible(i, NEAR_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
@@ -37,15 +36,9 @@ def local_bundle_adjustment(
 
 
 def _fixed_keyframes(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
-    """Return the rows (F,) of other keyframes that observe the points, most points first.
+    """Return the rows (F,) of other keyframes that observe points `j` (P,), most points first.
 
-    Keyframes that observe none of the points are left out.
-
-    Args:
-        atlas: The map.
-        j: (P,) rows of the points of the adjusted keyframes.
-        free: Rows of the adjusted keyframes.
-        limit: Largest number of keyframes that are returned.
+    At most `limit` are returned, and none of the adjusted ones `free`.
     """
     votes = np.bincount(atlas.observations_of(j).i, minlength=atlas.keyframes.capacity)
     votes[free] = 0
@@ -75,11 +68,7 @@ def bundle_problem(
 ) -> tuple[BundleProblem, Observations]:
     """Return the problem of keyframes (C,) and points (P,), and its M observations in the map.
 
-    Args:
-        atlas: The map.
-        cameras: (C,) rows of the keyframes, the optimized ones first.
-        num_free: Number of optimized keyframes.
-        j: (P,) rows of the points.
+    The first `num_free` of the keyframes are optimized.
     """
     keyframes, points = atlas.keyframes, atlas.points
     seen = atlas.observations_of(j, cameras)
@@ -96,15 +85,11 @@ def bundle_problem(
 
 
 def _positions(rows: IntArray, wanted: IntArray) -> IntArray:
-    """Return the (M,) indices at which the wanted rows are in an array of rows (N,).
-
-    The array must contain all wanted rows.
-    """
+    """Return the (M,) indices at which `wanted` rows are in `rows` (N,), which has them all."""
     order = np.argsort(rows)
     return np.asarray(order[np.searchsorted(rows, wanted, sorter=order)])
 
 
 def _unobserve(atlas: Atlas, seen: Observations) -> None:
-    """Remove observations from the map."""
     for i in np.unique(seen.i).tolist():
         atlas.unobserve(i, seen.k[seen.i == i])

@@ -27,11 +27,7 @@ _MAX_IMAGES = 100  # about three seconds: number of images over which the varian
 
 
 class NoiseEstimator:
-    """Averages the variances of pixels and disparities over about the last 100 tracked frames.
-
-    Args:
-        camera: The camera with its configured noise.
-    """
+    """Averages the variances of pixels and disparities over about the last 100 tracked frames."""
 
     def __init__(self, camera: StereoCamera) -> None:
         self.camera = camera  # with the measured noise

@@ -72,10 +72,7 @@ class BiasingObject(NamedTuple):
 
 
 class Consensus(NamedTuple):
-    """The pose of one image, and the moving objects that were noticed while estimating it.
-
-    `competing` and `biasing` are None if there is no such motion and no such object.
-    """
+    """The pose of one image, and the moving objects that were noticed while estimating it."""
 
     estimate: PoseEstimate
     competing: CompetingMotion | None = None
@@ -83,10 +80,10 @@ class Consensus(NamedTuple):
 
     @property
     def covariance(self) -> FloatArray:
-        """Return the (6, 6) covariance of the pose in the camera frame, rotation first.
+        """Return the (6, 6) covariance of the pose, camera frame, rotation first [rad^2, m^2].
 
-        Units are rad^2 and m^2. If there is a competing motion, this is the covariance of the
-        mixture of both poses, weighted by their shares, about the chosen pose.
+        If there is a competing motion, this is the covariance of the mixture of both poses,
+        weighted by their shares, about the chosen pose.
         """
         return covariance(self.estimate) + self.ambiguity
 
@@ -97,10 +94,7 @@ class Consensus(NamedTuple):
 
     @property
     def ambiguity(self) -> FloatArray:
-        """Return the (6, 6) covariance that a competing motion adds to that of the pose.
-
-        It is zero if there is no competing motion.
-        """
+        """Return the (6, 6) covariance that a competing motion adds to that of the pose."""
         if self.competing is None:
             return np.zeros((6, 6))
         twist, chosen, other = self.competing
@@ -127,10 +121,7 @@ class _Hypothesis(NamedTuple):
 class PoseConsensus:
     """Estimates the pose of one image from matches of which some may be on moving objects.
 
-    Args:
-        camera: The camera with its measured noise.
-        config: Parameters.
-        prior: A prior of the pose, which holds for each hypothesis; None if there is none.
+    The camera has its measured noise, and the prior holds for each hypothesis.
     """
 
     def __init__(
@@ -192,8 +183,7 @@ class PoseConsensus:
     def _competing_hypotheses(self, deciding: PoseProblem, fit: _Hypothesis) -> list[_Hypothesis]:
         """Return the poses of the distant and of the near half of the deciding matches.
 
-        A half that is consistent with `fit`, the pose of all deciding matches, is left out. There
-        are no such poses if there are fewer than 20 deciding matches.
+        A half that is consistent with `fit`, the pose of all deciding matches, is left out.
         """
         if len(deciding) < 2 * _MIN_HALF:
             return []
@@ -209,12 +199,7 @@ class PoseConsensus:
     ) -> _Hypothesis | None:
         """Return the pose of one half of the matches, refitted to all matches that support it.
 
-        None is returned if `fit` is consistent with the half.
-
-        Args:
-            deciding: D matches.
-            half: (D,) mask of the half.
-            fit: The pose of all D matches.
+        None is returned if `fit`, the pose of all D matches, is consistent with the half (D,).
         """
         matches_of_half = deciding.select(half)
         own = optimize_pose(self._camera, matches_of_half, fit.T_camera_map, self._prior)
@@ -232,10 +217,7 @@ class PoseConsensus:
     def _without_biasing_region(
         self, deciding: PoseProblem, biased: _Hypothesis
     ) -> tuple[_Hypothesis, ViewRegion] | None:
-        """Return the pose refitted without the most biasing region, and this region.
-
-        None is returned if no region biases the pose, if there are few deciding matches, or if the
-        search is switched off.
+        """Return the pose refitted without the most biasing region, and this region, if any.
 
         An object that moves slowly fits the pose of all matches nearly as well as the static
         scene, so that residuals do not show it. When its matches are left out, however, the pose
@@ -272,8 +254,8 @@ class PoseConsensus:
 
         If the inliers of the hypothesis fit the pose of all matches as well, that pose is
         returned. If not, the pose is refitted to all matches that fit the hypothesis, and returned
-        if it increases the cost of these inliers by at most `max_cost_increase`. If it costs more,
-        the pose of the hypothesis is returned.
+        if it increases the cost of these inliers by at most `max_cost_increase`, else the pose of
+        the hypothesis.
         """
         if self._supports(deciding, hypothesis, fit_to_all, 0.0):
             return fit_to_all
@@ -306,13 +288,9 @@ class PoseConsensus:
         return self._is_consistent(cost[inliers], hypothesis.cost[inliers], tolerance)
 
     def _is_consistent(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
-        """Return whether some matches cost hardly more than with the pose that fits them best.
+        """Return whether the costs (N,) of some matches are hardly higher than their least ones.
 
-        Args:
-            cost: (N,) costs of the matches with the tested pose.
-            least: (N,) costs of the matches with the pose that fits them best.
-            tolerance: Share by which the sum of `cost` may be larger. In addition, it may be
-                larger by `cost_margin`.
+        Their sum may be larger by the share `tolerance` and by `cost_margin`.
         """
         cost, least = _rescaled(cost, least)
         return bool(cost.sum() <= self._config.cost_margin + (1 + tolerance) * least.sum())
@@ -360,8 +338,6 @@ def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, Flo
 def _noise_scale(cost: FloatArray) -> float:
     """Return the noise variance that the median cost shows, as a share of the assumed variance.
 
-    The share is at least 0.01 and at most 1.
-
     The noise in a new map is not measured yet. If it were assumed too large, a moving object would
     fit a pose halfway, and its few points would outweigh the many static ones.
     """
@@ -370,10 +346,7 @@ def _noise_scale(cost: FloatArray) -> float:
 
 
 def _competing_motion(best: _Hypothesis, other: _Hypothesis | None) -> CompetingMotion | None:
-    """Return the motion between two hypotheses; None if it is noise or has no supporters.
-
-    It is also None if there is no second hypothesis.
-    """
+    """Return the motion between two hypotheses; None if it is noise or has no supporters."""
     if other is None:
         return None
     twist = se3.log(other.T_camera_map @ se3.inverse(best.T_camera_map))

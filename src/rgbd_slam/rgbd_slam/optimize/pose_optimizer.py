@@ -60,11 +60,7 @@ class PoseProblem:
     ) -> PoseProblem:
         """Return the problem of features `k` (N,) of a frame that observe landmarks (N, 3).
 
-        Args:
-            frame: The frame.
-            k: (N,) features.
-            points_m: (N, 3) the landmark that each feature observes.
-            octave_scale: (L,) size of a pixel of each octave in pixels of the image.
+        `octave_scale` (L,) are the sizes of a pixel of each octave in pixels of the image.
         """
         measured_px = frame.measurement_px.take(k, 0).astype(np.float64)
         return cls(points_m, measured_px, octave_scale[frame.octave[k]] ** -2.0)
@@ -78,7 +74,6 @@ class PoseProblem:
         return self.points_m, self.measured_px, self.inv_sigma2
 
     def select(self, keep: BoolArray) -> PoseProblem:
-        """Return the matches that an (N,) mask selects."""
         k = np.flatnonzero(keep)  # looked up once, not three times
         return PoseProblem(
             self.points_m.take(k, 0), self.measured_px.take(k, 0), self.inv_sigma2[k]
@@ -93,15 +88,9 @@ def optimize_pose(
 ) -> PoseEstimate:
     """Return the pose that fits the matches, and a prior if one is given, best.
 
-    The information is that of the configured pixel noise, or of the measured one if that is
-    larger, as in blurred images. A smaller measured noise is not used, because errors that all
-    matches share do not average out (decision 032).
-
-    Args:
-        camera: The camera with its measured noise.
-        problem: The matches.
-        T_camera_map: (4, 4) initial pose.
-        prior: A prior of the pose; None if there is none.
+    The camera has its measured noise. The information is that of the configured pixel noise, or of
+    the measured one if that is larger, as in blurred images. A smaller measured noise is not used,
+    because errors that all matches share do not average out (decision 032).
     """
     # The kernel weights pixels by their configured variance, and disparities and the prior
     # relative to them; the measured variance scales the sum of all.

@@ -60,24 +60,14 @@ def _residuals_px(
 
 
 def _factor(normalized: FloatArray, used: BoolArray) -> float:
-    """Return the measured noise of the used residuals as a factor on the configured noise.
-
-    It is 1 if they are too few.
-
-    Args:
-        normalized: (..., M) residuals in units of the configured noise.
-        used: (M,) mask of the observations that are used.
-    """
+    """Return the noise of used residuals (..., M) relative to the configured one; 1 if few."""
     if np.count_nonzero(used) < _MIN_OBSERVATIONS:
         return 1.0
     return noise_factor(normalized[..., used])
 
 
 def noise_factor(normalized: FloatArray) -> float:
-    """Return the standard deviation of normalized residuals (any shape), from their median size.
-
-    It is limited to 0.1 to 10. There must be at least one residual.
-    """
+    """Return the standard deviation of normalized residuals (any shape), from their median."""
     sizes = np.abs(normalized).ravel()
     middle = len(sizes) // 2
     median = float(np.partition(sizes, middle)[middle])  # 3 times as fast as np.median

@@ -26,12 +26,10 @@ class ViewRegion(NamedTuple):
     ) -> BoolArray:
         """Return the (N,) mask of features in or near the region.
 
-        Features without a depth reading are tested by their direction only.
-
         Args:
             camera: The camera.
             measured_px: (N, 3) u, v, u_right of the features.
-            depth_m: (N,) depth readings of the features; 0 = none.
+            depth_m: (N,) depths of the features; 0: none, tested by direction only.
         """
         u, v = measured_px[:, :2].T
         x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px

@@ -32,5 +32,4 @@ class InlineMapper(Mapper):
         self.closer.settle(0.0)
 
     def finish(self) -> None:
-        """Do the same as `settle`: nothing is left to wait for."""
         self.settle()

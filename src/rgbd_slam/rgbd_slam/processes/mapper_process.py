@@ -153,27 +153,28 @@ class MapperProcess:
 
     @property
     def waiting_s(self) -> float:
-        """Return the time [s] since the process could begin the first request of the queue.
-
-        It is 0 if no request is queued.
-        """
+        """Return the time [s] since the process could begin the first queued request, or 0."""
         return self._clock() - self._sent_s if self._queue else 0.0
 
     @property
     def is_settled(self) -> bool:
-        """Return whether no request is queued and, by the last report, no adjustment runs."""
+        """Return whether no request is queued and, by the last report, no adjustment runs.
+
+        The map then stays as it is until the next request, unless `is_loading` is True.
+        """
         return self.queue_length == 0 and self._is_settled
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> None:
-        """Queue the first keyframe of a map; a later `update` brings it into the tracker's map."""
+        """Queue the first keyframe of a map, which is pending until it is in the tracker's map."""
         self._atlas.pending[uid] = PendingKeyframe(uid, None, T_map_camera)
         self._append(Start(uid, frame, T_map_camera, map_id))
 
     def insert(self, request: KeyframeRequest) -> None:
-        """Queue a keyframe; a later `update` brings it into the tracker's map.
+        """Queue a keyframe, which is pending until it is in the tracker's map.
 
-        If more than 64 requests are then queued, every other keyframe that was not sent yet is
-        dropped, possibly this one. A keyframe that the mapper cannot insert is dropped as well.
+        It may be dropped instead: every other unsent keyframe if more than 64 requests are queued,
+        and one that the mapper cannot insert. Poses relative to it then become relative to its
+        reference keyframe.
         """
         T_reference_camera = se3.orthonormalized(request.T_reference_camera)
         self._atlas.pending[request.uid] = PendingKeyframe(
@@ -186,7 +187,11 @@ class MapperProcess:
         self._append(verdicts)
 
     def begin_load(self, loading: MapLoading) -> None:
-        """Request that a saved map is loaded. Requests that follow apply to the new map."""
+        """Request that a saved map is loaded. Requests that follow apply to the new map.
+
+        If the running map is kept, the mapper must be settled, so that both processes restore the
+        saved map beside the same running one.
+        """
         self._loading = loading
         self._append(loading.request())
 
@@ -210,18 +215,11 @@ class MapperProcess:
             self._receive(0.0)
 
     def settle(self) -> None:
-        """Request a final global adjustment, as described at `MapperClient.settle`."""
+        """Request a final global adjustment (`LoopCloser.settle`); poll `is_settled`."""
         self._append(Settle(0.0))
 
     def wait(self, limit_s: float = _WORK_S) -> None:
-        """Wait until all queued requests are completed, up to `limit_s` for each report.
-
-        Their changes are applied to the tracker's map.
-
-        Raises:
-            MapperStoppedError: A report takes longer, the process cannot be kept running, or a
-                loaded map could not be restored for the tracker.
-        """
+        """Wait until all queued requests are completed, up to `limit_s` for each report."""
         while self._queue:
             self._receive(limit_s)
             self._adopt(limit_s)
@@ -243,7 +241,7 @@ class MapperProcess:
         self.update()
 
     def close(self) -> None:
-        """End the process; all queued requests are lost."""
+        """End the process; all queued requests are lost, and the tracker's map stays readable."""
         self._worker.close()
 
     def _append(self, request: Request) -> None:
@@ -266,8 +264,7 @@ class MapperProcess:
     def _reattached(self, request: KeyframeRequest) -> KeyframeRequest:
         """Return a request with a reference keyframe that the process has, or is about to insert.
 
-        A reference keyframe that was removed is replaced by its nearest ancestor. If no ancestor
-        is known, the request is returned as it is.
+        A reference keyframe that was removed is replaced by its nearest ancestor, if one is known.
         """
         uid, T_reference_camera = request.reference_uid, request.T_reference_camera
         while self._atlas.keyframes.index_of(uid) is None and uid not in self._atlas.pending:
@@ -281,7 +278,6 @@ class MapperProcess:
     def _thin_out(self) -> None:
         """Remove every other one of the unsent keyframes from the queue.
 
-        Poses relative to a removed keyframe become relative to its parent.
         The remaining keyframes overlap less, but usually enough to be connected with each other.
         """
         waiting = list(islice(self._queue, self._num_sent, None))
@@ -300,10 +296,6 @@ class MapperProcess:
         """Wait up to `timeout_s` for the next report, and apply it to the tracker's map.
 
         If the process has died, it is replaced.
-
-        Raises:
-            MapperStoppedError: No report has arrived within `timeout_s`, or the process has ended
-                before it completed a request.
         """
         try:
             report = self._worker.receive(timeout_s)
@@ -334,9 +326,6 @@ class MapperProcess:
 
         Waits up to `limit_s` until the map is restored for the tracker. Returns whether further
         reports may be applied to the tracker's map: False while a loaded map is not restored yet.
-
-        Raises:
-            MapperStoppedError: The map could not be restored.
         """
         loaded, loading = self._loaded, self._loading
         if loaded is None or loading is None:
@@ -364,9 +353,6 @@ class MapperProcess:
 
         The request that the process was working on is not sent again, because it may be the reason
         of the failure. Exceptions are `Start` and `Load`, without which a map would be missing.
-
-        Raises:
-            MapperStoppedError: The process completed no request between its start and its end.
         """
         if self._num_done == 0:
             self._give_up()

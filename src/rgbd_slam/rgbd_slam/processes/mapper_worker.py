@@ -88,10 +88,7 @@ class MapperReport(NamedTuple):
 class MapperServer:
     """Carries out the requests of a tracker with a mapper, in the process that calls it.
 
-    Args:
-        camera: The camera with its configured noise.
-        config: Parameters of the core.
-        background: Run global adjustment in a separate process.
+    With `background`, global adjustment runs in a separate process.
     """
 
     def __init__(
@@ -124,11 +121,7 @@ class MapperServer:
         return self._report(completes_request=True, has_features=has_features)
 
     def poll(self) -> MapperReport | None:
-        """Apply the result of a background adjustment, and return its report.
-
-        An adjustment that has failed is reported as well, because the map is then settled. None is
-        returned while there is nothing to report.
-        """
+        """Apply the result of a background adjustment; report it, or that it has failed."""
         was_adjusting = self._mapper.closer.is_adjusting
         is_applied = self._mapper.closer.poll()
         has_ended = was_adjusting and not self._mapper.closer.is_adjusting
@@ -149,8 +142,7 @@ class MapperServer:
 
         Args:
             completes_request: Whether the report answers a request.
-            has_features: Whether the tracker has the features of the new keyframe already, so that
-                they need not be sent back.
+            has_features: Whether the tracker has the features of the new keyframe already.
         """
         change = self.map.changes_since(self._version, with_features=not has_features)
         self._version = change.version
@@ -161,10 +153,7 @@ class MapperServer:
 def run_mapper(
     requests: Connection, reports: Connection, camera: StereoCamera, config: SlamConfig
 ) -> None:
-    """Serve requests until a pipe closes; the main function of the process.
-
-    The priority of the process is lowered. The first report is `Ready`.
-    """
+    """Serve requests until a pipe closes; the main function of the process."""
     os.nice(_NICE)
     server = MapperServer(camera, config)
     try:

@@ -54,9 +54,9 @@ class DroppedFrameCounter:
     def add(self, stamp_ns: int) -> None:
         """Add the stamp of the next image, and count the images that are missing before it.
 
-        Nothing is counted until the period of the stream is known, from five intervals. After a
-        stamp that is not later than the last one, or a gap of more than a second, the period is
-        measured anew; the number of dropped images is kept.
+        Nothing is counted until the period of the stream is known, from five intervals. It is
+        measured anew after a stamp that is not later than the last one, or a gap of more than a
+        second.
         """
         last_ns, self._last_ns = self._last_ns, stamp_ns
         if last_ns is None or not 0 < stamp_ns - last_ns <= _PAUSE_NS:
@@ -96,15 +96,14 @@ class RepeatedImages:
 
     @property
     def original_ns(self) -> int | None:
-        """Return the stamp (ns) of the latest image that was not a copy; None at the start."""
+        """Return the stamp [ns] of the latest image that was not a copy; None at the start."""
         return None if self._original is None else self._original.stamp_ns
 
     def add(self, features: Features) -> Repetition:
         """Return which parts of the next image are copies of the latest image that was no copy.
 
         An image is never a copy if its stamp is earlier than the stamp of that latest image, or
-        more than 250 ms later. An image that is no copy is stored for comparison with later ones.
-        Copies with a new depth image are counted, and the first of them is logged.
+        more than 250 ms later.
         """
         original = self._original
         if original is None or not 0 <= features.stamp_ns - original.stamp_ns <= MAX_COPY_AGE_NS:
@@ -129,5 +128,5 @@ def _pixels(features: Features) -> IntArray:
 
 
 def _readings(features: Features) -> IntArray:
-    """Return (N,) numbers that are equal where two depth readings are equal in all bits."""
+    """Return (N,) numbers that are equal where two depth measurements are equal in all bits."""
     return np.asarray(np.ascontiguousarray(features.depth_m, np.float32).view(np.int32))

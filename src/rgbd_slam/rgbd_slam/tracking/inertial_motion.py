@@ -34,9 +34,6 @@ class InertialMotion:
     velocity, which decays to zero with a time constant of 0.4 s (an Ornstein-Uhlenbeck process).
     The variance of the velocity is learned from the tracked motion, and gives the covariance of
     the position.
-
-    Args:
-        imu: The IMU, which learns from the tracked motion.
     """
 
     def __init__(self, imu: Imu) -> None:
@@ -51,20 +48,15 @@ class InertialMotion:
         self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
 
     def start(self, stamp_ns: int) -> None:
-        """Set the stamp of the tracked frame from which `predict` and `bridge` give the motion."""
         self._start_ns = self._stamp_ns = stamp_ns
         if stamp_ns != self._observed_ns:
             self._attitude.restart()
 
     def advance(self, stamp_ns: int) -> None:
-        """Set the stamp of the image up to which `predict` and `bridge` give the motion."""
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        """Learn the velocity, and let the IMU learn its mounting, time offset and biases.
-
-        Nothing is learned if the stamp of the image is not later than that given to `start`.
-        """
+        """Learn the velocity, and let the IMU learn its mounting, time offset and biases."""
         elapsed_s = self._elapsed_s
         if elapsed_s <= 0:
             return
@@ -84,19 +76,12 @@ class InertialMotion:
         """Do nothing: the velocity decays by itself, and the gyro measures on."""
 
     def predict(self) -> FloatArray | None:
-        """Return the predicted motion T_camera_last (4, 4).
-
-        None is returned if the gyro has no rotation for it (`Imu.rotation`), or if the stamp of
-        the image is not later than that given to `start`.
-        """
+        """Return T_camera_last (4, 4); None if the gyro has no rotation or no time elapsed."""
         rotation = self._rotation()
         return None if rotation is None else se3.inverse(self._motion(rotation))
 
     def rate_radps(self, stamp_ns: int) -> FloatArray | None:
-        """Return the rate (3,) at which the camera turns at an image, about its own axes.
-
-        None is returned if the gyro has no rotation around this time (`Imu.rotation`).
-        """
+        """Return the turn rate (3,) of the camera at an image, about its own axes, if known."""
         half_ns = _RATE_NS // 2
         turn = self._imu.rotation(stamp_ns - half_ns, stamp_ns + half_ns)
         return (
@@ -119,11 +104,7 @@ class InertialMotion:
         )
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the predicted motion T_last_camera with its covariances.
-
-        It is the inverse of the motion that `predict` returns. None is returned if `predict`
-        returns None, and once the camera has not been tracked for 1.5 s.
-        """
+        """Return the motion that `predict` predicts, with covariances; None after 1.5 s."""
         rotation = self._rotation() if self._elapsed_s <= _MAX_BRIDGE_S else None
         if rotation is None:
             return None
@@ -170,11 +151,7 @@ class InertialMotion:
         return T
 
     def _reckon(self) -> Reckoned | None:
-        """Return the position by the accelerometer; None: predict it by the last velocity.
-
-        None is returned for the first 0.1 s, if the accelerometer is missing, not trusted or
-        switched off (`imu.integrate`), and unless its position has a smaller variance.
-        """
+        """Return the position by the accelerometer, if better than by the last velocity."""
         stamps_ns = self._start_ns, self._stamp_ns
         if self._elapsed_s < _LEAST_RECKONED_S:
             return None

@@ -45,12 +45,8 @@ class KeyframePolicy:
 
     The number is compared with that of the frames since the last keyframe and with the number of
     points of the reference keyframe. A frame that tracks few near points, and could create many,
-    is selected as well. `wants` states the exceptions.
-
-    Args:
-        atlas: The map.
-        config: Parameters.
-        close_px: Disparity above which a depth reading alone creates a map point.
+    is selected as well. `close_px` is the disparity above which a depth measurement alone creates
+    a map point.
     """
 
     def __init__(self, atlas: Atlas, config: KeyframeConfig, close_px: float) -> None:
@@ -60,7 +56,6 @@ class KeyframePolicy:
         self.restart()
 
     def reconfigure(self, config: KeyframeConfig) -> None:
-        """Apply the parameters that may change at run time."""
         self._config = config
 
     def restart(self) -> None:
@@ -75,12 +70,10 @@ class KeyframePolicy:
     def wants(self, tracking: TrackerOutput) -> bool:
         """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
-        The largest number of points tracked since the last keyframe is stored for comparison.
         While a keyframe is pending, which the mapper has not inserted yet, only a change of the
         view counts. While tracking is good, no keyframe is requested within `min_gap_s` of the
-        last one. With `skip_known_views`, none is requested in a view that an old keyframe has
-        already, unless tracking gets much worse. A reference keyframe that was removed is replaced
-        by its nearest ancestor in the map; the result is False if there is none.
+        last one, and, with `skip_known_views`, none in a view that an old keyframe has already.
+        The result is False if neither the reference keyframe nor an ancestor of it is in the map.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
@@ -107,8 +100,8 @@ class KeyframePolicy:
         """Return whether the view has changed since the newest keyframe, which is still pending.
 
         The points of the pending keyframe may be enough for the present view once they are in the
-        map. If the view has changed, another keyframe must be inserted that overlaps with both
-        views: otherwise a late mapper could not connect the present view with the map.
+        map. If the view has changed, a keyframe must be inserted that overlaps with both views:
+        otherwise a late mapper could not connect the present view with the map.
         """
         T_map_pending = self._atlas.pose(max(self._atlas.pending))
         if T_map_pending is None:
@@ -116,10 +109,7 @@ class KeyframePolicy:
         return bool(self._view_differences(tracking, T_map_pending[None])[0] > _PENDING_VIEW_RAD)
 
     def _lacks_close_points(self, tracking: TrackerOutput) -> bool:
-        """Return whether few close points are tracked, and many could be created.
-
-        A close point is one whose depth reading alone creates a map point (`close_px`).
-        """
+        """Return whether few close points are tracked, and many could be created."""
         frame, points = tracking.tracked.frame, tracking.tracked.points
         close = self._is_close(frame.measurement_px.T)
         tracked = np.count_nonzero(close & (points != NO_POINT))
@@ -132,10 +122,6 @@ class KeyframePolicy:
         Features that do not match the map in a known view did not match it at earlier visits
         either. A keyframe at each visit would make the map grow with time instead of with the
         space seen.
-
-        Args:
-            tracking: The tracked frame.
-            i: Row of its reference keyframe.
         """
         keyframes, frame = self._atlas.keyframes, tracking.tracked.frame
         rows = np.r_[i, self._atlas.covisible(i, limit=_NUM_NEIGHBORS)]
@@ -163,21 +149,12 @@ class KeyframePolicy:
         return np.asarray(difference_rad)
 
     def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
-        """Return the (N,) mask of features (3, N) whose depth reading is near enough for a point.
-
-        Args:
-            pixels: (3, N) u, v, u_right.
-        """
+        """Return the (N,) mask of u, v, u_right (3, N) with a depth that creates a point."""
         is_close: BoolArray = pixels[0] - pixels[2] > self._close_px  # False without depth (NaN)
         return is_close
 
     def _leaves_reference(self, i: int, num_inliers: int) -> bool:
-        """Return whether a frame tracks few points, compared with its reference keyframe.
-
-        Args:
-            i: Row of the reference keyframe, of which only confirmed points count.
-            num_inliers: Number of map points that the frame tracks.
-        """
+        """Return whether a frame tracks few points compared with reference keyframe `i`."""
         keyframes, points = self._atlas.keyframes, self._atlas.points
         seen = keyframes.point_of_feature[i]
         seen = seen[seen != NO_POINT]
@@ -190,7 +167,6 @@ class KeyframePolicy:
 
 
 def _cells(pixels: FloatArray | Float32Array) -> IntArray:
-    """Return the (N,) indices of the image cells that contain (3, N) u, v, u_right."""
     u, v = (pixels[:2] // _CELL_PX).astype(np.int64)
     cells: IntArray = _ROW * v + u
     return cells

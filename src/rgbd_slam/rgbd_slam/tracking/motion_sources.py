@@ -41,16 +41,16 @@ class BridgedMotion(NamedTuple):
 
 
 class MotionSource(Protocol):
-    """Predicts the motion of the camera since the last tracked frame."""
+    """Predicts the motion of the camera from a tracked frame (`start`) to an image (`advance`)."""
 
     def start(self, stamp_ns: int) -> None:
-        """Set the stamp of the tracked frame from which `predict` and `bridge` give the motion."""
+        """Set the stamp of the tracked frame."""
 
     def advance(self, stamp_ns: int) -> None:
-        """Set the stamp of the image up to which `predict` and `bridge` give the motion."""
+        """Set the stamp of the image."""
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:
-        """Learn from the motion (4, 4) that the tracker measured up to the current image.
+        """Learn from the motion that the tracker measured up to the current image.
 
         Args:
             T_last_camera: (4, 4) motion since the frame given to `start`.
@@ -59,23 +59,15 @@ class MotionSource(Protocol):
         """
 
     def reset(self) -> None:
-        """Discard a velocity that was learned from tracking, which is not valid any more.
-
-        This is the case when the camera is lost, or the stamps have started again. Sources that
-        measure the motion do nothing.
-        """
+        """Discard a velocity learned from tracking: the camera is lost or stamps restart."""
 
     def predict(self) -> FloatArray | None:
-        """Return the predicted motion T_camera_last (4, 4), or None if it is unknown.
-
-        It is the motion from the frame given to `start` to the image given to `advance`.
-        """
+        """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the measured motion T_last_camera with covariances, to replace a tracked motion.
+        """Return the inverse of the motion of `predict` with covariances, if it is known.
 
-        It is the inverse of the motion that `predict` returns. None is returned if the motion is
-        unknown, or was not measured but only extrapolated.
+        None is returned as well if it was not measured but only extrapolated.
         """
 
 
@@ -87,23 +79,18 @@ class ConstantVelocity:
         self._twist: FloatArray = np.zeros(6)
 
     def start(self, stamp_ns: int) -> None:
-        """Set the stamp from which the elapsed time is measured."""
         self._start_ns = self._stamp_ns = stamp_ns
 
     def advance(self, stamp_ns: int) -> None:
-        """Set the stamp up to which the elapsed time is measured."""
         self._stamp_ns = stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        """Predict motions with the velocity `twist` from now on; the motion itself is not used."""
         self._twist = twist
 
     def reset(self) -> None:
-        """Predict that the camera is at rest."""
         self._twist = np.zeros(6)
 
     def predict(self) -> FloatArray:
-        """Return the predicted motion T_camera_last (4, 4), which stops after 0.25 s."""
         elapsed_s = S_PER_NS * (self._stamp_ns - self._start_ns)
         return se3.exp(min(max(elapsed_s, 0.0), _HORIZON_S) * self._twist)
 
@@ -113,11 +100,7 @@ class ConstantVelocity:
 
 
 class ExternalOdometry:
-    """Reads the motion from external odometry, such as that of the wheels, and learns its error.
-
-    Args:
-        lookup: Returns the motion of the camera between two stamps.
-    """
+    """Reads the motion from external odometry, such as wheels, and learns its error."""
 
     def __init__(self, lookup: MotionLookup) -> None:
         self._lookup = lookup
@@ -126,15 +109,11 @@ class ExternalOdometry:
         self._T_last_camera: FloatArray | None = None
 
     def start(self, stamp_ns: int) -> None:
-        """Set the stamp of the tracked frame from which the motion is measured."""
         self._start_ns = self._stamp_ns = stamp_ns
         self._T_last_camera = np.eye(4)
 
     def advance(self, stamp_ns: int) -> None:
-        """Add the motion up to this stamp.
-
-        If this motion is unknown, the whole motion is unknown until the next `start`.
-        """
+        """Add the motion up to this stamp; unknown from the first gap on."""
         T = self._T_last_camera
         if T is not None:
             step = self._lookup(self._stamp_ns, stamp_ns)
@@ -142,7 +121,6 @@ class ExternalOdometry:
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
     def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        """Update the error of the odometry's velocity by comparison with a tracked motion."""
         if self._T_last_camera is not None and self._elapsed_s > 0:
             error = se3.log(se3.inverse(T_last_camera) @ self._T_last_camera) / self._elapsed_s
             weight = min(self._elapsed_s / _AVERAGING_S, 1.0)
@@ -152,7 +130,6 @@ class ExternalOdometry:
         """Do nothing: the measured motion does not depend on the tracked velocity."""
 
     def predict(self) -> FloatArray | None:
-        """Return the measured motion T_camera_last (4, 4), or None if it is unknown."""
         return None if self._T_last_camera is None else se3.inverse(self._T_last_camera)
 
     def bridge(self) -> BridgedMotion | None:

@@ -51,10 +51,9 @@ class Bridge(NamedTuple):
 class Odometry:
     """Accumulates the motions between tracked frames, as the pose `T_odom_camera`.
 
-    Corrections of the map do not change this pose. Motion sources (the gyro, constant velocity
-    and those of the caller) predict the motion up to the next image. Those that
-    measure it, the gyro for up to 1.5 s, also replace the tracker while the camera is lost, which
-    is called bridging here.
+    Corrections of the map do not change this pose. Motion sources predict the motion up to the
+    next image. Those that measure it, the gyro for up to 1.5 s, also replace the tracker while the
+    camera is lost, which is called bridging here.
 
     Args:
         atlas: The map, which determines the current pose of the last frame.
@@ -91,9 +90,8 @@ class Odometry:
     def twist_at(self, stamp_ns: int) -> tuple[FloatArray, bool]:
         """Return the velocity at an image, and whether a gyro has measured its rotation.
 
-        The (6,) velocity is that of points in the camera frame, rotation first [rad/s, m/s].
-        Without a measurement around this time, it is `twist`, the last observed velocity. The
-        translation is always the observed one.
+        The (6,) velocity is that of points in the camera frame, rotation first [rad/s, m/s]. What
+        is not measured is that of `twist`, the last observed velocity.
         """
         rate_radps = None if self._gyro is None else self._gyro.rate_radps(stamp_ns)
         if rate_radps is None:
@@ -119,11 +117,7 @@ class Odometry:
         return [T for T in predictions if T is not None and self._is_valid(T)]
 
     def prior(self) -> PosePrior | None:
-        """Return a prior of the current image's rotation by the gyro; its position is left free.
-
-        None is returned without a gyro or a last frame, and if `InertialMotion.rotation_prior`
-        gives none.
-        """
+        """Return a prior of the current image's rotation by the gyro, if it gives one."""
         rotation = None if self._gyro is None else self._gyro.rotation_prior()
         if rotation is None or self.last is None:
             return None
@@ -133,10 +127,10 @@ class Odometry:
         return PosePrior(se3.inverse(self.pose() @ T_last_camera), information)
 
     def min_inliers(self, T_camera_map: FloatArray) -> int:
-        """Return the number of inliers that a pose (4, 4) of the current image needs.
+        """Return the number of inliers that a pose T_camera_map (4, 4) of the current image needs.
 
-        If the motion by the gyro since the last tracked frame agrees with the pose, and this frame
-        is not older than 0.2 s, the inliers are unlikely to be chance matches, and 12 are enough.
+        Inliers of a pose that agrees with the motion by the gyro since a recent frame are unlikely
+        to be chance matches, so that few are enough.
         """
         motion = None if self._gyro is None else self._gyro.bridge()
         if motion is None or self.last is None or motion.elapsed_s > _AGREED_S:
@@ -150,9 +144,9 @@ class Odometry:
     def advance(self, tracking: TrackerOutput) -> None:
         """Add the motion from the last frame to a newly tracked one, by the current map.
 
-        After bridged images, the motion that replaced the tracker's is added instead, because
-        their published poses are not corrected. Also updates the velocity and the covariances. The
-        new frame replaces the last one, which must exist.
+        After bridged images, the motion of the source is added instead, because their published
+        poses are not corrected. Also updates the velocity and the covariances. The new frame
+        replaces the last one, which must exist.
         """
         assert self.last is not None
         tracked = tracking.tracked
@@ -174,8 +168,7 @@ class Odometry:
         """Move `T_odom_camera` to the current image by a measured motion; return the image's pose.
 
         The motion is that of external odometry or the gyro since the last tracked frame. None is
-        returned, and nothing moves, if there is no last frame, or if no source has measured the
-        motion.
+        returned, and nothing moves, without a last frame or a measured motion.
         """
         motion = self._bridged_motion()
         if self.last is None or motion is None:
@@ -194,12 +187,7 @@ class Odometry:
         )
 
     def extrapolated(self, stamp_ns: int, T_last_camera: FloatArray) -> TrackedFrame:
-        """Return the last frame at a later stamp and another pose, for an untracked image.
-
-        Args:
-            stamp_ns: Stamp of the image.
-            T_last_camera: (4, 4) motion since the last frame, which must exist.
-        """
+        """Return the last frame moved by T_last_camera (4, 4), for an untracked image."""
         last = self.last
         assert last is not None
         return replace(
@@ -210,10 +198,7 @@ class Odometry:
         )
 
     def restart_from(self, tracked: TrackedFrame | None) -> None:
-        """Replace the last frame, or remove it (None), without moving `T_odom_camera`.
-
-        The motion sources measure from the new last frame on, if there is one.
-        """
+        """Replace the last frame, or remove it (None), without moving `T_odom_camera`."""
         self.last = tracked
         self._T_odom_last = self.T_odom_camera
         if tracked is not None:
@@ -227,27 +212,20 @@ class Odometry:
             source.reset()
 
     def pose(self) -> FloatArray:
-        """Return T_map_camera (4, 4) of the last frame by the current map.
-
-        It is the identity if there is no last frame.
-        """
+        """Return T_map_camera (4, 4) of the last frame by the current map, or the identity."""
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
 
     def in_map(self, covariance: FloatArray) -> FloatArray:
-        """Return the covariance of a pose in the main map, from that in the current map.
+        """Return the covariance (6, 6) of a pose in the main map, from that in the current map.
 
-        Both are (6, 6). They are equal, unless the last frame is in another map: then a large
-        covariance is added, because the pose of that map relative to the main map is unknown.
+        If the last frame is in another map, a large covariance is added, because the pose of that
+        map relative to the main map is unknown.
         """
         return covariance if self.is_in_main_map else covariance + UNKNOWN_COVARIANCE
 
     @property
     def anchor_uid(self) -> int | None:
-        """Return the uid of the keyframe to which the pose of the last frame is relative.
-
-        It is the reference keyframe, or its nearest ancestor that is in the map. None is returned
-        if there is no last frame or no such keyframe.
-        """
+        """Return the uid of the keyframe that the last frame is relative to, if known."""
         anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None
         if anchor is None or anchor.row is None:
             return None
@@ -267,10 +245,7 @@ class Odometry:
         return int(keyframes.map_id[anchor.row]) == main_map(keyframes)
 
     def _observe(self, T_last_camera: FloatArray, elapsed_ns: int) -> None:
-        """Update the velocity, and let the motion sources learn from the tracked motion.
-
-        The velocity is set to zero if the stamps do not increase.
-        """
+        """Update the velocity, zero if stamps do not increase, and teach the sources."""
         if elapsed_ns > 0:
             self.twist = se3.log(se3.inverse(T_last_camera)) / (S_PER_NS * elapsed_ns)
         else:
@@ -279,7 +254,7 @@ class Odometry:
             source.observe(T_last_camera, self.twist)
 
     def _bridged_motion(self) -> BridgedMotion | None:
-        """Return the motion of the first source that has measured it; None if no source has.
+        """Return the motion of the first source that has measured it.
 
         A source that measures the position comes before the gyro, which measures the rotation
         only.
@@ -293,7 +268,6 @@ class Odometry:
         return min(known, key=lambda motion: motion.is_short, default=None)
 
     def _is_valid(self, T: FloatArray) -> bool:
-        """Return whether a motion (4, 4) of a source is valid; see `PoseGuard`."""
         return self._atlas.guard.is_valid(T, 'motion sources')
 
     def _update_covariances(self, tracking: TrackerOutput, T_last_camera: FloatArray) -> None:

@@ -37,11 +37,7 @@ class PoseNoise:
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=WINDOW)
 
     def add(self, stamp_ns: int, T_odom_camera: FloatArray) -> None:
-        """Add the pose (4, 4) of the next image, and update the covariance.
-
-        The covariance changes only if the last five poses lie within 0.3 s. If the stamps do not
-        increase, the recent poses are discarded.
-        """
+        """Add the pose (4, 4) of the next image; five poses within 0.3 s give a sample."""
         if self._poses and stamp_ns <= self._poses[-1][0]:
             self.restart()
         self._poses.append((stamp_ns, T_odom_camera))
@@ -53,13 +49,10 @@ class PoseNoise:
             self._covariance += (np.outer(error, error) - self._covariance) / self._num_samples
 
     def covariance(self, prior: FloatArray) -> FloatArray | None:
-        """Return the (6, 6) covariance of a pose in the camera frame, rotation first.
+        """Return the (6, 6) covariance of a pose in the camera frame, rotation first, if known.
 
-        None is returned before five successive poses within 0.3 s have been added.
-
-        Args:
-            prior: (6, 6) covariance of the pose by its residuals. It outweighs the measured
-                covariance as long as this has fewer than five samples.
+        The `prior`, that by the residuals of the pose, outweighs the measured covariance as long
+        as this has fewer than five samples.
         """
         if self._num_samples == 0:
             return None
@@ -71,8 +64,7 @@ def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> Floa
     """Return the (N, 6) deviations of middle poses from the parabola through the others.
 
     They are twists from the middle pose to the parabola, in the camera frame of the middle pose,
-    rotation first [rad, m]. They are scaled to the error of a single pose, assuming that all poses
-    have equal noise.
+    rotation first [rad, m], scaled to the error of a single pose, as if all had equal noise.
 
     Args:
         stamps_ns: (N, WINDOW) strictly increasing stamps of successive poses.

@@ -25,11 +25,8 @@ _NOT_THERE = 'not found at the pose given; looking everywhere'
 class Relocalizer:
     """Relocalizes single frames in the map.
 
-    Args:
-        atlas: The map.
-        finder: Finds places in the map. Its index is updated only when a frame is relocalized, so
-            that it takes no time while the camera is tracked.
-        tracker: Refines the pose of a recognized frame.
+    The index of places is updated only when a frame is relocalized, so that it takes no time while
+    the camera is tracked.
     """
 
     def __init__(self, atlas: Atlas, finder: PlaceFinder, tracker: Tracker) -> None:
@@ -40,31 +37,18 @@ class Relocalizer:
         self._note = self._logged = ''
 
     def relocalize_near(self, hint: PoseHint) -> None:
-        """Store an approximate camera pose, near which `relocalize` searches first from now on.
-
-        If the camera is not found there in a frame, the whole map is searched for the same frame.
-        The pose is used until the camera is found, and for at most 30 frames.
-        """
+        """Search near an approximate pose first, until the camera is found or for 30 frames."""
         self._hint, self._num_hinted, self._logged = hint, 0, ''
 
     def take_note(self) -> str:
-        """Return the message about the search near a pose of `relocalize_near`, and clear it.
-
-        It is '' if there is none.
-        """
+        """Return the message about the search near a pose of `relocalize_near`, and clear it."""
         note, self._note = self._note, ''
         return note
 
     def relocalize(self, frame: Frame, *, in_main_map: bool) -> TrackerOutput | None:
-        """Return the tracked frame; None if the camera is not found.
+        """Return the tracked frame; None if its place is unknown, ambiguous or fits badly.
 
-        It is not found if the place of the frame is unknown or ambiguous, or if too few points fit
-        the refined pose. A found frame is counted, and ends the search near a pose of
-        `relocalize_near`.
-
-        Args:
-            frame: The frame.
-            in_main_map: Whether to search the main map only.
+        With `in_main_map`, only the main map is searched.
         """
         place = self._locate(frame, in_main_map)
         if place is None:

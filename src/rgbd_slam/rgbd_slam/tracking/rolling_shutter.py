@@ -68,12 +68,7 @@ class MovingView(NamedTuple):
 
 
 class RollingShutter:
-    """Estimates the readout time of an image, and moves features to the time of its middle row.
-
-    Args:
-        width_px: Width of an image.
-        height_px: Height of an image.
-    """
+    """Estimates the readout time of an image, and moves features to the time of its middle row."""
 
     def __init__(self, width_px: int, height_px: int) -> None:
         # Time from the first row to the last, negative if the last one is read first; 0 as long as
@@ -95,9 +90,8 @@ class RollingShutter:
     def compensated(self, frame: Frame, camera: StereoCamera, twist: FloatArray) -> Frame:
         """Return the frame as if all rows had been exposed at the time of the middle row.
 
-        The depths of features without a reading are assumed to be the median depth. The frame is
-        returned as it is if no readout time is known, no feature has depth, or the camera is at
-        rest.
+        Features without a depth measurement are assumed at the median depth. The frame is returned
+        as it is if no readout time is known, no feature has depth, or the camera is at rest.
 
         Args:
             frame: The frame, without lens distortion.
@@ -123,11 +117,6 @@ class RollingShutter:
         Without a gyro, the residuals of ten images with points that have depth give a new
         estimate. From the first image on whose rotation a gyro has measured, only comparisons of
         such an image with the one before the last count. Five of them give a new estimate.
-
-        Args:
-            view: The image.
-            atlas: The map.
-            camera: The camera with its measured noise.
         """
         if view.is_measured:
             self._add_pair(view, camera, atlas.octave_scale)
@@ -151,7 +140,6 @@ class RollingShutter:
         self._count(information, weighted_s, _IMAGES_PER_ESTIMATE)
 
     def _add_pair(self, view: MovingView, camera: StereoCamera, octave_scale: FloatArray) -> None:
-        """Compare an image with the one before the last one, if they are at most 0.2 s apart."""
         if not self._compares_pairs:
             self._compares_pairs = True
             self._estimates = deque(maxlen=_MAX_ESTIMATES_OF_PAIRS)
@@ -171,16 +159,10 @@ class RollingShutter:
     ) -> tuple[float, float]:
         """Return what two images say about the readout time; see `_marginal_of_time`.
 
-        The first image and its depth predict where the second one shows a point. A rolling
-        shutter displaces it from there if the camera has changed its velocity or the point its
-        row. Matches that do not fit the poses are compared as well, because displaced features do
-        not fit. Both results are 0 if fewer than 30 points are matched with depth in both images.
-
-        Args:
-            first: The earlier image.
-            second: The later image.
-            camera: The camera with its measured noise.
-            scale: (L,) size of a pixel of each octave in pixels of the image.
+        The first image and its depth predict where the second one shows a point. A rolling shutter
+        displaces it from there if the camera has changed its velocity or the point its row.
+        Matches that do not fit the poses are compared as well, because displaced features do not
+        fit. Both results are 0 if fewer than 30 points are matched with depth in both images.
         """
         k_first, k_second = _common(first, second)
         if len(k_first) < _MIN_MATCHES:
@@ -230,10 +212,7 @@ class RollingShutter:
 
 
 def _common(first: MovingView, second: MovingView) -> tuple[IntArray, IntArray]:
-    """Return the features (M,) of two images that are matched with the same points.
-
-    They have depth in both images. At most 300 are returned.
-    """
+    """Return at most 300 features (M,) of each image that are matched with the same points."""
     k_first, k_second = (
         np.flatnonzero((view.matched != NO_POINT) & view.tracked.frame.has_depth)
         for view in (first, second)
@@ -267,12 +246,7 @@ def _linearized(
 
 
 def _pose_derivatives(camera: StereoCamera, x: FloatArray) -> FloatArray:
-    """Return the (6, 3, N) derivatives of u, v and disparity [px] of points by a twist.
-
-    Args:
-        camera: The camera.
-        x: (3, N) points in the camera frame [m]. The twist moves them, rotation first.
-    """
+    """Return the (6, 3, N) derivatives of u, v and disparity [px] of points (3, N) by a twist."""
     inv_z = 1 / x[2]
     a, b = x[0] * inv_z, x[1] * inv_z
     zero, one = np.zeros_like(a), np.ones_like(a)

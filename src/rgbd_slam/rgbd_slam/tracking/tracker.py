@@ -58,7 +58,6 @@ class TrackerOutput:
 
     @property
     def num_matches(self) -> int:
-        """Return the number of features that were matched with map points."""
         return int(np.count_nonzero(self.matched != NO_POINT))
 
     @property
@@ -71,7 +70,6 @@ class TrackerOutput:
 
     @property
     def inlier_share(self) -> float:
-        """Return the share of the matches with map points that fit the pose; 0 without matches."""
         return self.num_inliers / max(self.num_matches, 1)
 
 
@@ -87,11 +85,7 @@ class _LocalMapMatches(NamedTuple):
 class Tracker:
     """Estimates poses of frames in a map, which it does not change.
 
-    Args:
-        camera: The camera with its configured noise.
-        atlas: The map.
-        config: Parameters.
-        seed: Seeds, with the stamp of a frame, the random samples of RANSAC.
+    The seed and the stamp of a frame seed the random samples of RANSAC.
     """
 
     def __init__(
@@ -118,10 +112,10 @@ class Tracker:
     ) -> TrackerOutput | None:
         """Return the tracked frame; None if no pose has enough inliers.
 
-        Initial poses are tried from the cheapest to the most expensive search. Each is refined
-        with the local map, and the first convincing result is returned (`_is_convincing`). If none
-        is convincing, the result with most inliers is returned. None is also returned if the map
-        does not know the reference keyframe of the last frame any more.
+        Initial poses are tried from the cheapest to the most expensive search and refined with the
+        local map. The first convincing result is returned, or else the one with most inliers. None
+        is also returned if the map does not know the reference keyframe of the last frame any
+        more.
 
         Args:
             frame: The frame.
@@ -169,11 +163,11 @@ class Tracker:
         last: TrackedFrame,
         T_camera_last: Sequence[FloatArray],
     ) -> Iterator[FramePose | None]:
-        """Yield initial poses, from the cheapest search to the most expensive one.
+        """Yield initial poses, from the cheapest to the most expensive search, or None.
 
-        None is yielded for a search that fails. If the last frame observed at least `few_points`
-        map points, these are searched before its depth readings, because the readings carry the
-        error of the last pose on to the next one (decision 005).
+        If the last frame observed at least `few_points` map points, these are searched before its
+        depth measurements, which carry the error of the last pose on to the next one (decision
+        005).
         """
         config = self._config
         T_last_map = se3.inverse(last.current_pose(self._atlas))
@@ -230,7 +224,7 @@ class Tracker:
         """Return the pose from descriptor matches with the last frame and its reference keyframe.
 
         No predicted pose is needed. None is returned if too few matches fit, or if the camera
-        cannot have moved so far since the last frame, which observed the map points `known`.
+        cannot have moved so far since the last frame.
         """
         config, anchor = self._config, self._atlas.anchor(last.reference_uid)
         if anchor is None or anchor.row is None:
@@ -259,10 +253,7 @@ class Tracker:
         return self._initial_pose(frame, landmarks, inliers, T_camera_map)
 
     def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:
-        """Return whether the camera can have moved to a pose since the last frame.
-
-        The result is False if the last frame is older than `reference_within_s`.
-        """
+        """Return whether the camera can have moved to a pose since the last, recent frame."""
         elapsed_s = S_PER_NS * (frame.stamp_ns - last.frame.stamp_ns)
         twist = se3.log(T_camera_map @ last.current_pose(self._atlas))
         turn_rad, distance_m = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
@@ -284,10 +275,7 @@ class Tracker:
     def _refine(
         self, frame: Frame, initial: FramePose, reference_uid: int
     ) -> TrackerOutput | None:
-        """Return the frame with its pose refined on the local map; None if too few points fit.
-
-        None is returned as well if the pose is invalid (`PoseGuard`).
-        """
+        """Return the frame with its pose refined on the local map; None if few points fit."""
         searched = self._match_local_map(frame, initial, reference_uid)
         refined = self._poses.estimate(frame, searched.correspondences, initial.T_camera_map)
         if not self._atlas.guard.is_valid(refined.T_camera_map, 'images'):
@@ -299,9 +287,9 @@ class Tracker:
     def _match_local_map(
         self, frame: Frame, initial: FramePose, reference_uid: int
     ) -> _LocalMapMatches:
-        """Return matches of a frame with the local map, which lies around a reference keyframe.
+        """Return matches with the local map, where the initial pose predicts its points.
 
-        Points are searched where the initial pose predicts them. Its inliers are kept as matches.
+        The inliers of the initial pose are kept as matches.
         """
         known = initial.inliers.points
         local_map = find_local_map(
@@ -372,8 +360,7 @@ class Tracker:
     def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:
         """Return whether most matches fit, or most points of the last frame are seen again.
 
-        Most means a share above `convincing_share`. Of the matches with a false pose, fewer than
-        half fit.
+        Of the matches with a false pose, fewer than half fit.
         """
         share = self._config.convincing_share
         num_last = int(np.count_nonzero(last.points != NO_POINT))

@@ -55,7 +55,7 @@ class TrackingState(Enum):
 
 
 class TrackingStates:
-    """The state of tracking, the time since the last tracked image, and the rule for new maps.
+    """The state of tracking, the time without a tracked image, and the rule for new maps.
 
     Each public method but `wants_map` is an event with its transition.
 
@@ -65,11 +65,6 @@ class TrackingStates:
     accurate only for the first image after the loss. Therefore, a view counts as covered only if
     it was covered in that image and still is. A loss in a map in which fewer than 15 images were
     tracked continues the loss after which this map was started, whose first image then decides.
-
-    Args:
-        atlas: The map.
-        camera: The camera.
-        config: Parameters.
     """
 
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: SlamConfig) -> None:
@@ -117,11 +112,9 @@ class TrackingStates:
         return False
 
     def no_map(self) -> None:
-        """Register that there is no map."""
         self.state = TrackingState.NO_MAP
 
     def tracked(self, frame: Frame, *, is_on_map: bool) -> None:
-        """Register that the image was tracked, or relocalized."""
         self._end_loss(TrackingState.ON_MAP if is_on_map else TrackingState.OFF_MAP)
         if is_on_map:
             self._off_map_ns = None

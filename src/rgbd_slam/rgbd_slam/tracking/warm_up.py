@@ -30,13 +30,7 @@ _MAX_FRAMES = 120  # chosen, to bound the memory: a second at 120 Hz
 
 
 class WarmUp:
-    """Stores the first frames of a map and corrects their poses in the trajectory.
-
-    Args:
-        atlas: The map.
-        trajectory: The recorded poses of the frames.
-        config: Parameters; if `consensus.enabled` is off, no frame is re-estimated.
-    """
+    """Stores the first frames of a map and corrects their poses in the trajectory."""
 
     def __init__(
         self, atlas: Atlas, trajectory: TrajectoryRecorder, config: TrackingConfig
@@ -54,23 +48,18 @@ class WarmUp:
         self._start_ns = stamp_ns if self._config.consensus.enabled else None
 
     def add(self, tracked: TrackedFrame) -> None:
-        """Store a frame, if it is in the first second after the first frame of the map.
+        """Store the last frame of the trajectory, if it is in the first second of the map.
 
-        The first frame itself is not stored, because it defines the map. The frame must be the one
-        that the trajectory has recorded last.
+        The first frame itself is not stored, because it defines the map.
         """
         start_ns = self._start_ns
         if start_ns is not None and 0 < tracked.frame.stamp_ns - start_ns < _WARM_UP_NS:
             self._frames.append((len(self._trajectory) - 1, tracked))
 
     def reestimate_next(self, camera: StereoCamera) -> None:
-        """Re-estimate one stored pose, once a keyframe is 2 s later than the map's first frame.
+        """Re-estimate one stored pose, once a keyframe is 2 s later than the first frame.
 
-        Until this session has such a keyframe, nothing happens. Call this once per image, so that
-        the cost of an image is bounded.
-
-        Args:
-            camera: The camera with its measured noise.
+        Call this once per image, so that the cost of an image is bounded.
         """
         keyframes, start_ns = self._atlas.keyframes, self._start_ns
         if not self._frames or start_ns is None:
@@ -90,8 +79,8 @@ class WarmUp:
     ) -> None:
         """Replace the pose of a frame in the trajectory by one that its static points decide.
 
-        Nothing is replaced if the frame observes too few static points, if too few matches fit
-        the new pose, or if the trajectory has no pose of the frame.
+        Nothing is replaced if the frame observes too few static points, if too few matches fit the
+        new pose, or if the trajectory has no pose of the frame.
 
         Args:
             n: Row of the frame in the trajectory.
