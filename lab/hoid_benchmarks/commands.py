@@ -29,8 +29,7 @@ from hoid_benchmarks.planner.planner_report import NUM_ROOMS, planner_report
 from hoid_benchmarks.publish.official import OFFICIAL, official_text, sequences_text
 from hoid_benchmarks.publish.pages import (
     publish_faults,
-    publish_live,
-    publish_rooms,
+    publish_report,
     results_path,
     write_pages,
 )
@@ -209,7 +208,7 @@ def bench_command(args: argparse.Namespace) -> None:
         text = room_report(args.only, store, args.detector)
         sys.stdout.write(text)
         if args.publish:
-            publish_rooms(_ROOT, text)
+            publish_report(_ROOT, _ROOMS, text)
     else:
         _experiments(args, store)
 
@@ -263,7 +262,7 @@ def _live(args: argparse.Namespace, store: Store) -> None:
         sys.stdout.flush()
         lines.append(line)
     if args.publish:
-        publish_live(_ROOT, ''.join(lines))
+        publish_report(_ROOT, _LIVE, ''.join(lines))
 
 
 def _experiments(args: argparse.Namespace, store: Store) -> None:

@@ -17,7 +17,7 @@ from hoid_benchmarks.publish.pages import (
     drawn_figures,
     marked_pages,
     publish_faults,
-    publish_rooms,
+    publish_report,
     results_path,
     rewritten,
     write_pages,
@@ -219,14 +219,13 @@ def test_runs_of_two_commits_are_not_compared(plan: Plan) -> None:
     ]
 
 
-def test_reports_stand_between_the_marks_of_their_pages(root: Path) -> None:
-    pages = {name: root / RESULTS / f'{name}.md' for name in ('faults', 'rooms')}
-    for page in pages.values():
-        page.write_text('# P\n\n<!-- printed -->\n| a | 1 |\n<!-- /printed -->\n\nEnd.\n')
-    publish_rooms(root, '| b | 2 |\n')
+def test_reports_are_files_beside_their_pages(root: Path) -> None:
+    reports = {name: root / RESULTS / f'{name}.txt' for name in ('faults', 'rooms')}
+    publish_report(root, 'rooms', '| b | 2 |\n')
+    publish_faults(root, '| a | 1 |\n| c | 2 |\n')
     publish_faults(root, '| c | 3 |\n')
-    assert '-->\n\n| b | 2 |\n\n<!-- /printed -->\n\nEnd.' in pages['rooms'].read_text()
-    assert '| a | 1 |\n| c | 3 |\n<!-- /printed -->' in pages['faults'].read_text()
+    assert reports['rooms'].read_text() == '| b | 2 |\n'
+    assert reports['faults'].read_text() == '| a | 1 |\n| c | 3 |\n'
 
 
 def test_a_damaged_file_of_results_is_named(root: Path) -> None:

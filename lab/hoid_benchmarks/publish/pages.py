@@ -2,8 +2,8 @@
 
 A table is written between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; the names of
 columns after a bar, `EXPERIMENT | RMSE [m], coverage`, select these. The word `summary` instead of
-experiments means the table of README. The output of `hoid bench faults`,
-`live` and `rooms` is written between `<!-- printed -->` and `<!-- /printed -->` of their pages.
+experiments means the table of README. The output of `hoid bench faults`, `live` and `rooms` is
+written into a file of text beside their pages, which quote it.
 `make reference` writes all tables, the figures, the list of decisions and the page of published
 values.
 """
@@ -11,7 +11,7 @@ values.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,6 @@ ones are in [results](../results/index.md). `make reference` writes this list.
 _MARKED = re.compile(
     r'(<!-- bench (\w+) ([\w ]+?)(?: \| ([^\n]+?))? -->\n).*?(<!-- /bench -->)', re.DOTALL
 )
-_PRINTED = re.compile(r'(<!-- printed -->\n)(.*?)(<!-- /printed -->)', re.DOTALL)
 _SUMMARY = 'summary'
 _SUMMARY_ROWS = Path(__file__).with_name('summary.yaml')
 _NAMES = ('sequence', 'filter', 'detector')
@@ -100,27 +99,19 @@ def drawn_figures(root: Path) -> dict[str, list[Mark]]:
 
 
 def publish_faults(root: Path, table: str) -> None:
-    """Replace the rows of a fault campaign in its page; rows of other kinds are kept."""
-    _replace_printed(root, 'faults', lambda before: merged(before, table))
+    """Replace the rows of a fault campaign; rows of other kinds are kept."""
+    path = _report_path(root, 'faults')
+    before = path.read_text(encoding='utf-8') if path.is_file() else ''
+    path.write_text(merged(before, table), encoding='utf-8')
 
 
-def publish_rooms(root: Path, report: str) -> None:
-    """Write the report of mapped rooms into its page."""
-    _replace_printed(root, 'rooms', lambda _: f'\n{report}\n')
+def publish_report(root: Path, name: str, report: str) -> None:
+    """Write the printed report of a benchmark into docs/results."""
+    _report_path(root, name).write_text(report, encoding='utf-8')
 
 
-def publish_live(root: Path, report: str) -> None:
-    """Write the report of running nodes into its page."""
-    _replace_printed(root, 'live', lambda _: f'\n{report}\n')
-
-
-def _replace_printed(root: Path, name: str, new: Callable[[str], str]) -> None:
-    """Replace the text between the `printed` markers of a result page."""
-    page = root / RESULTS / f'{name}.md'
-    text = page.read_text(encoding='utf-8')
-    page.write_text(
-        _PRINTED.sub(lambda found: f'{found[1]}{new(found[2])}{found[3]}', text), encoding='utf-8'
-    )
+def _report_path(root: Path, name: str) -> Path:
+    return root / RESULTS / f'{name}.txt'
 
 
 def _decisions(root: Path) -> str:
