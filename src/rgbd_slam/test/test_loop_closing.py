@@ -163,14 +163,14 @@ def test_drift_far_beyond_that_of_the_loops_so_far_is_unusual() -> None:
     assert limit.is_usual(180.0, np.deg2rad(12.9), 0.99)  # 4 + 9 degrees, 0.1 + 0.9 m
     assert not limit.is_usual(180.0, 0.0, 1.1)  # nothing is known of the camera
     assert not limit.is_usual(180.0, np.pi, 0.0)
-    limit.add(5.0, 0.0, 0.0)
+    limit.learn(5.0, 0.0, 0.0)
     for path_m in (60.0, 150.0, 250.0):
-        limit.add(path_m, 0.0001 * path_m, 0.001 * path_m)
-    assert limit.explains(180.0, 1.0, 1.5)
+        limit.learn(path_m, 0.0001 * path_m, 0.001 * path_m)
+    assert limit.is_possible(180.0, 1.0, 1.5)
     assert not limit.is_usual(180.0, 0.0, 1.5)
     assert not limit.is_usual(180.0, 1.0, 0.0)
     assert limit.is_usual(180.0, np.deg2rad(12.9), 0.99)  # 4 + 9 degrees, 0.1 + 0.9 m
-    limit.add(100.0, 0.2, 1.0)
+    limit.learn(100.0, 0.2, 1.0)
     assert limit.is_usual(180.0, 1.0, 1.5)
     assert not limit.is_usual(180.0, 1.0, 3.2)  # as far as a room that looks alike may be
 
@@ -217,7 +217,7 @@ def test_a_wrong_loop_is_taken_back_with_the_points_that_it_has_fused() -> None:
     atlas.set_parent(int(rows[31]), int(rows[6]))  # tracked from the wrong place
     assert errors_m(atlas, rows, truth).max() > 0.5
 
-    LoopCloser(atlas, CAMERA, SlamConfig()).open(1)
+    LoopCloser(atlas, CAMERA, SlamConfig()).remove(1)
 
     assert [edge[:2] for edge in atlas.loops] == [(uid[0], uid[-1])]
     assert errors_m(atlas, rows, truth).max() < 0.03

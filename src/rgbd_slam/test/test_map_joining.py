@@ -8,7 +8,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.map_fit import MapFit
+from rgbd_slam.loops.map_matching import MapFit
 from rgbd_slam.map_joining import join_maps
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.places.geometric_verification import PlaceMatch

@@ -72,7 +72,7 @@ def test_two_maps_that_were_joined_wrongly_are_separate_again() -> None:
     merge_maps(atlas, i, c, np.eye(4))
     assert len(np.unique(keyframes.map_id[np.r_[old, new]])) == 1
 
-    LoopCloser(atlas, CAMERA, SlamConfig()).open(0)
+    LoopCloser(atlas, CAMERA, SlamConfig()).remove(0)
 
     assert not atlas.loops
     (id_old,), (id_new,) = (np.unique(keyframes.map_id[rows]) for rows in (old, new))

@@ -6,7 +6,8 @@ far (Mur-Artal et al., T-RO 2015, sec. VII). Scale is not estimated, because dep
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -24,62 +25,111 @@ from rgbd_slam.places.geometric_verification import PlaceMatch
 # Not tuned: standard deviations of the translation of an edge (a constant [m], plus a share of its
 # length) and of its rotation [rad], as good visual odometry has. Long edges and edges with few
 # shared points absorb most of a correction. How far a loop is closed depends on their size in
-# comparison with the covariance of the loop (`link_covariance`).
+# comparison with the covariance of the loop (`loop_covariance`).
 _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
 _STRONG_SHARED = 100  # Mur-Artal et al., T-RO 2015: shared points of a strong edge (theta)
-# Not tuned: factor on the standard deviations of the pose at a recognized place, and the standard
-# deviations of the errors that are added to them.
-_LINK_FACTOR = 3.0
-_LINK_SIGMA_M = 0.002
-_LINK_SIGMA_RAD = 0.001
+# Not tuned: factor on the standard deviations of a loop match, and the standard deviations of the
+# errors that are added to them.
+_LOOP_FACTOR = 3.0
+_LOOP_SIGMA_M = 0.002
+_LOOP_SIGMA_RAD = 0.001
 _DRIFT_M_PER_RAD = 0.3  # not tuned: a rotation by 1 rad causes as much drift as a path of 0.3 m
+# Chosen: largest deviation of the optimized map from a loop. Loops between the same places deviate
+# by some centimeters; places that look alike are at least 2 m apart.
+_MAX_DEVIATION = np.deg2rad(5.0), 0.25  # [rad], [m]
+
+_logger = logging.getLogger(__name__)
 
 
-def link_covariance(match: PlaceMatch) -> FloatArray:
-    """Return the (6, 6) covariance of a loop in the frame of the matched camera, rotation first.
+def loop_covariance(match: PlaceMatch) -> FloatArray:
+    """Return the (6, 6) covariance of a loop in the frame of the new camera, rotation first.
 
     Units are rad^2 and m^2. It is larger than the covariance of the match, which holds for
-    independent errors only: the points of the place share errors of the map.
+    independent errors only: the matched points share errors of the map.
     """
-    constant = np.square([_LINK_SIGMA_RAD] * 3 + [_LINK_SIGMA_M] * 3)
-    return np.asarray(_LINK_FACTOR**2 * match.covariance + np.diag(constant))
+    constant = np.square([_LOOP_SIGMA_RAD] * 3 + [_LOOP_SIGMA_M] * 3)
+    return np.asarray(_LOOP_FACTOR**2 * match.covariance + np.diag(constant))
 
 
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
-    """Return the length [m] of the shortest path from keyframe to keyframe between two of them.
+    """Return the length [m] of the shortest path between two keyframes (rows) in the map.
 
     A path leads along keyframes that share at least 15 points, or are parent and child in the
     spanning tree; rotations along it add 0.3 m per rad (Dijkstra's algorithm). The drift between
     the two grows with this length and not with time, because no drift is added in known places.
     The length is infinite between different maps.
-
-    Args:
-        atlas: The map.
-        start: Row of one keyframe.
-        goal: Row of the other keyframe.
     """
     return atlas.path_length_m(start, goal, NEAR_SHARED, _DRIFT_M_PER_RAD)
 
 
-def closed_poses(
-    atlas: Atlas, region: Region, loops: Sequence[LoopEdge], min_shared: int
-) -> FloatArray:
-    """Return the poses T_map_camera (N, 4, 4) of a region's keyframes after closing loops.
+def motion_size(T: FloatArray) -> tuple[float, float]:
+    """Return the rotation angle [rad] and the translation [m] of a motion (4, 4)."""
+    return float(np.linalg.norm(se3.log(T)[:3])), float(np.linalg.norm(T[:3, 3]))
 
-    They are in the order of `region.rows`; the map itself is not changed. The keyframes at the
-    border of the region and the first keyframe of the map keep their poses. The pose graph has
-    two kinds of edges: the present relative poses of connected keyframes, and the relative poses
-    that were measured for the loops.
+
+def optimized(
+    atlas: Atlas, region: Region, min_shared: int
+) -> tuple[FloatArray, tuple[LoopEdge, ...]]:
+    """Close the loops of a map, without those that contradict the rest; do not change the map.
+
+    As in RTAB-Map (RGBD/OptimizeMaxError), a loop is left out if the optimized poses deviate from
+    it by more than 0.25 m or 5 degrees: either this loop or one of the others is wrong then. The
+    loop with the largest deviation is left out first (the newest of several), and the graph is
+    optimized again.
+
+    Returns:
+        The poses T_map_camera (N, 4, 4) of the region's keyframes (see `closed_poses`), and all
+        loops with their residuals, in which `is_used` is False for those that are left out.
+    """
+    loops = list(atlas.loops)
+    while True:
+        T_map_camera = closed_poses(atlas, region, loops, min_shared)
+        poses = atlas.keyframes.T_map_camera.copy()
+        poses[region.rows] = T_map_camera
+        deviations = np.array([_deviation(atlas, edge, poses) for edge in loops])
+        loops = [
+            e._replace(residual_m=m) for e, m in zip(loops, deviations[:, 1].tolist(), strict=True)
+        ]
+        excess = (deviations / _MAX_DEVIATION).max(1) * [edge.is_used for edge in loops]
+        worst = int(len(excess) - 1 - np.argmax(excess[::-1]))
+        if excess[worst] <= 1.0:
+            return T_map_camera, tuple(loops)
+        text = 'loop %d is left out: the rest of the map contradicts it by %.2f m'
+        _logger.warning(text, worst, loops[worst].residual_m)
+        loops[worst] = loops[worst]._replace(is_used=False)
+
+
+def _deviation(atlas: Atlas, edge: LoopEdge, poses: FloatArray) -> tuple[float, float]:
+    """Return the angle [rad] and distance [m] by which poses (capacity, 4, 4) deviate from a loop.
+
+    They are 0 if the loop is between different maps.
+    """
+    ends = atlas.keyframes.ends_of(edge)
+    return (0.0, 0.0) if ends is None else motion_size(edge.residual(*poses[list(ends)]))
+
+
+def closed_poses(
+    atlas: Atlas,
+    region: Region,
+    loops: Sequence[LoopEdge],
+    min_shared: int,
+    measure: Callable[[int, int, FloatArray], FloatArray] | None = None,
+) -> FloatArray:
+    """Return the poses T_map_camera (N, 4, 4) of a region's keyframes by pose graph optimization.
+
+    They are in the order of `region.rows`. The keyframes at the border of the region and the first
+    keyframe of the map keep their poses.
 
     Args:
-        atlas: The map.
+        atlas: The map, which is not changed.
         region: The keyframes whose poses are corrected.
-        loops: All closed loops; a loop has no effect if it is not used, if one of its keyframes is
-            neither in the region nor at its border, or if both are in the same group
-            (`keyframe_groups`).
+        loops: Loops that are not used, and loops with an end outside of the graph, have no effect.
         min_shared: Number of shared points from which two keyframes are connected by an edge.
+        measure: Returns the relative pose T_a_b (4, 4) of two connected keyframes, given their
+            rows and their present relative pose. None: the present relative poses are kept as far
+            as the loops allow, and large maps are optimized in groups (`keyframe_groups`).
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
     from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
@@ -89,7 +139,9 @@ def closed_poses(
     position = np.full(keyframes.capacity, -1, np.int64)
     position[rows] = np.arange(len(rows))
     parents = atlas.parents()[rows]
-    groups = keyframe_groups(np.where(parents >= 0, position[parents], -1))
+    groups = keyframe_groups(
+        np.where(parents >= 0, position[parents], -1), is_grouped=measure is None
+    )
     poses = keyframes.T_map_camera[rows]
     T_map_head = poses[groups.heads]
     group_of = np.where(position >= 0, groups.group[position], -1)  # of each keyframe of the map
@@ -98,38 +150,39 @@ def closed_poses(
     is_fixed = (parents[groups.heads] < 0) | (groups.heads >= len(region.rows))
     for g, T in enumerate(T_map_head):
         graph.add_keyframe(g, T, fixed=bool(is_fixed[g]))
-    for edge in constraints(pairs, T_map_head):
-        graph.add_constraint(*edge)
-    for link in _links(atlas, loops, group_of, T_map_head):
-        graph.add_measurement(*link)
+    heads = rows[groups.heads].tolist()
+    for g, h, T_g_h, *sigmas in _relative_poses(pairs, T_map_head):
+        T = T_g_h if measure is None else measure(heads[g], heads[h], T_g_h)
+        graph.add_constraint(g, h, T, *sigmas)
+    for loop in _loops_between_groups(atlas, loops, group_of, T_map_head):
+        graph.add_measurement(*loop)
     corrected = spread_corrections(groups, poses, graph.optimize(), pairs.first, pairs.second)
     return corrected[: len(region.rows)]
 
 
-def constraints(
+def _relative_poses(
     pairs: Edges, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, float, float]]:
-    """Yield (a, b, T_a_b, sigma_rad, sigma_m) for each connected pair of groups a and b.
+    """Yield (g, h, T_g_h, sigma_rad, sigma_m) for each connected pair of groups g and h.
 
-    T_a_b (4, 4) is the present relative pose of their heads, and the sigmas are the standard
+    T_g_h (4, 4) is the present relative pose of their heads, and the sigmas are the standard
     deviations of its rotation and of its translation.
     """
-    T_a_b = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
+    T_g_h = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, NEAR_SHARED, _STRONG_SHARED))
-    sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_a_b[:, :3, 3], axis=1))
+    sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_g_h[:, :3, 3], axis=1))
     sigma_rad = _SIGMA_RAD * weak
-    for n, (a, b) in enumerate(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)):
-        yield a, b, T_a_b[n], float(sigma_rad[n]), float(sigma_m[n])
+    for n, (g, h) in enumerate(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)):
+        yield g, h, T_g_h[n], float(sigma_rad[n]), float(sigma_m[n])
 
 
-def _links(
+def _loops_between_groups(
     atlas: Atlas, loops: Sequence[LoopEdge], group_of: IntArray, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
-    """Yield (g, h, T_g_h, covariance) for each loop between two groups g and h.
+    """Yield (g, h, T_g_h, covariance) for each used loop between two groups g and h.
 
     T_g_h (4, 4) is the relative pose of their heads by the loop, and its covariance (6, 6) is in
-    the frame of the head of h, rotation first. A loop within a group, or with a keyframe outside
-    of the graph, is left out.
+    the frame of the head of h, rotation first.
     """
     keyframes = atlas.keyframes
     for loop in loops:
@@ -148,22 +201,17 @@ def _links(
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
-    """Return the pairs of different groups that edges connect, with group numbers as the ends.
+    """Return the pairs of groups (low, high) that edges of keyframes connect.
 
-    The first group has the lower number. `shared` is that of the strongest edge between the two.
-
-    Args:
-        edges: Edges between keyframes, possibly several for the same pair of groups.
-        group_of: (capacity,) group of each keyframe; -1 for those outside of the graph.
+    `shared` is that of the strongest edge between the two groups. `group_of` (capacity,) is the
+    group of each keyframe; -1 for those outside of the graph.
     """
     ends = group_of[np.stack([edges.first, edges.second])]
     low, high = ends.min(0), ends.max(0)
     between = np.flatnonzero((low != high) & (low >= 0))
     order = between[np.lexsort((-edges.shared[between], high[between], low[between]))]
-    is_new = np.r_[
-        True, (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])
-    ][: len(order)]
-    chosen = order[is_new]
+    _, strongest = np.unique(low[order] * len(group_of) + high[order], return_index=True)
+    chosen = order[strongest]
     return Edges(low[chosen], high[chosen], edges.shared[chosen])
 
 

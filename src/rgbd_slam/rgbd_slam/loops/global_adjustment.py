@@ -1,8 +1,8 @@
-"""Bundle adjustment of a large part of a map in the background, while mapping continues.
+"""Global bundle adjustment in the background, while mapping continues.
 
-The problem is a copy of that part. When its solution is applied, the map has changed: the
-corrections of the loops that were closed meanwhile are applied to the solution first, and
-keyframes that were created meanwhile move with their parent in the spanning tree.
+It works on a copy of a large part of the map. Before its solution is applied, the corrections of
+loops that were closed meanwhile are applied to it. Keyframes that were created meanwhile move with
+their parent in the spanning tree.
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ _ALL = slice(None)
 # keyframes (docs/results/building.md).
 _MAX_KEYFRAMES = 1000
 
+_Work = tuple[StereoCamera, BundleProblem, int]  # the arguments of `solve`
+
 _logger = logging.getLogger(__name__)
 
 
@@ -51,15 +53,10 @@ class GlobalProblem(NamedTuple):
 
 
 def global_problem(atlas: Atlas, around: IntArray) -> GlobalProblem:
-    """Return the problem of the keyframes around given ones, or of their whole map if it is small.
+    """Return the problem of the 1,000 keyframes around keyframes in rows (K,) of one map.
 
-    A map of up to 1,000 keyframes is small. Keyframes that border on the chosen ones are fixed,
-    and so is the first keyframe of the map. The points are those that the chosen keyframes
-    observe and of which the problem has at least two observations.
-
-    Args:
-        atlas: The map.
-        around: Rows of the given keyframes, all of one map.
+    The border of this region and the first keyframe of the map are fixed. The points are those
+    that the region observes and of which the problem has at least two observations.
     """
     keyframes, points = atlas.keyframes, atlas.points
     region = region_around(atlas, around, _MAX_KEYFRAMES)
@@ -80,16 +77,11 @@ def global_problem(atlas: Atlas, around: IntArray) -> GlobalProblem:
 
 
 def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> BundleSolution:
-    """Return the solution of a problem, weighted by the noise that the residuals show.
+    """Solve a problem three times, with up to `iterations` iterations each.
 
-    The problem is solved with the configured noise first, then with the noise of the residuals.
-    Some outliers are found only with this measured noise, and have distorted the solution until
-    then. Therefore the problem is solved a third time without them.
-
-    Args:
-        camera: The camera with its configured noise.
-        bundle: The problem.
-        iterations: Largest number of iterations of each of the three solutions.
+    The first solution uses the configured noise of the camera, the second one the noise of the
+    residuals. Some outliers are found only with this measured noise, and have distorted the
+    solution until then. The third solution is without them.
     """
     first = adjust(camera, bundle, iterations)
     camera, bundle = with_residual_noise(camera, bundle, first)
@@ -100,7 +92,7 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
 def _continued(
     bundle: BundleProblem, solution: BundleSolution, kept: BoolArray | slice = _ALL
 ) -> BundleProblem:
-    """Return a problem that starts at a solution, with the kept observations only."""
+    """Return the problem with a solution as its start, and with the kept observations only."""
     return replace(
         bundle,
         T_camera_map=solution.T_camera_map,
@@ -115,17 +107,13 @@ def _continued(
 def apply_solution(
     atlas: Atlas, problem: GlobalProblem, solution: BundleSolution, moves: Iterable[Move] = ()
 ) -> Move:
-    """Apply a solution to the current map; newer keyframes move with their parents.
+    """Apply a solution to the current map, and return the motions of the keyframes.
 
     Args:
         atlas: The map.
         problem: The problem.
         solution: Its solution.
-        moves: Motions of keyframes and their points in the map since the problem was made, in the
-            order in which they were made.
-
-    Returns:
-        The motions of the keyframes, newer ones included, to their adjusted poses.
+        moves: Corrections of the map since the problem was made, the first one first.
     """
     keyframes, points = atlas.keyframes, atlas.points
     solved = se3.inverse(solution.T_camera_map)
@@ -150,9 +138,9 @@ def apply_solution(
 def _moved(
     problem: GlobalProblem, T_map_camera: FloatArray, points_m: FloatArray, move: Move
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the poses T_map_camera (C, 4, 4) and points (P, 3) [m] of a problem after a motion.
+    """Apply a correction of the map to the poses (C, 4, 4) and points (P, 3) of a solution.
 
-    A point moves with its owner. Keyframes that are not in `move` stay where they are.
+    A point moves with its owner. Keyframes that are not in `move` keep their poses.
     """
     order = np.argsort(move.uids)
 
@@ -167,17 +155,16 @@ def _moved(
 
 
 def _still_in_map(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the rows of the elements that a table still has, and their positions in `uids`."""
+    """Return the rows of the uids that a table still has, and their positions in `uids`."""
     rows = table.rows_of(uids)
     known = np.flatnonzero(rows >= 0)
     return rows[known], known
 
 
 def _descendants(atlas: Atlas, rows: IntArray, first_uid: int) -> list[tuple[int, int]]:
-    """Return the descendants of `rows` in the spanning tree as pairs of rows (child, parent).
+    """Return (child, parent) rows of the newer descendants of keyframes in the spanning tree.
 
-    Parents precede their children, and `rows` themselves are no children. Only keyframes with a
-    uid of `first_uid` or above are included, and the descendants of others are not searched.
+    Parents precede their children. Only keyframes from `first_uid` on are included.
     """
     found: list[tuple[int, int]] = []
     known = set(rows.tolist())
@@ -200,29 +187,11 @@ def _run_solver(work: Connection, solutions: Connection) -> None:
 
 
 class _Running(NamedTuple):
-    """An adjustment that runs in a separate process, while the mapper continues."""
+    """An adjustment that runs in a separate process."""
 
     problem: GlobalProblem
-    worker: ChildWorker[tuple[StereoCamera, BundleProblem, int], BundleSolution]
-    moves: list[Move]  # motions of keyframes since the adjustment was started
-
-    def take(self, timeout_s: float) -> BundleSolution | None:
-        """Wait for the solution and return it; None, with a warning, if the process has failed.
-
-        Raises:
-            ChildTimeoutError: The solution has not arrived in time.
-        """
-        try:
-            return self.worker.receive(timeout_s)
-        except ChildEndedError:
-            _logger.warning(
-                'global bundle adjustment has failed; the map keeps its closed loops without it'
-            )
-            return None
-
-    def close(self) -> None:
-        """End the process at once and discard its solution."""
-        self.worker.close(patience_s=0.0)
+    worker: ChildWorker[_Work, BundleSolution]
+    moves: list[Move]  # corrections of the map since the adjustment was started
 
 
 class GlobalAdjuster:
@@ -231,9 +200,9 @@ class GlobalAdjuster:
     Args:
         atlas: The map.
         camera: The camera with its configured noise.
-        iterations: Largest number of iterations in each round of an adjustment.
-        background: True: each adjustment runs in a separate process, and `poll` applies its
-            result. False: `start` returns after the adjustment has been applied.
+        iterations: As in `solve`.
+        background: Whether an adjustment runs in a separate process, and `poll` applies its
+            solution; otherwise `start` applies it.
     """
 
     def __init__(
@@ -248,14 +217,12 @@ class GlobalAdjuster:
 
     @property
     def is_running(self) -> bool:
-        """Return whether an adjustment is running in the background."""
         return self._running is not None
 
     def start(self, around: IntArray) -> None:
-        """Adjust the part of the map around keyframes (rows), once a running adjustment has ended.
+        """Adjust the map around keyframes (rows), once a running adjustment has ended.
 
-        Of several requests during one adjustment, only the last is carried out. Nothing happens
-        if that part has no keyframe that may move.
+        Of several requests during one adjustment, only the last is carried out.
         """
         if self._running is not None:
             self._next_uids = self._atlas.keyframes.uid[around]
@@ -264,9 +231,7 @@ class GlobalAdjuster:
         if problem.bundle.num_free == 0:
             return
         if self._background:
-            worker = ChildWorker[tuple[StereoCamera, BundleProblem, int], BundleSolution](
-                'global adjustment', _run_solver
-            )
+            worker = ChildWorker[_Work, BundleSolution]('global adjustment', _run_solver)
             self._running = _Running(problem, worker, [])
             worker.send((self._camera, problem.bundle, self._iterations))
         else:
@@ -274,23 +239,27 @@ class GlobalAdjuster:
             apply_solution(self._atlas, problem, solution)
 
     def rebase(self, move: Move) -> None:
-        """Record a motion of keyframes, so that a running adjustment takes it into account."""
+        """Apply a correction of the map to the solution of a running adjustment later."""
         if self._running is not None:
             self._running.moves.append(move)
 
     def poll(self, timeout_s: float = 0.0) -> bool:
-        """Wait up to `timeout_s` for a running adjustment, and apply its solution to the map.
+        """Wait up to `timeout_s` for a running adjustment; return whether it was applied.
 
-        Returns whether a solution was applied. Once the running adjustment has ended or failed,
-        one that was requested meanwhile is started.
+        Once it has ended or failed, the next requested one is started.
         """
         running = self._running
         if running is None:
             return False
+        solution: BundleSolution | None = None
         try:
-            solution = running.take(timeout_s)
+            solution = running.worker.receive(timeout_s)
         except ChildTimeoutError:
             return False
+        except ChildEndedError:
+            _logger.warning(
+                'global bundle adjustment has failed; the map keeps its closed loops without it'
+            )
         self._stop()
         if solution is not None:
             apply_solution(self._atlas, running.problem, solution, running.moves)
@@ -307,5 +276,5 @@ class GlobalAdjuster:
 
     def _stop(self) -> None:
         if self._running is not None:
-            self._running.close()
+            self._running.worker.close(patience_s=0.0)
             self._running = None

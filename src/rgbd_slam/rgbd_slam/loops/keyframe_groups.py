@@ -1,10 +1,8 @@
 """Groups of keyframes: the nodes of the pose graph of a large map.
 
-The time to optimize a pose graph grows with its nodes. In a map of more than `_MAX_NODES`
-keyframes, the keyframes are therefore grouped along the spanning tree. The pose graph holds one
-keyframe of each group, its head, and the corrections of the heads are interpolated for the other
-keyframes. This is accurate because a correction is spread over the whole loop, so that it changes
-slowly from group to group.
+The time to optimize a pose graph grows with its nodes. Above `_MAX_NODES` keyframes, the pose
+graph therefore holds one keyframe of each group, its head, and the corrections of the heads are
+interpolated for the others. This is accurate because a correction is spread over the whole loop.
 """
 
 from __future__ import annotations
@@ -30,17 +28,18 @@ class KeyframeGroups(NamedTuple):
     group: IntArray  # (N,) group of each keyframe
 
 
-def keyframe_groups(parents: IntArray) -> KeyframeGroups:
+def keyframe_groups(parents: IntArray, *, is_grouped: bool = True) -> KeyframeGroups:
     """Group N keyframes along the spanning tree; up to 500 keyframes are a group each.
 
     A group is connected in the spanning tree, and its head is nearest to the root.
 
     Args:
         parents: (N,) position of each keyframe's parent; -1 for a root.
+        is_grouped: False: any number of keyframes are a group each.
     """
     n = len(parents)
     size = -(-n // _MAX_NODES)
-    if size <= 1:
+    if size <= 1 or not is_grouped:
         return KeyframeGroups(np.arange(n), np.arange(n))
     children: list[list[int]] = [[] for _ in range(n)]
     for child, parent in enumerate(parents.tolist()):
@@ -73,9 +72,8 @@ def spread_corrections(
 ) -> FloatArray:
     """Return the corrected poses (N, 4, 4) of all keyframes, given those of the groups' heads.
 
-    The correction of a keyframe is the mean of the corrections of its own head and of the heads of
-    neighboring groups, weighted by the inverse square of the distance (Shepard, ACM 1968). A head
-    thus keeps its own correction, and between two heads the correction changes gradually.
+    The correction of a keyframe is the mean of the corrections of the heads of its own and of
+    neighboring groups, weighted by the inverse square of their distance (Shepard, ACM 1968).
 
     Args:
         groups: The groups.
@@ -104,14 +102,14 @@ def spread_corrections(
 
 
 def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
-    """Combine each keyframe with those pairs of groups whose first group is the keyframe's own.
+    """Return all M combinations of a keyframe with a pair of groups that contains its group.
 
     Args:
         group: (N,) group of each keyframe.
-        own: (E,) first group of each pair, ascending.
+        own: (E,) that group of each pair, ascending.
 
     Returns:
-        The M combinations: (M,) positions of keyframes, and (M,) positions of pairs.
+        (M,) positions of keyframes, and (M,) positions of pairs.
     """
     starts = np.searchsorted(own, group)
     counts = np.searchsorted(own, group, side='right') - starts

@@ -12,15 +12,10 @@ from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.fusion import fuse
-from rgbd_slam.loops.essential_graph import (
-    link_covariance,
-    move_map,
-    path_length_m,
-)
+from rgbd_slam.loops.essential_graph import loop_covariance, move_map, optimized, path_length_m
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
-from rgbd_slam.loops.loop_graph import optimized
-from rgbd_slam.loops.loop_opening import open_loop
+from rgbd_slam.loops.loop_removal import remove_loop
 from rgbd_slam.loops.map_merging import merge_maps
 from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
@@ -49,21 +44,18 @@ class LoopEvent(Enum):
 
 
 class Join(NamedTuple):
-    """A loop or merge by a recognized place: logged, and compared with ground truth in evaluation.
-
-    The keyframe is the new one, and the place is the camera of an earlier keyframe.
-    """
+    """A closed loop or a merge between a new keyframe and an earlier one at the same place."""
 
     event: LoopEvent
-    stamp_ns: int  # of the keyframe
-    place_stamp_ns: int  # of the earlier keyframe at the same place
-    T_place_camera: FloatArray  # (4, 4) measured pose of the keyframe, relative to the earlier one
+    stamp_ns: int  # of the new keyframe
+    place_stamp_ns: int  # of the earlier keyframe
+    T_place_camera: FloatArray  # (4, 4) measured pose of the new one relative to the earlier one
     place_uid: int  # of the earlier keyframe
-    num_points: int  # map points of the place that the keyframe observes
-    # Distance [m] and rotation [rad] between the keyframe's pose in the map before the correction
-    # and its pose by the recognized place; None between two maps, whose relative pose was unknown.
+    num_points: int  # map points that the new keyframe was matched with
+    # Distance [m] and rotation [rad] by which the new keyframe was moved; None between two maps,
+    # whose relative pose was unknown.
     correction: tuple[float, float] | None
-    found_share: float  # share of the map points expected at the place that were found
+    found_share: float  # share of the expected map points that were found
 
     def __str__(self) -> str:
         ago_s = S_PER_NS * (self.stamp_ns - self.place_stamp_ns)
@@ -71,16 +63,12 @@ class Join(NamedTuple):
 
 
 class LoopCounts(NamedTuple):
-    """The numbers of closed loops and merged maps.
-
-    Short loops with hardly any drift (`LoopEvent.REJOINED`) are not counted.
-    """
+    """The numbers of closed loops, without `LoopEvent.REJOINED`, and of merged maps."""
 
     closed: int = 0
     merged: int = 0
 
     def with_event(self, event: LoopEvent) -> LoopCounts:
-        """Return the counts after an event."""
         closed = self.closed + (event is LoopEvent.CLOSED)
         return LoopCounts(closed, self.merged + (event is LoopEvent.MERGED))
 
@@ -116,10 +104,10 @@ class LoopCloser:
         )
 
     def process(self, i: int) -> LoopEvent:
-        """Correct the map if the new keyframe in row `i` shows a known place.
+        """Close a loop at the new keyframe in row `i`, or merge its map with another one.
 
-        Returns what was done, and stores a loop or merge in `last_join`. Also applies a finished
-        global adjustment to the map, even if closing loops is switched off.
+        The loop or merge is stored in `last_join`. A finished global adjustment is applied first,
+        even if closing loops is switched off.
         """
         self.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
@@ -128,14 +116,11 @@ class LoopCloser:
         return LoopEvent.NOTHING if found is None else self.close_at(i, found)
 
     def find(self, i: int, excluded: IntArray = _NOTHING) -> FoundPlace | None:
-        """Return the known place that the keyframe in row `i` shows; None if there is none.
-
-        Keyframes in the rows `excluded` (N,) are no candidates.
-        """
+        """Return the loop match of the keyframe in row `i`; see `LoopDetector.detect`."""
         return self._detector.detect(i, excluded)
 
     def close_at(self, i: int, place: FoundPlace) -> LoopEvent:
-        """Correct the map by a place that `find` has found; store the join in `last_join`."""
+        """Correct the map by a match that `find` returned; store it in `last_join`."""
         c, match, found_share = place
         keyframes = self._atlas.keyframes
         correction: tuple[float, float] | None = None
@@ -155,10 +140,10 @@ class LoopCloser:
         _logger.info('%s', self.last_join)
         return event
 
-    def open(self, number: int) -> None:
-        """Remove a loop or join, given by its number in the map, and adjust the map again."""
+    def remove(self, number: int) -> None:
+        """Remove a loop or merge, given by its number in the map, and adjust the map again."""
         keyframes, uids = self._atlas.keyframes, self._atlas.loops[number][:2]
-        open_loop(self._atlas, self._camera, number, self._config.essential_shared)
+        remove_loop(self._atlas, self._camera, number, self._config.essential_shared)
         for edge in self._atlas.loops:
             if ends := keyframes.ends_of(edge):
                 self._fuse(ends[1], ends[0])
@@ -167,33 +152,23 @@ class LoopCloser:
             self._adjust(rows[rows >= 0])
 
     def index_places(self) -> None:
-        """Index the places of all keyframes now, if closing loops is switched on.
-
-        It takes seconds for a loaded map of thousands of keyframes.
-        """
+        """Index all keyframes now, which takes seconds for a loaded map of thousands of them."""
         if self._config.enabled:
             self._detector.index_places()
 
     def poll(self) -> bool:
-        """Apply a finished global adjustment to the map; return whether one was applied.
-
-        An adjustment that was requested while it ran is started.
-        """
+        """Apply a finished global adjustment; return whether there was one."""
         return self._adjuster.poll()
 
     @property
     def is_adjusting(self) -> bool:
-        """Return whether a global adjustment is running in the background."""
         return self._adjuster.is_running
 
     def settle(self, limit_s: float) -> None:
         """Repeat the last global adjustment if keyframes have been added to its map since then.
 
-        The repetition covers the part of that map around its newest keyframe, or the whole map if
-        it has at most 1,000 keyframes. Waits up to `limit_s` for a global adjustment that is
-        running. If it does not end, or another one was requested meanwhile and begins now, nothing
-        is repeated. Waits as long again for the repetition, which then continues in the
-        background.
+        Waits up to `limit_s` for a running global adjustment, and as long again for the repeated
+        one, which then continues in the background.
         """
         self._adjuster.poll(limit_s)
         if self._has_grown and not self._adjuster.is_running:
@@ -203,21 +178,21 @@ class LoopCloser:
             self._adjuster.poll(limit_s)
 
     def close(self) -> None:
-        """Stop the global adjustment in the background without applying it."""
+        """Stop a running global adjustment without applying it."""
         self._adjuster.close()
 
     def _close(
         self, i: int, place: FoundPlace, T_c_i: FloatArray, distance_m: float, turn_rad: float
     ) -> LoopEvent:
-        """Close a loop from keyframe `i` to a place of its map by pose graph optimization.
+        """Optimize the pose graph with a new loop, and fuse the map points around both keyframes.
 
-        The map points around both keyframes are fused. A global adjustment follows unless the loop
-        is short and has hardly any drift. Nothing is done if the loop contradicts the others.
+        A global adjustment follows unless the loop is short and has hardly any drift. Nothing is
+        done if the loop contradicts the others.
 
         Args:
             i: Row of the new keyframe.
-            place: The verified place.
-            T_c_i: (4, 4) pose of the keyframe, relative to the keyframe of the place.
+            place: The match.
+            T_c_i: (4, 4) measured pose of the new keyframe relative to the matched one.
             distance_m: Distance by which the loop would move the new keyframe.
             turn_rad: Angle by which the loop would turn it.
         """
@@ -229,12 +204,12 @@ class LoopCloser:
         self._atlas.loops += (self._edge(i, place, T_c_i, event),)
         ends = np.array([c, i])
         region = region_around(self._atlas, ends, _SMALL_LOOP if is_small else len(keyframes))
-        corrected = optimized(self._atlas, region, config.essential_shared)
-        if not corrected.loops[-1].is_used:
-            self._atlas.loops = (*self._atlas.loops[:-1], corrected.loops[-1])
+        T_map_camera, loops = optimized(self._atlas, region, config.essential_shared)
+        if not loops[-1].is_used:
+            self._atlas.loops = (*self._atlas.loops[:-1], loops[-1])
             return LoopEvent.NOTHING
-        self._atlas.loops = corrected.loops
-        self._adjuster.rebase(move_map(self._atlas, region.rows, corrected.T_map_camera))
+        self._atlas.loops = loops
+        self._adjuster.rebase(move_map(self._atlas, region.rows, T_map_camera))
         self._fuse(i, c)
         if not is_small:
             self._adjust(ends)
@@ -251,7 +226,7 @@ class LoopCloser:
     def _edge(self, i: int, place: FoundPlace, T_c_i: FloatArray, event: LoopEvent) -> LoopEdge:
         c, match, found_share = place
         uid_c, uid_i = self._atlas.keyframes.uid[[c, i]].tolist()
-        covariance = link_covariance(match)
+        covariance = loop_covariance(match)
         evidence = len(match.k), found_share, event.value
         return LoopEdge(uid_c, uid_i, T_c_i, covariance, *evidence, 0.0, is_used=True)
 
@@ -261,7 +236,7 @@ class LoopCloser:
         self._has_grown = False
 
     def _fuse(self, i: int, c: int) -> None:
-        """Fuse the points around the keyframe in row `i` with those around the one in row `c`."""
+        """Fuse the points around keyframe `i` with those around keyframe `c` (rows)."""
         here = np.r_[i, self._atlas.covisible(i, limit=_AROUND)]
         there = np.setdiff1d(np.r_[c, self._atlas.covisible(c, limit=_AROUND)], here)
         for side, other in ((here, there), (there, here)):

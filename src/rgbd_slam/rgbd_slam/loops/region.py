@@ -1,4 +1,4 @@
-"""The part of a map that a loop changes: keyframes near its ends, and the border around these."""
+"""The part of a map that a loop changes."""
 
 from __future__ import annotations
 
@@ -15,23 +15,15 @@ class Region(NamedTuple):
     """Connected keyframes of one map."""
 
     rows: IntArray  # (N,) ascending
-    # (M,) ascending: keyframes outside the region that share at least 15 points with one inside,
-    # or are its parent or child in the spanning tree. A correction of the region does not move
-    # them.
+    # (M,) ascending: keyframes outside that are connected with one inside; they keep their poses.
     border: IntArray
 
 
 def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
-    """Return the region of at most `limit` keyframes that are nearest to given keyframes.
+    """Return the first `limit` keyframes of a breadth-first search from keyframes in rows (K,).
 
-    Near keyframes are found by breadth-first search: each step leads to keyframes that share at
-    least 15 points, to the parent or to the children in the spanning tree. The region is therefore
-    the whole map if this has no more than `limit` keyframes.
-
-    Args:
-        atlas: The map.
-        starts: Rows of the given keyframes.
-        limit: Largest number of keyframes of the region.
+    Connected keyframes share at least 15 points, or are parent and child in the spanning tree. A
+    map of up to `limit` keyframes is one region.
     """
     parents = atlas.parents()
     order = np.argsort(parents, kind='stable')
