@@ -140,7 +140,7 @@ def hashing(images: list[ByteArray], config: IndexConfig) -> Scores:
     """Return the scoring function of the hashing index."""
     index = HashIndex(config)
     for uid, descriptors in enumerate(images):
-        index.add(uid, descriptors)
+        index.insert({uid: descriptors})
 
     def scores(descriptors: ByteArray) -> NDArray[np.float64]:
         votes = index.query(descriptors)

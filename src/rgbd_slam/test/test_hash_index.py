@@ -19,7 +19,7 @@ def _seen_again(descriptors: ByteArray, seed: int, flip: float = 0.06) -> ByteAr
 def _index_of(num_places: int) -> HashIndex:
     index = HashIndex(IndexConfig())
     for uid in range(num_places):
-        index.add(uid, _descriptors(uid))
+        index.insert({uid: _descriptors(uid)})
     return index
 
 
@@ -41,7 +41,7 @@ def test_votes_come_most_first_and_equal_ones_by_uid() -> None:
     index = HashIndex(IndexConfig())
     place = _descriptors(3)
     for uid, count in ((9, 100), (4, 300), (7, 100)):
-        index.add(uid, place[:count])
+        index.insert({uid: place[:count]})
     votes = index.query(place)
     assert votes.uids.tolist() == [4, 7, 9]
     assert votes.votes.tolist() == [300, 100, 100]
@@ -53,7 +53,7 @@ def test_a_removed_keyframe_is_not_found_before_and_after_merging() -> None:
     index.remove(2)
     assert len(index.query(_descriptors(2)).uids) == 0
     for uid in range(10, 30):  # enough to make the segments join, which drops the removed rows
-        index.add(uid, _descriptors(uid))
+        index.insert({uid: _descriptors(uid)})
         index.query(_descriptors(uid))
     assert len(index.query(_descriptors(2)).uids) == 0
     assert index.query(_descriptors(4)).uids.tolist() == [4]
@@ -61,7 +61,7 @@ def test_a_removed_keyframe_is_not_found_before_and_after_merging() -> None:
 
 def test_removing_a_keyframe_that_was_never_queried_or_never_added() -> None:
     index = HashIndex(IndexConfig())
-    index.add(1, _descriptors(1))
+    index.insert({1: _descriptors(1)})
     index.remove(1)
     index.remove(2)
     assert len(index.query(_descriptors(1)).uids) == 0
@@ -73,7 +73,7 @@ def test_a_key_shared_by_too_many_descriptors_says_nothing(
     monkeypatch.setattr(IndexConfig, 'max_bucket', 8)
     index = HashIndex(IndexConfig())
     common = np.tile(_descriptors(0, 1), (50, 1))
-    index.add(1, common)
+    index.insert({1: common})
     assert len(index.query(common).uids) == 0
 
 
@@ -84,14 +84,14 @@ def test_an_image_without_features_matches_nothing() -> None:
 def test_more_features_than_the_limit_are_thinned_evenly() -> None:
     index = HashIndex(IndexConfig())
     place = _descriptors(0, 1000)
-    index.add(1, place)
+    index.insert({1: place})
     assert index.query(place).votes.tolist() == [IndexConfig.max_features]
 
 
 def test_keyframes_added_at_once_are_found_as_those_added_one_by_one() -> None:
     at_once, one_by_one = _index_of(40), HashIndex(IndexConfig())
     for uid in range(40):
-        one_by_one.add(uid, _descriptors(uid))
+        one_by_one.insert({uid: _descriptors(uid)})
         one_by_one.query(_descriptors(uid))
     for uid in (0, 21, 39):
         seen = _seen_again(_descriptors(uid), seed=2)

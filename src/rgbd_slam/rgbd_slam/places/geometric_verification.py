@@ -2,8 +2,8 @@
 
 RANSAC over descriptor matches with the keyframe gives a pose. The points around the keyframe are
 then searched where that pose predicts them (loop verification of ORB-SLAM2, Mur-Artal and Tardos,
-T-RO 2017). Finally, enough of the expected points must have been found, and depth readings may lie
-behind only few of the points that were not found: a surface behind a point contradicts the point.
+T-RO 2017). Finally, enough of the expected points must have been found, and depth measurements may
+lie behind only few of the others: a surface behind a point contradicts the point.
 """
 
 from __future__ import annotations
@@ -48,12 +48,10 @@ class PlaceMatch(NamedTuple):
 
     @property
     def T_map_camera(self) -> FloatArray:  # noqa: N802
-        """Return the (4, 4) pose of the camera in the map."""
         return se3.inverse(self.T_camera_map)
 
     @property
     def position_m(self) -> FloatArray:
-        """Return the (3,) position [m] of the camera in the map."""
         return self.T_map_camera[:3, 3]
 
 
@@ -93,10 +91,7 @@ class PlaceVerifier:
         self._seed = seed
 
     def verify(self, frame: Frame, candidate: int) -> PlaceMatch | None:
-        """Return the pose of a frame if it shows the place of a keyframe, else None.
-
-        `candidate` is the row of the keyframe.
-        """
+        """Return the pose of a frame if it shows the place of the keyframe in row `candidate`."""
         matches, seen = self._match_descriptors(frame, candidate)
         points = self._atlas.points.position_m[seen]
         rng = np.random.default_rng((self._seed, frame.stamp_ns % 2**63, candidate))
@@ -116,7 +111,7 @@ class PlaceVerifier:
     def search(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceMatch | None:
-        """Return the pose of a frame if it shows the place of K keyframes, else None.
+        """Return the pose of a frame if it shows the points of keyframes; None if it does not.
 
         Args:
             frame: The frame.
@@ -135,12 +130,9 @@ class PlaceVerifier:
     def compare(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceEvidence:
-        """Return how well a frame near a given pose agrees with the points of K keyframes.
+        """Return how well a frame agrees with the points of keyframes in rows (K,).
 
-        Args:
-            frame: The frame.
-            T_camera_map: (4, 4) given pose, which is refined if enough points are found.
-            keyframes: (K,) rows of the keyframes whose points are searched.
+        The given pose T_camera_map (4, 4) is refined if enough of the points are found.
         """
         points = self._atlas.points_of(keyframes)
         found = self._found(frame, T_camera_map, points)
@@ -151,10 +143,9 @@ class PlaceVerifier:
     def _found(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray
     ) -> PlaceMatch | None:
-        """Search points (P,) in a frame, and return its refined pose and the points that fit it.
+        """Search points (P,) in a frame twice; refine the pose after each search.
 
-        The pose is refined after each of two searches. None is returned if one of them finds fewer
-        than 10 points.
+        None is returned if a search finds fewer than 10 points.
         """
         for radius in _SEARCH_RADII:
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
@@ -175,14 +166,7 @@ class PlaceVerifier:
     def _evidence(
         self, frame: Frame, T_camera_map: FloatArray, found: IntArray, points: IntArray
     ) -> PlaceEvidence:
-        """Return how many of the points (P,) are expected, and the found and contradicted shares.
-
-        Args:
-            frame: The frame.
-            T_camera_map: (4, 4) pose of the frame.
-            found: (F,) rows of the points that were found in it.
-            points: (P,) rows of the points.
-        """
+        """Compare the points (F,) that were found in a frame with all expected ones (P,)."""
         table = self._atlas.points
         view = visible_points(self._atlas, self._camera, T_camera_map, points, 1.0)
         depth_m = to_camera(T_camera_map, table.position_m[view.points].T)[2]
@@ -204,11 +188,10 @@ class PlaceVerifier:
         )
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
-        """Match the O observations of a keyframe with the features of a frame, by descriptor.
+        """Match the O map points of a keyframe with the features of a frame, by descriptor.
 
-        Returns:
-            The matches, whose queries `q` are positions among the observations; and the (O,) rows
-            of the observed points.
+        Returns the matches, whose queries `q` are positions among the points, and the (O,) rows of
+        the points.
         """
         keyframes, config = self._atlas.keyframes, self._config
         observing = np.flatnonzero(keyframes.point_of_feature[candidate] != NO_POINT)

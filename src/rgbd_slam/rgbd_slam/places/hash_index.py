@@ -9,6 +9,8 @@ by a few percent (docs/results/places_and_loops.md).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,8 +42,7 @@ class HashIndex:
 
     All descriptors are rows of one array, the pool. A segment holds, for each of T hash tables,
     the sorted numbers `key << 32 | pool row` of some descriptors. New descriptors become a new
-    segment. A segment that is not much smaller than the one before it is merged with it, so that
-    there are few segments and adding is cheap on average.
+    segment, which is merged with the one before it if that is not much larger.
     """
 
     def __init__(self, config: IndexConfig) -> None:
@@ -50,8 +51,6 @@ class HashIndex:
         orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
         # (T, B) bits of the descriptor that are the key of each table
         self._bits = np.array([order[: config.key_bits] for order in orders], np.uint8)
-        self._members: IntArray = np.empty(0, np.int64)  # (K,) uids, ascending
-        self._pending: list[tuple[int, ByteArray]] = []
         self._num_rows = 0  # number of rows of the pool that are in use
         self._pool: ByteArray = np.empty((_INITIAL_ROWS, DESCRIPTOR_BYTES), np.uint8)
         # uid of the keyframe of each row of the pool, or _REMOVED
@@ -62,42 +61,53 @@ class HashIndex:
     def update(self, atlas: Atlas) -> None:
         """Add the new keyframes of a map, and remove those that are no longer in it.
 
-        Of a new keyframe, the features that observe map points now are indexed; if these are more
-        than `max_features`, evenly spaced ones. Later observations are not added.
+        Of a new keyframe, the features that observe map points now are indexed.
         """
         keyframes = atlas.keyframes
         rows = keyframes.indices_by_uid()
-        uids = keyframes.uid[rows]
-        for uid in np.setdiff1d(self._members, uids, assume_unique=True).tolist():
+        uids, indexed = keyframes.uid[rows], np.array(list(self._rows), np.int64)
+        for uid in np.setdiff1d(indexed, uids, assume_unique=True).tolist():
             self.remove(uid)
-        for i in rows[~np.isin(uids, self._members, assume_unique=True)].tolist():
-            seen = keyframes.point_of_feature[i] != NO_POINT
-            self._append(int(keyframes.uid[i]), keyframes.descriptors[i, seen])
-        self._members = uids
-        self._insert_pending()
+        new = rows[~np.isin(uids, indexed, assume_unique=True)]
+        has_point = keyframes.point_of_feature[new] != NO_POINT
+        self.insert(
+            {
+                int(keyframes.uid[i]): keyframes.descriptors[i, seen]
+                for i, seen in zip(new.tolist(), has_point, strict=True)
+            }
+        )
 
-    def add(self, uid: int, descriptors: ByteArray) -> None:
-        """Add a keyframe that is not in the index, with its (N, 32) descriptors.
-
-        If these are more than `max_features`, evenly spaced ones are indexed.
-        """
-        self._members = np.union1d(self._members, [uid])
-        self._append(uid, descriptors)
+    def insert(self, keyframes: Mapping[int, ByteArray]) -> None:
+        """Add keyframes that are not in the index, by uid, with their (N, 32) descriptors."""
+        if not keyframes:
+            return
+        new = [self._thinned(descriptors) for descriptors in keyframes.values()]
+        first, end = self._num_rows, self._num_rows + sum(map(len, new))
+        if end > len(self._pool):
+            more = max(end, 2 * len(self._pool)) - first
+            unused = np.empty((more, DESCRIPTOR_BYTES), np.uint8)
+            self._pool = np.concatenate([self._pool[:first], unused])
+            self._uid = np.concatenate([self._uid[:first], np.full(more, _REMOVED)])
+        for uid, descriptors in zip(keyframes, new, strict=True):
+            rows = slice(self._num_rows, self._num_rows + len(descriptors))
+            self._rows[uid], self._uid[rows], self._pool[rows] = rows, uid, descriptors
+            self._num_rows = rows.stop
+        self._segments.append(sorted_hash_keys(self._pool[first:end], self._bits, first))
+        while len(self._segments) > 1:
+            large, small = self._segments[-2:]
+            if small.shape[1] <= _MERGE_SHARE * large.shape[1]:
+                break
+            self._segments[-2:] = [self._merged(large, small)]
 
     def remove(self, uid: int) -> None:
         """Remove a keyframe, if it is in the index."""
-        if uid in self._members:
-            self._members = self._members[self._members != uid]
-            self._pending = [entry for entry in self._pending if entry[0] != uid]
-            self._uid[self._rows.pop(uid, slice(0))] = _REMOVED
+        self._uid[self._rows.pop(uid, slice(0))] = _REMOVED
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
-        """Return the keyframes that match descriptors (N, 32) of an image, with most votes first.
+        """Return the keyframes that match descriptors (N, 32), with most votes first.
 
-        Keyframes with equal votes are sorted by ascending uid. If there are more than
-        `max_features` descriptors, evenly spaced ones are looked up.
+        Keyframes with equal votes are sorted by ascending uid.
         """
-        self._insert_pending()
         descriptors = self._thinned(descriptors)
         keys = hash_keys(descriptors, self._bits)
         parts = [_NOTHING, *(self._collisions(segment, keys) for segment in self._segments)]
@@ -111,9 +121,6 @@ class HashIndex:
         order = np.argsort(-votes, kind='stable')
         return PlaceVotes(uids[order], votes[order])
 
-    def _append(self, uid: int, descriptors: ByteArray) -> None:
-        self._pending.append((uid, self._thinned(descriptors)))
-
     def _thinned(self, descriptors: ByteArray) -> ByteArray:
         count = min(len(descriptors), self._config.max_features)
         rows = np.linspace(0, len(descriptors) - 1, count).astype(np.int64)
@@ -122,15 +129,9 @@ class HashIndex:
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
         """Return all pairs of a descriptor and a pool row of a segment that have the same key.
 
-        Pairs whose key is too common (`max_bucket`) are left out. A pair is repeated for each
-        table in which its keys are equal.
-
-        Args:
-            segment: The segment.
-            keys: (T, N) keys of the descriptors.
-
-        Returns:
-            The (C,) positions of the descriptors in `keys`, and the (C,) pool rows.
+        Keys that are too common (`max_bucket`) are left out. A pair is repeated for each of the T
+        tables in which its keys (T, N) are equal. Returns the (C,) positions of the descriptors
+        and pool rows.
         """
         ends = keys + (np.uint64(1) << _ROW_BITS)
         tables = range(len(keys))
@@ -144,35 +145,7 @@ class HashIndex:
         query = np.repeat(np.tile(np.arange(keys.shape[1]), len(keys)), flat)
         return query, (found & _ROW_MASK).astype(np.int64)
 
-    def _insert_pending(self) -> None:
-        """Insert the pending descriptors, and merge segments of similar size."""
-        if not self._pending:
-            return
-        new = np.concatenate([descriptors for _, descriptors in self._pending])
-        first, end = self._num_rows, self._num_rows + len(new)
-        if end > len(self._pool):
-            more = max(end, 2 * len(self._pool)) - first
-            unused = np.empty((more, DESCRIPTOR_BYTES), np.uint8)
-            self._pool = np.concatenate([self._pool[:first], unused])
-            self._uid = np.concatenate([self._uid[:first], np.full(more, _REMOVED)])
-        self._pool[first:end] = new
-        for uid, descriptors in self._pending:
-            self._rows[uid] = slice(self._num_rows, self._num_rows + len(descriptors))
-            self._uid[self._rows[uid]] = uid
-            self._num_rows += len(descriptors)
-        self._pending = []
-        self._segments.append(sorted_hash_keys(new, self._bits, first))
-        while len(self._segments) > 1 and self._is_large(-1):
-            small, large = self._segments.pop(), self._segments.pop()
-            self._segments.append(self._merged(large, small))
-
-    def _is_large(self, n: int) -> bool:
-        """Return whether segment `n` is larger than `_MERGE_SHARE` of the one before it."""
-        size, size_before = self._segments[n].shape[1], self._segments[n - 1].shape[1]
-        return bool(size > _MERGE_SHARE * size_before)
-
     def _merged(self, large: KeyArray, small: KeyArray) -> KeyArray:
-        """Return two segments as one, without the descriptors of removed keyframes."""
         both = np.concatenate([large, small], axis=1)
         is_kept = self._uid[(both[0] & _ROW_MASK).astype(np.int64)] != _REMOVED
         if not is_kept.all():  # the rows of the tables are in different orders

@@ -50,10 +50,7 @@ class PlaceFinder:
         self.verifier = PlaceVerifier(atlas, camera, config.verification, seed)
 
     def index_of(self, atlas: Atlas) -> PlaceIndex:
-        """Return a new place index of another map, ready to be queried.
-
-        Any thread may call this, as long as nothing changes that map meanwhile.
-        """
+        """Return a new place index of another map, which any thread may make."""
         index = make_place_index(self._index_config.method, self._index_config)
         index.update(atlas)
         return index
@@ -63,15 +60,13 @@ class PlaceFinder:
         self._index = index
 
     def index_places(self) -> None:
-        """Index new keyframes, and remove those that are gone; `candidates` does it as well."""
+        """Index new keyframes, and remove those that are gone."""
         self._index.update(self._atlas)
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
-        """Return the rows of the keyframes most similar to an image, one for each place.
+        """Return the rows of the keyframes most similar to an image, the most similar first.
 
-        The index is updated first. The keyframes are at most `max_candidates`, the most similar
-        first. A keyframe is left out if it has fewer than `min_votes` votes, or shares at least 15
-        points with a more similar one that is returned.
+        Of keyframes that share at least 15 points, only the most similar one is returned.
 
         Args:
             descriptors: (N, 32) descriptors of the image.
@@ -92,11 +87,10 @@ class PlaceFinder:
         return chosen
 
     def locate(self, frame: Frame, *, in_main_map: bool = False) -> FoundPlace | None:
-        """Return the place of a frame in the map, or None if it is unknown or ambiguous.
+        """Return the place of a frame in the map; None if it is unknown or ambiguous.
 
         With identical furniture, two distant places in one map may be verified with about as many
         points. Then neither is returned; a later frame that shows more may resolve the ambiguity.
-        The place index is updated first.
 
         Args:
             frame: The frame.
@@ -113,10 +107,8 @@ class PlaceFinder:
         """Return the place of a frame near a given pose in the main map; None if none is found.
 
         First, map points are searched where the given pose predicts them, which works if the pose
-        is accurate to one or two degrees. If that fails, the place index is queried, but only for
-        keyframes near the given pose, because other places may look the same. The pose that is
-        found must also be near the given one (`PoseHint.reaches`), and a place that the index has
-        found must not be ambiguous (`locate`).
+        is accurate to one or two degrees. If that fails, candidates near the given pose are
+        verified. The pose that is found must be near the given one as well (`PoseHint.reaches`).
         """
         keyframes = self._atlas.keyframes
         rows = keyframes.indices()
@@ -135,14 +127,7 @@ class PlaceFinder:
         return place if is_near_hint else None
 
     def _unambiguous_place(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
-        """Return the verified place with most inliers; None if there is none or it is ambiguous.
-
-        It is ambiguous if another place has about as many inliers (`_are_ambiguous`).
-
-        Args:
-            frame: The frame.
-            excluded: Rows of keyframes that are not considered.
-        """
+        """Return the verified place with most inliers, unless another one has about as many."""
         candidates = self.candidates(frame.descriptors, excluded)
         tried = [(i, self.verifier.verify(frame, i)) for i in candidates]
         places = [
@@ -155,10 +140,7 @@ class PlaceFinder:
         return None if is_ambiguous else best
 
     def _are_ambiguous(self, a: FoundPlace, b: FoundPlace) -> bool:
-        """Return whether `a` has about as many inliers as `b`, the place with most of them.
-
-        The places must be in the same map, at positions that are more than 0.3 m apart.
-        """
+        """Return whether `a` has about as many inliers as the best place `b` of the same map."""
         map_id = self._atlas.keyframes.map_id
         if a is b or map_id[a.keyframe] != map_id[b.keyframe]:
             return False

@@ -1,8 +1,7 @@
 """The interface of place indices, and the registry that selects one by name.
 
 Another index, such as one of learned descriptors, is a class that implements `PlaceIndex`, and an
-entry in `PLACE_INDICES` or, in another package, an entry point in the group
-`rgbd_slam.place_indices`.
+entry point in the group `rgbd_slam.place_indices`.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ class PlaceIndex(Protocol):
     def update(self, atlas: Atlas) -> None:
         """Add the new keyframes of a map, and remove those that are no longer in it.
 
-        All work for new keyframes is done here, so that the next `query` takes no longer than
-        others.
+        All work for new keyframes is done here, so that `query` is fast.
         """
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
@@ -44,11 +42,7 @@ class PlaceIndex(Protocol):
 
 
 def make_place_index(name: str, config: IndexConfig) -> PlaceIndex:
-    """Return an empty place index of a kind that is built in, or that another package adds.
-
-    Args:
-        name: Name of the kind, as in the parameter `places.index.method`.
-        config: Parameters of the index.
+    """Return an empty place index of a kind, as named by the parameter `places.index.method`.
 
     Raises:
         ConfigError: No place index has this name.

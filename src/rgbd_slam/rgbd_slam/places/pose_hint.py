@@ -19,10 +19,10 @@ _MIN_REACH_RAD = np.pi / 3
 
 @dataclass(frozen=True, eq=False)
 class PoseHint:
-    """An approximate pose and its uncertainty, which limit where the camera is searched.
+    """An approximate pose of the camera, which limits where the camera is searched.
 
     Attributes:
-        T_map_camera: (4, 4) pose of the camera in the core's frame of the main map.
+        T_map_camera: (4, 4) pose in the core's frame of the main map.
         sigma_m: Standard deviation of its position.
         sigma_rad: Standard deviation of its rotation.
     """
@@ -32,11 +32,7 @@ class PoseHint:
     sigma_rad: float = 0.0
 
     def reaches(self, T_map_camera: FloatArray) -> BoolArray:
-        """Return the (N,) mask of camera poses (N, 4, 4) that are consistent with the hint.
-
-        They differ from it by at most three standard deviations, or 1.5 m and 60 degrees if these
-        are more.
-        """
+        """Return the (N,) mask of camera poses (N, 4, 4) that are consistent with the hint."""
         distance_m, turn_rad = self.distances(T_map_camera)
         reach_m = max(_NUM_SIGMAS * self.sigma_m, _MIN_REACH_M)
         reach_rad = max(_NUM_SIGMAS * self.sigma_rad, _MIN_REACH_RAD)

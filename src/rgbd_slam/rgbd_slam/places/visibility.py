@@ -1,9 +1,9 @@
-"""Finds the map points that an image should show if its estimated pose is right.
+"""Predicts which map points an image should show if its estimated pose is right.
 
 In a second place with identical furniture, many points are found, but more are missing, because
-the walls differ. Therefore the number of found points is compared with the expected number, to
-which each point contributes the probability that a frame finds it. Points without features around
-them (masked people, blank walls) and points behind an occluding object do not count.
+the walls differ. The number of found points is therefore compared with the expected number, to
+which each point contributes its detection probability. Points without features around them (masked
+people, blank walls) and points behind an occluding object do not count.
 """
 
 from __future__ import annotations
@@ -60,14 +60,10 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
 
 
 def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
-    """Return the (N,) probabilities that a frame finds each point if the point is in its view.
+    """Return the (N,) probabilities that a frame with points in rows (N,) in view finds them.
 
-    Of the earlier frames with the point in view, it is the share that found the point, with a
-    Beta(1, 3) prior, whose mean is 1/4 (chosen, not tuned).
-
-    Args:
-        points: The table of map points.
-        j: (N,) rows of the points.
+    It is the share of the earlier frames that found the point, with a Beta(1, 3) prior, whose mean
+    is 1/4 (chosen, not tuned).
     """
     probability: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
     return probability
