@@ -6,7 +6,8 @@ import numpy as np
 
 from hoid_common.slam_status import SlamState
 from hoid_common.values import NS_PER_S, FloatArray
-from rgbd_slam.inertial.imu import Imu, Up
+from rgbd_slam.inertial.gravity import Gravity
+from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
@@ -29,7 +30,7 @@ class Leveling:
 
     def __init__(self, frames: RobotFrames, imu: Imu | None) -> None:
         self._frames, self._imu = frames, imu
-        self._last: Up | None = None
+        self._last: Gravity | None = None
         # (3,) z of the map at the start, in the core's map, once an accelerometer that could not
         # be tried yet has turned it.
         self._up_untried: FloatArray | None = None
@@ -57,7 +58,7 @@ class Leveling:
             return False
         return self._level(imu, up, result)
 
-    def _level(self, imu: Imu, up: Up, result: TrackingResult) -> bool:
+    def _level(self, imu: Imu, up: Gravity, result: TrackingResult) -> bool:
         frames = self._frames
         assert result.T_map_camera is not None
         self._last = up

@@ -31,10 +31,7 @@ _MOVED = dict.fromkeys(('dense', 'objects', 'object_map', 'navigation'), 'hoid_s
 
 
 class RgbdSlamNode(ManagedNode):
-    """Feeds a `SlamSession` from topics and publishes its results.
-
-    The session starts when camera and base are known; see `SessionLifecycle`.
-    """
+    """Feeds a `SlamSession` from topics and publishes its results."""
 
     def __init__(self) -> None:
         super().__init__('rgbd_slam')
@@ -89,15 +86,9 @@ class RgbdSlamNode(ManagedNode):
         self.begin(autostart=config.autostart)
 
     def configure(self) -> None:
-        """Read the map file to start with, if one is configured; see `SessionLifecycle.configure`.
-
-        Raises:
-            HoidError: The map cannot be used, and there is no checkpoint to resume.
-        """
         self._lifecycle.configure()
 
     def clean_up(self) -> None:
-        """Keep the map under another name, and drop the camera info."""
         self._lifecycle.clean_up()
 
     def destroy_node(self) -> None:
@@ -160,5 +151,5 @@ class RgbdSlamNode(ManagedNode):
 
 
 def main() -> int:
-    """Run the node until it ends; return its exit code."""
+    """-"""
     return run_node(RgbdSlamNode)

@@ -79,7 +79,7 @@ def test_late_and_infinite_samples_are_dropped_and_counted() -> None:
         )
     )
     assert len(gyro) == 2
-    assert gyro.num_late == gyro.num_impossible == 1
+    assert gyro.num_impossible == 1
     assert gyro.newest_ns == 30
 
 
@@ -213,7 +213,7 @@ def test_a_fault_is_noticed_said_once_and_left_out(
     assert shaken.imu.trust.take_news() == [(f'imu: the gyro is left out: {fault.value}', True)]
     shaken.run(8.0)
     assert shaken.imu.trust.take_news() == []
-    assert shaken.imu.trust.num_refused > 1
+    assert shaken.imu.trust.fault is fault
 
 
 def test_rates_that_turn_into_degrees_are_noticed_within_three_seconds() -> None:
@@ -319,12 +319,10 @@ def test_a_fault_stays_while_too_few_images_are_tracked() -> None:
     shaken = ShakenImu(distort=lambda rates: rates * np.array([1.0, -1.0, 1.0]))
     shaken.run(4.0)
     assert shaken.imu.trust.fault is GyroFault.MIRRORED
-    num_refused = shaken.imu.trust.num_refused
     later_ns = 34 * NS_PER_S  # more than the window of the comparison
     shaken.sample(later_ns + NS_PER_S // 10)
     last_ns = START_NS + later_ns
     shaken.imu.observe(last_ns - IMAGE_NS, last_ns, np.eye(4))
-    assert shaken.imu.trust.num_refused == num_refused + 1
     assert shaken.imu.trust.fault is GyroFault.MIRRORED
 
 

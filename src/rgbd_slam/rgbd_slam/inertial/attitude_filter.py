@@ -1,4 +1,4 @@
-"""A filtered attitude: the gyro over short times, the tracked rotation over long ones."""
+"""A complementary filter of the attitude: gyro and tracked rotation."""
 
 from __future__ import annotations
 
@@ -43,23 +43,17 @@ class AttitudeFilter:
         self._time_s = self._step_s = 0.0
 
     def restart(self) -> None:
-        """Forget the average: the next tracked image does not continue the last one.
-
-        What is known of the errors of the gyro stays.
-        """
+        """Forget the average, because the next tracked image does not continue the last one."""
         self._R_filtered_tracked = np.eye(3)
         self._time_s = 0.0
 
     def add(self, R_gyro: FloatArray | None, R_tracked: FloatArray, elapsed_s: float) -> None:
-        """Add the rotation R_last_camera (3, 3) of the camera from the last image to the next one.
-
-        If the gyro's rotation is unknown, or the stamps do not increase, the filter restarts
-        instead.
+        """Add the rotation R_last_camera (3, 3) of the camera between two tracked images.
 
         Args:
-            R_gyro: R_last_camera as the gyro has measured it; None if it is unknown.
-            R_tracked: R_last_camera as it was tracked.
-            elapsed_s: Time between both images; 0 or less: the stamps do not increase.
+            R_gyro: As the gyro has measured it; None if it is unknown: the filter restarts.
+            R_tracked: As it was tracked.
+            elapsed_s: Time between both images; the filter restarts if it is not positive.
         """
         if R_gyro is None or elapsed_s <= 0:
             self.restart()
@@ -82,8 +76,7 @@ class AttitudeFilter:
     def R_tracked_filtered(self) -> FloatArray | None:  # noqa: N802
         """Return the filtered attitude (3, 3) relative to the tracked one, at the last image.
 
-        The filtered rotation of the last image is its tracked rotation times this correction. None
-        is returned until images of 0.1 s have been added since the start or a restart.
+        None is returned until images of 0.1 s have been added since the start or a restart.
         """
         return None if self._time_s < _LEAST_S else self._R_filtered_tracked.T
 
@@ -91,9 +84,6 @@ class AttitudeFilter:
         """Return the standard deviation of the filtered attitude about each axis.
 
         At least one image must have been added.
-
-        Args:
-            bias_sigma_radps: Standard deviation of the bias of the gyro.
         """
         averaged_s = max(self._averaged_s, self._step_s)
         of_images = math.sqrt(_CORRELATED * self._variance_rad2 * self._step_s / averaged_s)
@@ -101,7 +91,7 @@ class AttitudeFilter:
 
     @property
     def rate_sigma_radps(self) -> float:
-        """Return how much the gyro's rates may be off, by the last tracked images.
+        """Return the error of the gyro's rates that the last tracked images show.
 
         It is zero if the difference between both is within the noise of tracking.
         """

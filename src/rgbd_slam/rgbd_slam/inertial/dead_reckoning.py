@@ -44,7 +44,7 @@ _NOISE_MPS15 = 0.01  # chosen: ten times the density of a cheap accelerometer [m
 
 
 class Reckoned(NamedTuple):
-    """M positions of the camera by dead reckoning; variances are those along each axis."""
+    """M positions of the camera by dead reckoning, with their variances along each axis."""
 
     positions_m: FloatArray  # (M, 3)
     variances_m2: FloatArray  # (M,)
@@ -87,7 +87,7 @@ class Path(NamedTuple):
         return float(np.sqrt(np.mean(squares))) if len(squares) >= _MIN_TRIALS else None
 
     def reckoned(self, origin: int, later: slice) -> Reckoned | None:
-        """Return later positions by the tracked ones up to the index `origin`.
+        """Predict later positions from the tracked ones up to the index `origin`.
 
         None is returned if these are too few, or contradict gravity.
         """
@@ -115,7 +115,6 @@ class Path(NamedTuple):
         return int(np.searchsorted(self.times_s, self.times_s[origin] - _WINDOW_S))
 
     def _is_enough(self, origin: int) -> bool:
-        """Return whether the positions up to an index determine a velocity."""
         first = self._first(origin)
         is_long = origin > 0 and self.times_s[origin] - self.times_s[first] >= _MIN_WINDOW_S
         return bool(is_long and origin + 1 - first >= _MIN_IMAGES)
@@ -129,7 +128,7 @@ class Path(NamedTuple):
     def _fit(self, origin: int, before: slice) -> tuple[FloatArray, FloatArray] | None:
         """Return position, velocity and gravity (3, 3), one row each, and their covariance (3, 3).
 
-        The covariance is the same along each axis. None is returned if gravity contradicts `up`.
+        The covariance is that along each axis. None is returned if gravity contradicts `up`.
         """
         times_s, moved_m = self._moved(origin, before)
         positions_m = self.positions_m[before] - moved_m

@@ -47,11 +47,12 @@ _MEDIAN_LENGTH = 1.54  # of a vector of three normally distributed numbers with 
 _CAUCHY = 2.0  # chosen: triples with residuals of this multiple of the median weigh half
 
 
-class GravityFit(NamedTuple):
-    """Gravity, and the mounting and bias of the accelerometer, by the tracked motion."""
+class Gravity(NamedTuple):
+    """Gravity at an image, and the mounting and bias of the accelerometer."""
 
-    up_camera: FloatArray  # (3,) unit vector opposite to gravity, in the latest camera frame
-    up_sigma_rad: float  # standard deviation of its direction
+    stamp_ns: int
+    up_camera: FloatArray  # (3,) unit vector opposite to gravity
+    sigma_rad: float  # standard deviation of its direction
     R_camera_imu: FloatArray  # (3, 3)
     rotation_sigma_rad: float  # largest standard deviation about any axis
     bias_mps2: FloatArray  # (3,) along the axes of the camera
@@ -66,9 +67,7 @@ class _Triple(NamedTuple):
 
 
 class GravityEstimator:
-    """Estimates the direction of gravity in the camera frame from a chain of tracked poses.
-
-    The rotation between camera and IMU and the bias of the accelerometer are estimated as well.
+    """Estimates gravity in the camera frame, and mounting and bias of the accelerometer.
 
     Args:
         motion: The tracked motion.
@@ -81,21 +80,15 @@ class GravityEstimator:
         self._center_ns = 0  # of the last triple that was tried
 
     def measure(self, accelerometer: SampleBuffer, offset_ns: int) -> None:
-        """Store the equations of the triples of images that samples have arrived for.
+        """Store the equations of the new triples of images of the last 30 s.
 
-        The equations of an earlier chain, and those that are more than 30 s old, are dropped.
-
-        Args:
-            accelerometer: The samples.
-            offset_ns: Time by which the stamps of the IMU are later than those of the images.
+        The stamps of the IMU are later than those of the images by `offset_ns`.
         """
         if self._chain_ns != self._motion.chain_ns:
             self._chain_ns = self._center_ns = self._motion.chain_ns
             self._triples.clear()
-        poses, newest_ns = (
-            self._motion.chain(self._center_ns - 2 * _HALF_NS),
-            accelerometer.newest_ns,
-        )
+        poses = self._motion.chain(self._center_ns - 2 * _HALF_NS)
+        newest_ns = accelerometer.newest_ns
         if newest_ns is None or not len(poses.stamps_ns):
             return
         end_ns = min(int(poses.stamps_ns[-1]), newest_ns - offset_ns) - _HALF_NS
@@ -107,13 +100,12 @@ class GravityEstimator:
             if triple is not None:
                 self._triples.append(triple)
 
-    def fit(self, mounting: Mounting | None) -> GravityFit | None:
-        """Return gravity by all stored triples of images.
+    def fit(self, mounting: Mounting | None) -> Gravity | None:
+        """Return gravity by all stored triples of images; None if it is not determined.
 
-        None is returned if there are fewer than 10 triples, if the rotation of the IMU is neither
-        given nor determined by them to 12 degrees (one standard deviation), or if the length of
-        gravity is off by more than 1 m/s^2. Standard deviations grow with the residuals, so that
-        an accelerometer that contradicts the tracked motion determines nothing.
+        There must be 10 triples, the rotation of the IMU must be given or determined to 12
+        degrees, and the length of gravity right within 1 m/s^2. Standard deviations grow with the
+        residuals, so that an accelerometer that contradicts the tracked motion determines nothing.
 
         Args:
             mounting: Its rotation is refined, with its standard deviation as a prior. None: the
@@ -131,26 +123,23 @@ class GravityEstimator:
         length_mps2 = float(np.linalg.norm(found.up_camera))
         if abs(length_mps2 - GRAVITY_MPS2) > _MAX_LENGTH_ERROR_MPS2:
             return None
-        R_chain_camera = self._motion.chain().T_chain_camera[-1, :3, :3]
-        return found._replace(up_camera=R_chain_camera.T @ found.up_camera / length_mps2)
+        stamps_ns, T_chain_camera = self._motion.chain()
+        up_camera = T_chain_camera[-1, :3, :3].T @ found.up_camera / length_mps2
+        return found._replace(stamp_ns=int(stamps_ns[-1]), up_camera=up_camera)
 
 
 def _triple(
     poses: TrackedPoses, accelerometer: SampleBuffer, offset_ns: int, center_ns: int
 ) -> _Triple | None:
-    """Return the equation of the images nearest to a time and `_HALF_NS` before and after.
-
-    None is returned if samples or images are missing.
-    """
+    """Return the equation of the images nearest to a time, and 0.25 s before and after."""
     wanted_ns = center_ns + _HALF_NS * np.array([-1, 0, 1])
     i0, i1, i2 = np.abs(poses.stamps_ns[:, None] - wanted_ns).argmin(axis=0).tolist()
     stamps_ns = poses.stamps_ns[i0 : i2 + 1]
     if not i0 < i1 < i2 or np.diff(stamps_ns).max() > _MAX_STEP_NS:
         return None
-    samples = accelerometer.between(*(int(end) + offset_ns for end in stamps_ns[[0, -1]]))
-    if len(samples) < _MIN_EPOCHS or not samples.cover(
-        *(int(end) + offset_ns for end in stamps_ns[[0, -1]])
-    ):
+    first_ns, last_ns = (stamps_ns[[0, -1]] + offset_ns).tolist()
+    samples = accelerometer.between(first_ns, last_ns)
+    if len(samples) < _MIN_EPOCHS or not samples.cover(first_ns, last_ns):
         return None
     times_s = S_PER_NS * (stamps_ns - stamps_ns[i1 - i0])
     T = poses.T_chain_camera[i0 : i2 + 1]
@@ -169,11 +158,7 @@ def _triple(
 
 
 def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray) -> FloatArray:
-    """Return rotations (N, 3, 3) between known ones (K, 3, 3), interpolated by constant rates.
-
-    Before the first and after the last of the times `known_s`, the nearest known rotation is
-    returned.
-    """
+    """Return rotations (N, 3, 3) between known ones (K, 3, 3), interpolated by constant rates."""
     steps = rotation_vector(R_known[:-1].swapaxes(1, 2) @ R_known[1:])
     i = np.clip(np.searchsorted(known_s, times_s, side='right') - 1, 0, len(steps) - 1)
     share = (times_s - known_s[i]) / (known_s[i + 1] - known_s[i])
@@ -183,8 +168,7 @@ def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray)
 def _linear_rotation(equations: _Triple) -> FloatArray:
     """Return the R_camera_imu (3, 3) that fits best if its nine elements are free.
 
-    These elements are then orthonormalized. Gravity and bias are taken as one constant, as if the
-    camera did not turn.
+    Gravity and bias are taken as one constant, as if the camera did not turn.
     """
     force, _, acceleration = equations
     rows = np.concatenate([force, np.tile(-np.eye(3), (len(force), 1, 1))], axis=2).reshape(-1, 12)
@@ -195,15 +179,11 @@ def _linear_rotation(equations: _Triple) -> FloatArray:
     return nearest_rotation(found[:9].reshape(3, 3))
 
 
-def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> GravityFit:
+def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> Gravity:
     """Return the least-squares solution by Gauss-Newton, with priors of bias and length.
 
-    `up_camera` of the result is gravity upwards [m/s^2], in the chain.
-
-    Args:
-        equations: The equations of N triples.
-        R: (3, 3) rotation R_camera_imu to start with.
-        rotation_sigma_rad: Standard deviation of `R` as a prior, about each axis.
+    `up_camera` of the result is gravity upwards [m/s^2], in the chain. The start R (3, 3) of
+    R_camera_imu is a prior with the given standard deviation about each axis.
     """
     (force, turned, acceleration), R_given = equations, R
     minus_one, bias = np.tile(-np.eye(3), (len(force), 1, 1)), np.zeros(3)
@@ -237,7 +217,7 @@ def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> Grav
         float(np.sqrt(np.linalg.eigvalsh(part)[-1]))
         for part in (up_covariance, covariance[:3, :3])
     )
-    return GravityFit(gravity, sigma_rad, R, rotation_sigma_rad, bias)
+    return Gravity(0, gravity, sigma_rad, R, rotation_sigma_rad, bias)
 
 
 def _cauchy(residual: FloatArray) -> FloatArray:

@@ -55,7 +55,6 @@ class GyroFit(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Return the time offset, the rotation and the bias in words."""
         turn = ', '.join(f'{v:.1f}' for v in np.rad2deg(rotation_vector(self.R_camera_imu)))
         bias = ', '.join(f'{value:.4f}' for value in self.bias_radps)
         return (
@@ -73,8 +72,8 @@ def fit_gyro(
 ) -> GyroFit | None:
     """Return the calibration of a gyro by the tracked rotations; None if there are too few.
 
-    The least-squares rotation between both is that of Kabsch (1976), and the bias the mean
-    difference; the offset is where the squared residuals are least.
+    The rotation is that of Kabsch (1976), the bias the mean difference, and the offset that of the
+    least squared residuals.
 
     Args:
         motion: The tracked motion.
@@ -97,10 +96,7 @@ def fit_gyro(
 
 
 def _tracked_steps(motion: TrackedMotion, gyro: SampleBuffer, window_ns: int) -> _Steps | None:
-    """Return the latest tracked rotations for which samples exist at all offsets.
-
-    None is returned if they are fewer than 20.
-    """
+    """Return the latest tracked rotations for which samples exist at all offsets."""
     newest_ns = gyro.newest_ns
     if newest_ns is None or motion.newest_ns is None:
         return None
@@ -149,7 +145,6 @@ class _Steps(NamedTuple):
 
     @property
     def time_s(self) -> FloatArray:
-        """Return the duration of each step (M,)."""
         return self.second_s - self.first_s
 
     def measured_rad(self, offset_s: float) -> FloatArray:
@@ -198,8 +193,7 @@ def _best_offset(
 ) -> tuple[float, float]:
     """Return the offset [s] at the minimum of a parabola, and its curvature [rad^2/s^2].
 
-    The parabola goes through the lowest of the sums of squared residuals at the offsets `tried_s`,
-    and through the sums before and after it.
+    The parabola goes through the lowest of the sums of squared residuals and both neighbors.
     """
     aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
     cost = np.array([steps.weight @ np.square(_residuals(item)) for item in aligned])
@@ -213,7 +207,7 @@ def _best_offset(
 def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray | None) -> GyroFit:
     """Return the fit at an offset, with standard deviations from the weighted residuals.
 
-    The bias is combined with what is known of any gyro, `UNKNOWN_BIAS_RADPS`.
+    The bias is combined with the prior of any gyro, `UNKNOWN_BIAS_RADPS`.
     """
     aligned, weight = _aligned(steps, offset_s, R_known), steps.weight
     residuals_rad = _residuals(aligned)
@@ -247,9 +241,6 @@ def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray |
 
 def _mean_difference(steps: _Steps, aligned: _Alignment) -> tuple[FloatArray, float]:
     """Return the mean (3,) of tracked minus measured rates [rad/s], and its standard deviation.
-
-    The rates are along the camera's axes; the mean is left after the weighted means were
-    subtracted.
 
     Steps weigh all or nothing here, so that noise of the poses cancels: each pose ends one
     rotation and begins the next. The standard deviation follows from the spread of the means of

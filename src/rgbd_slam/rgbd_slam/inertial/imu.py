@@ -1,4 +1,4 @@
-"""An IMU beside the camera: calibrated by the tracked motion, it gives rotations and up."""
+"""An IMU beside the camera, calibrated and checked by the tracked motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
 from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.dead_reckoning import TRIED_NS, WINDOW_NS, Path, Reckoned
-from rgbd_slam.inertial.gravity import GravityEstimator, GravityFit
+from rgbd_slam.inertial.gravity import Gravity, GravityEstimator
 from rgbd_slam.inertial.gyro_calibration import UNKNOWN_BIAS_RADPS, GyroFit, fit_gyro
 from rgbd_slam.inertial.integrals import integrals
 from rgbd_slam.inertial.mounting import PARALLEL_SIGMA_RAD, Mounting, snapped
@@ -58,14 +58,6 @@ class MeasuredRotation(NamedTuple):
     sigma_rad: float  # standard deviation about each axis
 
 
-class Up(NamedTuple):
-    """The direction opposite to gravity at an image."""
-
-    stamp_ns: int
-    up_camera: FloatArray  # (3,) unit vector
-    sigma_rad: float
-
-
 class Imu:
     """Measures how the camera turns and moves, and which direction is up.
 
@@ -74,7 +66,7 @@ class Imu:
 
     Args:
         config: Parameters.
-        mounting: How the IMU is mounted, if somebody has measured it.
+        mounting: The given mounting, if there is one.
     """
 
     def __init__(self, config: ImuConfig, mounting: Mounting | None = None) -> None:
@@ -83,7 +75,6 @@ class Imu:
         self._accelerometer = SampleBuffer(MAX_FORCE_MPS2)
         self._motion, self.trust = TrackedMotion(), Trust()
         self._gravity = GravityEstimator(self._motion)
-        self._gravity_fit: GravityFit | None = None  # by the last comparison
         self._offset_s = 0.0 if mounting is None else mounting.offset_s
         self._compared_ns: int | None = None  # stamp of the image of the last comparison
         self._begun_ns = 0  # stamp of the image at which the first period began
@@ -91,10 +82,9 @@ class Imu:
         self._trial: tuple[int | None, float | None] = None, None
         self.levels = config.level  # whether gravity is measured to make the map level
         self.fit: GyroFit | None = None  # by the last comparison in which there was no fault
-        self.up: Up | None = None  # by the last comparison
+        self.up: Gravity | None = None  # by the last comparison
 
     def add_rates(self, rates_radps: Samples) -> None:
-        """Add samples of the gyro."""
         if not len(self._gyro) and len(rates_radps):  # before images need the integrals
             integrals(rates_radps, rates_radps.stamps_ns[[0, -1]], np.zeros(3))
         self._gyro.add(rates_radps)
@@ -104,11 +94,10 @@ class Imu:
         self._accelerometer.add(accelerations_mps2)
 
     def observe(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
-        """Learn from the tracked motion (4, 4) of the camera between two images.
+        """Learn from the tracked motion T_first_second (4, 4) of the camera between two images.
 
         Every 0.5 s, or every 2 s once the time offset is known, the motion is compared with the
-        samples, which updates `fit`, `trust` and `up`. With an accelerometer, it stays 0.5 s for
-        the first 3 s. A sensor that is switched off or has sent no sample is left out.
+        samples, which updates `fit`, `trust` and `up`.
         """
         if self.num_impossible:
             self.trust.say(_IMPOSSIBLE)
@@ -131,7 +120,7 @@ class Imu:
         """Return how the camera has turned between the stamps of two images.
 
         None is returned if samples are missing, saturated or do not change, and unless the gyro is
-        trusted. The first saturation is reported by `trust`.
+        trusted.
         """
         fit = self.fit
         if fit is None or not self.trust.uses_gyro or second_ns <= first_ns:
@@ -158,11 +147,7 @@ class Imu:
 
         None is returned if too few images have been tracked without interruption up to that one,
         unless the accelerometer is trusted and gravity known to 3 degrees, and if dead reckoning
-        by the accelerometer contradicts the last 3 s of tracking.
-
-        Args:
-            last_ns: Stamp of the last tracked image.
-            stamp_ns: Stamp up to which the position is continued.
+        contradicts the last 3 s of tracking.
         """
         if not (self._config.integrate and self.trust.uses_gyro):
             return None
@@ -180,7 +165,7 @@ class Imu:
         )
 
     @property
-    def confirmed_up(self) -> Up | None:
+    def confirmed_up(self) -> Gravity | None:
         """Return `up` if the map may be made level by it (`Trust.may_level`), else None."""
         up = self.up
         return up if up is not None and self.trust.may_level(up.sigma_rad) else None
@@ -197,24 +182,18 @@ class Imu:
 
     @property
     def bias_sigma_radps(self) -> float:
-        """Return the standard deviation of the bias of the gyro; before a fit, 0.02 rad/s."""
+        """Return the standard deviation of the gyro's bias; before a fit, 0.02 rad/s."""
         return UNKNOWN_BIAS_RADPS if self.fit is None else self.fit.bias_sigma_radps
 
     def mount(self, mounting: Mounting) -> None:
-        """Use a mounting that has become known; its `offset_s` only before there is a `fit`.
-
-        A mounting that was given before is kept instead.
-        """
+        """Use a mounting that has become known, unless one was given before."""
         if self._mounting is None:
             self._mounting = mounting
             if self.fit is None:
                 self._offset_s = mounting.offset_s
 
     def _is_due(self, stamp_ns: int, *, has_accelerometer: bool) -> bool:
-        """Return whether the next comparison with the tracked motion is due.
-
-        At the first image, and after stamps that go back, the period begins anew at `stamp_ns`.
-        """
+        """Return whether the next comparison with the tracked motion is due."""
         before_ns = self._compared_ns
         if before_ns is None or stamp_ns < before_ns:
             self._begun_ns = self._compared_ns = stamp_ns
@@ -228,10 +207,7 @@ class Imu:
         return self.fit is not None and self.fit.offset_sigma_s < _KNOWN_OFFSET_S
 
     def _compare_rates(self, image_ns: int) -> None:
-        """Update the calibration by a comparison of the gyro with the tracked rotation.
-
-        The last calibration stays if too few rotations are tracked, or if there is a fault.
-        """
+        """Update the calibration of the gyro, unless it has a fault."""
         self.trust.compare_samples(self._gyro, image_ns, round(self._offset_s * NS_PER_S))
         near_s = self._offset_s if self._is_offset_known else None
         if self.trust.is_interrupted:
@@ -259,21 +235,15 @@ class Imu:
             self.trust.say(self.fit.text, 'found', is_problem=False)
 
     def _recent_fit(self) -> GyroFit | None:
-        """Return the comparison of a trusted gyro with the tracked rotation of the last 2 s."""
         if self.fit is None or not self.trust.uses_gyro:
             return None
         R, offset_s = self.fit.R_camera_imu, self._offset_s
         return fit_gyro(self._motion, self._gyro, R, offset_s, _PERIOD_NS)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
-        """Return the given R_camera_imu (3, 3), unless the images contradict it.
+        """Return the given R_camera_imu (3, 3) if the images do not contradict it.
 
-        If there is no given rotation, or it is contradicted, `snapped` of the rotation that was
-        found is returned. A contradiction is reported.
-
-        Args:
-            R_found: (3, 3) rotation R_camera_imu by the images.
-            sigma_rad: Standard deviation of `R_found`.
+        Otherwise the rotation that the images show is returned (`snapped`).
         """
         if self._mounting is None:
             return snapped(R_found, sigma_rad)
@@ -285,7 +255,7 @@ class Imu:
         return snapped(R_found, sigma_rad)
 
     def _compare_forces(self, image_ns: int) -> None:
-        """Update `up`, and try dead reckoning; `up` becomes None if it is unknown."""
+        """Update `up`, which becomes None if it is unknown, and try dead reckoning."""
         self.up = None
         if not self.trust.compare_forces(self._accelerometer, image_ns):
             return
@@ -294,9 +264,7 @@ class Imu:
         if fit is not None and self.trust.uses_gyro:
             is_given = mounting is not None and mounting.R_camera_imu is fit.R_camera_imu
             mounting = mounting if is_given else Mounting(fit.R_camera_imu)
-        self._gravity_fit = found = self._gravity.fit(mounting)
-        if found is not None:
-            self.up = Up(image_ns, found.up_camera, found.up_sigma_rad)
+        self.up = self._gravity.fit(mounting)
         self._trial_error(image_ns)
 
     def _trial_error(self, last_ns: int) -> float | None:
@@ -308,28 +276,26 @@ class Imu:
         return self._trial[1]
 
     def _path(self, last_ns: int, window_ns: int, stamp_ns: int | None = None) -> Path | None:
-        """Return the latest tracked positions with the integrals of the IMU; None: unknown.
+        """Return the positions tracked in a window up to an image, with the IMU's integrals.
 
-        Args:
-            last_ns: Stamp of the last tracked image.
-            window_ns: Time before that.
-            stamp_ns: Stamp up to which the integrals go on; None: up to `last_ns`.
+        The integrals go on from that image to `stamp_ns`, if that is given. None is returned if
+        the samples or gravity are not known well enough.
         """
-        up, gravity = self.up, self._gravity_fit
+        up = self.up
         stamps_ns, T = self._motion.chain(last_ns - window_ns)
-        if up is None or gravity is None or up.sigma_rad > _MAX_UP_SIGMA_RAD:
+        if up is None or up.sigma_rad > _MAX_UP_SIGMA_RAD:
             return None
         of_up = self._motion.chain(up.stamp_ns).T_chain_camera[:1, :3, :3]
         if not len(stamps_ns) or stamps_ns[-1] != last_ns or not len(of_up):
             return None
         at_ns = stamps_ns if stamp_ns is None else np.append(stamps_ns, stamp_ns)
-        imu_ns, R = at_ns + round(self._offset_s * NS_PER_S), gravity.R_camera_imu
+        imu_ns, R = at_ns + round(self._offset_s * NS_PER_S), up.R_camera_imu
         ends_ns = int(imu_ns[0]), int(imu_ns[-1])
         rates, bias_radps = self._tracked_rates(int(at_ns[0]), R), np.zeros(3)
         if self.fit is not None and self.trust.uses_gyro:
             rates, bias_radps = self._gyro.between(*ends_ns), self.fit.bias_radps
         forces = self._accelerometer.between(*ends_ns)
-        found = integrals(rates, imu_ns, bias_radps, forces, R.T @ gravity.bias_mps2)
+        found = integrals(rates, imu_ns, bias_radps, forces, R.T @ up.bias_mps2)
         if found is None:
             return None
         R_chain_last = T[-1, :3, :3]

@@ -38,13 +38,9 @@ class Mounting(NamedTuple):
 
 
 def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
-    """Return R_camera_imu, or the nearest rotation (3, 3) between parallel axes if it fits.
+    """Return R_camera_imu (3, 3), or the nearest rotation between parallel axes if it fits.
 
-    The nearest rotation fits if it differs by less than 3 degrees plus three standard deviations.
-
-    Args:
-        R_camera_imu: (3, 3) rotation that was found.
-        sigma_rad: Standard deviation of this rotation.
+    It fits if it differs by less than 3 degrees plus three standard deviations of R_camera_imu.
     """
     nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
     angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
@@ -52,12 +48,7 @@ def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
 
 
 def kalibr_mounting(config: ImuConfig) -> Mounting | None:
-    """Return the mounting in the file `imu.calibration`; None if there is no such parameter.
-
-    Raises:
-        ConfigError: The home folder in the path is unknown.
-        InputError: As in `read_kalibr`.
-    """
+    """Return the mounting in the file `imu.calibration`, if there is one; see `read_kalibr`."""
     if not config.calibration:
         return None
     return read_kalibr(expand_home(config.calibration, 'imu.calibration'))
@@ -66,8 +57,7 @@ def kalibr_mounting(config: ImuConfig) -> Mounting | None:
 def read_kalibr(path: Path) -> Mounting:
     """Return the mounting from the file `camchain-imucam.yaml` that Kalibr writes.
 
-    `T_cam_imu` and `timeshift_cam_imu` of `cam0` are read; the latter, 0 if it is missing, is the
-    time to add to a stamp of an image to get the stamp of the IMU.
+    `timeshift_cam_imu` of `cam0` is the time to add to a stamp of an image to get that of the IMU.
 
     Raises:
         InputError: The file cannot be read, `T_cam_imu` is missing or has no rotation, or
@@ -90,7 +80,6 @@ def read_kalibr(path: Path) -> Mounting:
 
 
 def _matrix(rows: Any) -> FloatArray | None:
-    """Return a (4, 4) matrix from lists; None if they are not 4 x 4 finite numbers."""
     try:
         T = np.array(rows, np.float64)
     except (TypeError, ValueError):

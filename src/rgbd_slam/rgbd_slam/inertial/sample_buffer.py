@@ -49,8 +49,6 @@ class SampleBuffer:
     def __init__(self, limit: float = np.inf) -> None:
         self._limit = limit
         self._samples = Samples(np.empty(0, np.int64), np.empty((0, 3)))
-        # Samples that were dropped because one as new or newer had arrived before.
-        self.num_late = 0
         self.num_impossible = 0  # samples that were dropped because no sensor measures that
 
     def __len__(self) -> int:
@@ -58,16 +56,13 @@ class SampleBuffer:
 
     @property
     def newest_ns(self) -> int | None:
-        """Return the stamp of the newest sample; None if there is none."""
         return int(self._samples.stamps_ns[-1]) if len(self) else None
 
     def add(self, samples: Samples) -> None:
-        """Append samples. Late ones are dropped, and those that no sensor measures.
+        """Append samples, without late ones and those that no sensor measures.
 
-        The latter are not finite, or beyond the limit; `num_impossible` counts them. A sample is
-        late if its stamp is not later than all stamps before it; `num_late` counts these samples.
         If the stamps have gone back by more than a second, as when a bag is played in a loop, the
-        old samples are dropped instead.
+        old samples are dropped instead of the new ones.
         """
         (stamps_ns, values), (known_ns, known) = samples, self._samples
         if not len(samples):
@@ -78,7 +73,6 @@ class SampleBuffer:
         before_ns = np.maximum.accumulate(np.append(newest_ns, stamps_ns))[:-1]
         is_possible = (np.isfinite(values) & (np.abs(values) <= self._limit)).all(axis=1)
         self.num_impossible += int(np.count_nonzero(~is_possible))
-        self.num_late += int(np.count_nonzero(stamps_ns <= before_ns))
         is_new = (stamps_ns > before_ns) & is_possible
         first = int(np.searchsorted(known_ns, stamps_ns.max() - _KEPT_NS))
         self._samples = Samples(
@@ -94,10 +88,7 @@ class SampleBuffer:
         return Samples(stamps_ns[part], values[part])
 
     def between(self, first_ns: int, second_ns: int) -> Samples:
-        """Return the samples from the last one up to `first_ns` to the first from `second_ns` on.
-
-        At an end where there is none, the samples begin later or end earlier.
-        """
+        """Return the samples between two times, and the ones before and after these."""
         stamps_ns, values = self._samples
         low = max(int(np.searchsorted(stamps_ns, first_ns, side='right')) - 1, 0)
         high = int(np.searchsorted(stamps_ns, second_ns)) + 1

@@ -1,7 +1,4 @@
-"""Which sensors of an IMU may be used, by their samples and by the tracked motion.
-
-No other module decides this.
-"""
+"""Decides which sensors of an IMU are used, by their samples and by the tracked motion."""
 
 from __future__ import annotations
 
@@ -62,7 +59,7 @@ class GyroFault(Enum):
 
 
 class News(NamedTuple):
-    """A message about the IMU, which is reported once."""
+    """A message about the IMU."""
 
     text: str
     is_problem: bool
@@ -72,7 +69,6 @@ class Trust:
     """Decides whether a gyro and an accelerometer with the same clock may be used."""
 
     def __init__(self) -> None:
-        self.num_refused = 0  # comparisons in which the gyro had a fault
         self.agrees: bool | None = None  # accelerometer and tracked motion; None: not tried
         self.has_accelerometer = False
         self._gyro: SampleBuffer | None = None  # None: there is none
@@ -103,17 +99,14 @@ class Trust:
 
     @property
     def uses_accelerometer(self) -> bool:
-        """Return whether the accelerometer may be used, as far as its clock and samples show.
-
-        A clock that is wrong for the gyro is wrong for the accelerometer, too.
-        """
+        """Return whether no fault of the accelerometer, or of the gyro's clock, is known."""
         return not self._is_accelerometer_stuck and (self._gyro is None or self.uses_gyro)
 
     def may_level(self, up_sigma_rad: float) -> bool:
-        """Return whether a direction of gravity with this standard deviation levels the map.
+        """Return whether gravity with this standard deviation levels the map.
 
-        As long as the accelerometer could not be compared with the tracked motion, the standard
-        deviation must be below 1.5 degrees.
+        As long as the accelerometer could not be compared with the tracked motion, it must be
+        below 1.5 degrees.
         """
         is_right = up_sigma_rad < _UNTRIED_SIGMA_RAD if self.agrees is None else self.agrees
         return self.uses_accelerometer and is_right
@@ -138,10 +131,7 @@ class Trust:
     def compare_samples(self, gyro: SampleBuffer, image_ns: int, offset_ns: int) -> None:
         """Look for a fault of the gyro that the samples show: they are late or do not change.
 
-        Args:
-            gyro: The samples.
-            image_ns: Stamp of the latest image.
-            offset_ns: Time by which the stamps of the IMU are later than those of the images.
+        The stamps of the IMU are later than those of the images by `offset_ns`.
         """
         self._gyro, self._now_ns, self._fault_of_samples = gyro, image_ns, None
         latest = gyro.before(image_ns + offset_ns, 1)
@@ -193,16 +183,12 @@ class Trust:
         self._note('accelerometer', is_doubted=self.agrees is False)
 
     def report(self) -> None:
-        """Store a problem for `take_news` once, and count faults, after a comparison."""
-        self.num_refused += self.fault is not None
+        """Store a problem for `take_news`, after a comparison."""
         if self.problem:
             self.say(self.problem)
 
     def say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:
-        """Store a text for `take_news`, unless a text of the same kind was stored before.
-
-        Without a `kind`, only an equal text is of the same kind.
-        """
+        """Store a text for `take_news`, but only the first one of a kind (default: the text)."""
         if (kind or text) not in self._said:
             self._said.add(kind or text)
             self._news.append(News(text, is_problem))

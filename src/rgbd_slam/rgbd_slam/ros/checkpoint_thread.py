@@ -34,8 +34,6 @@ _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
 
 
 class _Task(NamedTuple):
-    """What is to be written next."""
-
     writer: MapWriter
     header: MapHeader | None  # of a map that has not changed: only this is written
     keeps_stored: bool  # whether another map is stored, which gets a name of its own before
@@ -89,14 +87,12 @@ class CheckpointThread:
         Thread(target=self._run, name='checkpoints', daemon=True).start()
 
     def end(self) -> None:
-        """Write no further checkpoints."""
         self._is_ended.set()
 
     def keep(self) -> None:
-        """Keep the map under a name of its own, which the log says, so that no node resumes it.
+        """Write what has changed unless paused, then rename the map, so that no node resumes it.
 
-        What has changed since the last checkpoint is written first, unless the thread is
-        paused. Call this in the node's thread, while the session still exists.
+        Call this in the node's thread, while the session still exists.
         """
         with self._lock:  # what another thread is writing now must not reach the database later
             try:
@@ -113,8 +109,8 @@ class CheckpointThread:
     def copy_to(self, path: Path) -> bool:
         """Write what has changed, then copy the stored map to a new file.
 
-        It must be called in another thread than the node's. False is returned without a file if
-        no map of the session is stored.
+        It must be called in another thread than the node's. False is returned without a file if no
+        map of the session is stored.
 
         Raises:
             HoidError: The map cannot be written.
@@ -128,10 +124,7 @@ class CheckpointThread:
                 return True
 
     def _keep_stored(self) -> bool:
-        """Give the stored map a name of its own; return False if that is not possible.
-
-        Both are logged.
-        """
+        """Rename the stored map; return False, after logging why, if that is not possible."""
         try:
             kept = self._running.keep()
         except (HoidError, OSError) as error:
@@ -187,12 +180,7 @@ class CheckpointThread:
         return wrote_s
 
     def _begin(self) -> _Task | None:
-        """Return what to write; None if there is nothing. Runs between images.
-
-        While the camera is being relocalized in the old map, the database of that map stays as it
-        is. If the map has not changed since the last checkpoint, only the stamp in its header is
-        updated.
-        """
+        """Return what to write; None if there is nothing. Runs between images."""
         session = self._find_session()
         if session is None or self.is_paused:
             return None
@@ -220,10 +208,7 @@ class CheckpointThread:
             return True
 
     def _copy(self, writer: MapWriter) -> _Copied | None:
-        """Copy the next part of the map; None if the map was discarded. Runs between images.
-
-        After a change of the camera, the session has another map than the writer.
-        """
+        """Copy the next part of the map; None if the map was discarded. Runs between images."""
         session = self._find_session()
         if session is None or writer is not self._writer or not writer.is_open:
             return None

@@ -70,24 +70,15 @@ class Checkpoints:
 
     @property
     def has_stored(self) -> bool:
-        """Wait until the checkpoint of a killed node is read; return whether there is one.
-
-        It is False as well if checkpoints are off, if the checkpoint cannot be read, after
-        `keep`, and after a `resume` that returned True.
-        """
+        """Wait until the checkpoint of a killed node is read; return whether it can be resumed."""
         return self._stored.result() is not None
 
     def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
         """Load the map of a killed node into a new session; return whether this has begun.
 
-        A map that is loaded within 2 s is in use when the call returns. The session only localizes
-        until `finish_resume` returns it to mapping. A map that does not fit the camera is not
-        loaded, nor one whose last image is later than `stamp_ns` (a recording is played again).
-
-        Args:
-            session: The new session.
-            stamp_ns: Stamp of the camera info with which the session starts.
-            loader: Loads the map, a large one within some seconds in the background.
+        The session only localizes until `finish_resume` returns it to mapping. A map that does not
+        fit the camera is not loaded, nor one whose last image is later than `stamp_ns`, that of
+        the camera info (a recording is played again).
         """
         stored = self._stored.result()
         if stored is None:
@@ -119,13 +110,8 @@ class Checkpoints:
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
         """Switch the session to mapping once the camera is found or the search has taken too long.
 
-        Args:
-            session: The session.
-            done: The results of the latest image.
-
-        Returns:
-            The same results. During a resume, their status has the present mode, and a message
-            about the relocalization.
+        Returns the results of the latest image; during a resume, their status says what is going
+        on.
         """
         if self._search_end_ns is None:
             return done
@@ -144,11 +130,7 @@ class Checkpoints:
         return done._replace(status=replace(done.status, mode=session.mode, message=message))
 
     def keep(self) -> None:
-        """Keep the map under a name of its own, which the log says, so that no node resumes it.
-
-        What has changed since the last checkpoint is written first, unless the camera is still
-        searched for in it. Call this in the node's thread, while the session still exists.
-        """
+        """Keep the map under a name of its own, so that no node resumes it."""
         self._search_end_ns = None
         if self._thread is not None:
             self._thread.keep()
@@ -163,14 +145,7 @@ class Checkpoints:
             )
 
     def copy_to(self, path: Path) -> bool:
-        """Write what has changed, then copy the stored map to a new file.
-
-        It must be called in another thread than the node's. False is returned without a file if
-        checkpoints are off, or no map of the session is stored.
-
-        Raises:
-            HoidError: The map cannot be written.
-        """
+        """As `CheckpointThread.copy_to`; return False if checkpoints are off."""
         return self._thread is not None and self._thread.copy_to(path)
 
     def discard(self) -> None:
@@ -179,11 +154,7 @@ class Checkpoints:
         self.keep()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """Write no further checkpoints, and `keep` the map if the end was requested.
-
-        Args:
-            is_asked_for: Whether an operator or launch ended the node, and not an error.
-        """
+        """Write no further checkpoints; `keep` the map unless an error has ended the node."""
         if self._thread is not None:
             self._thread.end()
         if is_asked_for:

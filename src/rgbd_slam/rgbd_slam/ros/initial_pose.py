@@ -17,9 +17,7 @@ from rgbd_slam.session import SlamSession
 
 
 class InitialPose:
-    """Subscribes to initial poses and lets the session relocalize near them first.
-
-    While the session is mapping, initial poses are refused.
+    """Subscribes to initial poses, near which the session relocalizes first.
 
     Args:
         inputs: Inputs of the node.

@@ -82,16 +82,10 @@ class KeyframeOutputs:
         self._publish()
 
     def message(self) -> KeyframePosesMsg:
-        """Return the message of the session with the present poses of its keyframes."""
         return self._message(self._present())
 
     def publish_image(self, image: TrackedImage | None, header: Header) -> None:
-        """Publish the pose of an image that was tracked; None: there is none.
-
-        Args:
-            image: The image.
-            header: Header of the image.
-        """
+        """Publish the pose of an image that was tracked; None: there is none."""
         session = self._find_session()
         if image is None or session is None or not self._images.is_wanted:
             return

@@ -58,15 +58,13 @@ class MapLoader:
     def load(
         self, session: SlamSession, content: MapFile, source: str, *, keep: bool, extend: bool
     ) -> None:
-        """Load a map.
-
-        It must be called in another thread than the node's, and waits until the map is in use.
+        """Load a map from another thread than the node's, and wait until it is in use.
 
         Args:
             session: The session.
             content: The map.
             source: Path of its file, or the session of the crashed node that it is from.
-            keep: True: keep the running map beside it. False: discard the running map.
+            keep: Whether the running map is kept beside it.
             extend: Whether the map will be extended, and not only localized in.
 
         Raises:
@@ -94,23 +92,11 @@ class MapLoader:
         *,
         extend: bool,
     ) -> None:
-        """Load a map into a new session, from the node's thread.
+        """Load a map into a new session, from the node's thread, and wait for it for at most 2 s.
 
-        Prepares the map, then waits for it for at most 2 s. A larger map is then loaded in the
-        background; no image is tracked until it is loaded. A HoidError in the background
-        is logged.
-
-        Args:
-            session: The session.
-            content: The map.
-            source: Path of its file, or the session of the crashed node that it is from.
-            on_loaded: Called in the node's thread when the map is loaded: during this call, or
-                later between two images.
-            extend: Whether the map will be extended, and not only localized in.
-
-        Raises:
-            MapFileError: The map does not fit the camera.
-            MapperStoppedError: The mapping process cannot be kept running.
+        A larger map is then loaded in the background; no image is tracked until it is loaded. The
+        arguments and errors are those of `load`; `on_loaded` is called in the node's thread when
+        the map is in use.
         """
         loading, is_loaded = session.map.prepare_load(content, extend=extend), Event()
 

@@ -61,8 +61,8 @@ class MapOutputs:
 
     A message is made only for a topic that has subscribers, and only if the map has changed since
     the last message of the topic. This is checked once per `map_period_s`, or less often if making
-    messages takes long, and whenever a subscriber joins or leaves while no message is being made.
-    The node's thread only copies the map.
+    messages takes long, and whenever a subscriber joins or leaves. The node's thread only copies
+    the map.
 
     Args:
         node: The SLAM node.
@@ -95,7 +95,6 @@ class MapOutputs:
         self._timer = node.create_timer(config.map_period_s, self._on_timer, clock=steady)
 
     def reconfigure(self, config: SlamNodeConfig) -> None:
-        """Apply the parameters that may change at run time: the period."""
         set_period(self._timer, config.map_period_s)
 
     def close(self) -> None:
@@ -108,10 +107,7 @@ class MapOutputs:
             self._publish()
 
     def _publish(self) -> None:
-        """Request messages for all topics that have subscribers and are not up to date.
-
-        Nothing is requested without a session, and while the thread is making messages.
-        """
+        """Request messages for all topics that have subscribers and are not up to date."""
         session = self._session()
         if session is None or self._is_busy:
             return

@@ -57,7 +57,6 @@ class MapServices:
 
     The service that sets the mode has a thread of its own, so that a disk that does not respond
     delays no change of the mode.
-    It also removes unfinished files that killed processes have left in `map_directory`.
 
     Args:
         node: The SLAM node.
@@ -100,7 +99,7 @@ class MapServices:
             thread.start(handlers.report_fault)
 
     def close(self) -> None:
-        """End the thread; wait at most two seconds for a request that is being handled."""
+        """End the threads; wait at most two seconds each for a request that is being handled."""
         for thread in (self._thread, self._mode_thread):
             thread.close()
 
@@ -171,10 +170,7 @@ class MapServices:
         return f'{written} written to {path}{note}'
 
     def _settle(self) -> bool:
-        """Let the mapper complete its requests and a final global adjustment (`settle`).
-
-        Returns whether all of this ended within the time limit.
-        """
+        """Let the mapper end its requests and a final adjustment; return whether it has."""
         end_s = time.monotonic() + _SETTLE_S
         if not self._is_settled_by(end_s):
             return False
@@ -185,11 +181,7 @@ class MapServices:
         self._session().map.mapper.settle()
 
     def _is_settled_by(self, end_s: float) -> bool:
-        """Wait until the mapper has completed all its work; return whether it has by `end_s`.
-
-        Changes that it finishes meanwhile are applied to the tracker's map. `end_s` is a time of
-        the monotonic clock.
-        """
+        """Wait until the mapper has completed all its work; return False at a monotonic time."""
 
         def settled() -> bool | None:
             slam_map = self._session().map

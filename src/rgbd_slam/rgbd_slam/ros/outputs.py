@@ -23,7 +23,7 @@ _WHEELS = 'wheels'
 
 
 def visual_frame(odom: str) -> str:
-    """Return the name of the visual odometry's frame, for use while another node owns `odom`.
+    """Return the frame of the visual odometry while another node owns `odom`.
 
     It is `odom` with "visual_" in front of the part after the last slash.
     """
@@ -62,23 +62,19 @@ class SlamOutputs:
         self._status = node.create_publisher(SlamStatusMsg, topics.SLAM_STATUS, qos.STATE)
 
     def reconfigure(self, frames: FrameConfig) -> None:
-        """Apply the parameters that may change at run time: the transforms that are sent."""
         self.frames = frames
 
     def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
         """Publish odometry and those transforms of an image that `frames` asks for.
 
-        Args:
-            pose: The pose of the robot; None while it is unknown. Nothing is then published, but
-                for the latest map -> odom if another node sends odom -> base.
-            header: Header of the features of the image.
+        While the pose is unknown (None), only the latest map -> odom is published, if another node
+        sends odom -> base.
         """
         if pose is not None:
             self._publish_odometry(pose, header)
         self._publish_tree(pose, header)
 
     def publish_status(self, status: SlamStatus, header: Header) -> None:
-        """Publish the status with a header: of the features, or of the camera info at a start."""
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
@@ -90,14 +86,9 @@ class SlamOutputs:
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 
     def wheel_motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
-        """Return the motion T_first_second (4, 4) of the base by external odometry.
+        """Return the motion T_first_second (4, 4) of a base frame between two stamps.
 
-        None is returned if it is unknown, or if no other node sends odom -> base.
-
-        Args:
-            first_ns: Stamp at which the motion begins.
-            second_ns: Stamp at which it ends.
-            base: Name of the base frame.
+        None is returned if the external odometry does not know it.
         """
         if self._wheels is None:
             return None
@@ -136,12 +127,11 @@ class SlamOutputs:
     def _map_to_wheels(
         self, pose: RobotPose | None, stamp_ns: int, base: str
     ) -> FloatArray | None:
-        """Return T_map_odom (4, 4) for the odometry frame of the wheels.
+        """Return T_map_odom (4, 4) for the odometry frame of the wheels, if it is known.
 
         The latest transform is returned while the camera is lost (`pose` is None), so that the
         pose of the robot follows the wheels, and if the wheels have no pose for the image, which
-        is reported as a problem. None is returned until both camera and wheels have had a pose for
-        the same image.
+        is a problem.
         """
         T_wheels_base = None if self._wheels is None else self._wheels.at(stamp_ns, base)
         if T_wheels_base is None:

@@ -17,25 +17,17 @@ _LIMIT_S = 20.0
 
 
 class SceneMapClient:
-    """Client of the service `add_to_map` of the scene node.
-
-    Args:
-        node: The SLAM node, in whose thread the responses arrive.
-    """
+    """Client of the service `add_to_map` of the scene node."""
 
     def __init__(self, node: Node) -> None:
         service = topics.ADD_TO_MAP.replace('~', _SCENE)
         self._client = node.create_client(AddToMap, service)
 
     def add_to(self, path: Path, keyframes: KeyframePoses) -> str:
-        """Have the scene added to a map file, and return what was added as the end of a sentence.
+        """Have the scene added to a closed map file; return what was added, to end a sentence.
 
         It must not be called in the node's thread. A scene that cannot be added is no error: the
         map is complete without it.
-
-        Args:
-            path: The file, which this process has closed.
-            keyframes: The keyframes that are saved in it.
         """
         if not self._client.service_is_ready():
             return f'without a dense map, as {_SCENE} does not run,'

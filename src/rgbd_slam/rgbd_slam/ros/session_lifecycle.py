@@ -87,8 +87,7 @@ class SessionLifecycle:
         """Read the map file to start with, if one is configured.
 
         If it cannot be read, but there is the checkpoint of a killed node, the node starts. The
-        error then ends the node only if the checkpoint is not resumed when the session starts. An
-        earlier `reset` no longer prevents that the map file is loaded.
+        error then ends the node only if the checkpoint is not resumed when the session starts.
 
         Raises:
             HoidError: The map file cannot be read, or the mode is localization and none is
@@ -104,7 +103,6 @@ class SessionLifecycle:
             self._logger.warning(f'{error}; the checkpoint of the killed node is resumed instead')
 
     def reconfigure(self, config: SlamNodeConfig) -> None:
-        """Apply the parameters that may change at run time."""
         self._config = config
         if self.session is not None:
             self.session.reconfigure(config)
@@ -126,7 +124,6 @@ class SessionLifecycle:
         self._start_anew(is_new)
 
     def _start_anew(self, is_new_camera: bool) -> None:
-        """Start the session if camera and base are known; end the one of another camera before."""
         if is_new_camera and self.session is not None:
             self.checkpoints.keep()
             self._end()
@@ -151,8 +148,7 @@ class SessionLifecycle:
     def reset(self) -> None:
         """Keep the map under another name, and start a new session with the latest camera info.
 
-        A configured map file is not loaded again, so that the new session maps in any mode. It
-        starts now if there was a camera info and the base is known.
+        A configured map file is not loaded again, so that the new session maps in any mode.
 
         Raises:
             SystemExit: The mapping process does not start.
@@ -166,28 +162,16 @@ class SessionLifecycle:
             self.update_camera(*self._last_camera)
 
     def clean_up(self) -> None:
-        """Drop the camera info, and keep the map as `reset` does; for the transition `cleanup`.
-
-        No session starts until the next camera info.
-        """
+        """Keep the map as `reset` does, and start no session until the next camera info."""
         self._last_camera = None
         self.reset()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """End the session and the writing of checkpoints.
-
-        Args:
-            is_asked_for: True if an operator or launch ended the node: the map is kept under
-                another name. False after an error: the next node resumes from the checkpoint.
-        """
+        """End the session and the writing of checkpoints; see `Checkpoints.close`."""
         self.checkpoints.close(is_asked_for=is_asked_for)
         self._end()
 
     def _start_if_ready(self) -> None:
-        """Start the session if the camera is confirmed and the base is known.
-
-        Called for each image too: a camera info may be published once, before the base is known.
-        """
         camera = self._cameras.camera  # perhaps scaled: not always that of the message
         if self.session is None and camera is not None and self._last_camera is not None:
             self.session = self._start(camera, self._last_camera[1])
@@ -211,10 +195,7 @@ class SessionLifecycle:
         self._diagnostics.report_problem('camera', self._cameras.problem)
 
     def _robot_frames(self, header: Header) -> RobotFrames | None:
-        """Return the robot's frames with the mounting of the camera; None while it is unknown.
-
-        A missing transform, and `frames.planar` without a base, are reported as problems.
-        """
+        """Return the robot's frames with the mounting of the camera; None while it is unknown."""
         names = self._config.frames
         T_base_camera = self._frames.find(names.base, header.frame_id) if names.base else None
         if names.base and T_base_camera is None:
@@ -234,8 +215,7 @@ class SessionLifecycle:
     def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
         """Start a session and return it; None while the camera's pose on the base is unknown.
 
-        The session resumes the map of a killed node, or else loads the configured map file. A
-        large map is loaded in the background.
+        The session resumes the map of a killed node, or else loads the configured map file.
 
         Raises:
             SystemExit: The mapping process does not start, or the configured map cannot be used.

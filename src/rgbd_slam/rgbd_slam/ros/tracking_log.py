@@ -13,10 +13,7 @@ _PERIOD_S = 10.0  # chosen: often enough to see that the node works, and not too
 
 
 class TrackingLog:
-    """Logs changes of the state of tracking, and about every 10 s its rate and processor time.
-
-    Periods without a tracked image are left out.
-    """
+    """Logs changes of the state of tracking, and about every 10 s its rate and processor time."""
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
@@ -47,10 +44,6 @@ class TrackingLog:
         self._log_progress(status)
 
     def _log_progress(self, status: SlamStatus) -> None:
-        """Log rate, median time and keyframes at the first image after a period of 10 s.
-
-        Nothing is logged if no image of the period was tracked.
-        """
         if status.state is SlamState.TRACKING:
             self._track_ms.append(status.stage_ms.get('track', 0.0))
         elapsed_s = time.monotonic() - self._since_s

@@ -27,13 +27,7 @@ _MIN_RAY_M = 1e-3  # chosen: a point nearer to the camera has no viewing directi
 
 
 def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
-    """Raise MapFileError if the arrays of a map break a rule; its text names the first such rule.
-
-    Args:
-        state: The map.
-        camera: The camera that the map was made with.
-        num_octaves: Number of octaves of the map's features.
-    """
+    """Raise MapFileError with the first rule that the arrays of a map break."""
     lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
     is_lens = len(lens) <= _MAX_INTRINSICS and np.isfinite(lens).all()
     require(is_lens, 'its camera is invalid')

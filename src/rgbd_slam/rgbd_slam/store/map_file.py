@@ -25,10 +25,7 @@ _MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera ex
 
 
 class MapFile(NamedTuple):
-    """A map with its camera, as one file stores them.
-
-    Poses are in the published map frame, whose z axis points up.
-    """
+    """A map with its camera, in the published map frame, whose z axis points up."""
 
     camera: CameraModel  # with which the map was made
     scale_factor: float  # ratio of the scales of two successive octaves
@@ -47,7 +44,6 @@ class MapFile(NamedTuple):
         return renumbered(self.loops, {uid: n for n, uid in enumerate(self.uids.tolist())})
 
     def keyframes(self) -> KeyframePoses:
-        """Return the poses of the keyframes, in the published map frame."""
         uids = np.arange(len(self.map)) if self.uids is None else self.uids
         map_ids = self.map.map_id.astype(np.int64)
         main_map = int(np.bincount(map_ids).argmax())
@@ -58,17 +54,13 @@ class MapFile(NamedTuple):
     ) -> MapFile:
         """Return the map as if it had been made with a given camera.
 
-        The pixels of the features, which are undistorted, are replaced by those at which this
-        camera sees the same rays, and their octaves by those at which it sees the same details.
-        Pixels far outside the image and octaves that do not exist are replaced by the nearest
-        allowed ones (`MapState.in_camera`).
-        If it is the camera of the map, the map is returned unchanged.
+        Features, whose pixels are undistorted, get the pixels and octaves at which this camera
+        sees the same rays and details (`MapState.in_camera`).
 
         Args:
             camera: The camera.
-            scale_factor: Ratio of the scales of two successive octaves that the camera's features
-                have.
-            num_octaves: Number of octaves that the camera's features have.
+            scale_factor: Ratio of the scales of two successive octaves of the camera's features.
+            num_octaves: Number of octaves of the camera's features.
             extend: Whether the camera will extend the map, and not only be localized in it. Then
                 its focal length must be similar, because features of the two cameras are matched
                 in both directions.
@@ -90,7 +82,6 @@ class MapFile(NamedTuple):
         return self._replace(camera=camera, map=state)
 
     def _is_of(self, camera: CameraModel) -> bool:
-        """Return whether a camera has the image size and the intrinsics of the map's camera."""
         is_size = self.camera.size_px == camera.size_px
         return is_size and bool(
             (np.abs(_intrinsics(camera) - _intrinsics(self.camera)) < _SAME).all()
@@ -128,15 +119,15 @@ def save(path: Path, content: MapFile) -> int:
     An existing file is replaced once the new one is completely on the disk.
 
     Raises:
-        MapFileError: The file cannot be written, or the map breaks a rule, so that it could not
-            be loaded again. An existing file is unchanged.
+        MapFileError: The file cannot be written, or the map breaks a rule. An existing file is
+            unchanged.
     """
     check(content)
     return _write(path, content)
 
 
 def load(path: Path) -> MapFile:
-    """Return the contents of a map file, after checking them.
+    """Return the checked contents of a map file.
 
     Raises:
         MapFileError: The file does not exist, cannot be read, is no map file of this version, is
@@ -167,10 +158,7 @@ def load(path: Path) -> MapFile:
 
 
 def check(content: MapFile) -> None:
-    """Raise MapFileError if a map breaks a rule.
-
-    The text of the error names the first such rule.
-    """
+    """Raise MapFileError with the first rule that a map breaks."""
     with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
         check_loops(content.loops)

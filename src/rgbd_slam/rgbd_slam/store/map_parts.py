@@ -1,4 +1,4 @@
-"""Copies of the rows of a map that changed, part by part, so that tracking never waits long.
+"""Copies of the changed rows of a map, part by part, so that tracking never waits long.
 
 The features of a keyframe never change, and are copied once. The points that its features observe,
 and the map points, are copied again whenever they have changed. The keyframes themselves (poses,
@@ -56,13 +56,7 @@ class MapPart(NamedTuple):
 def part_of(
     state: MapState, uids: IntArray | None = None, loops: tuple[LoopEdge, ...] = ()
 ) -> MapPart:
-    """Return all of a saved map as one part.
-
-    Args:
-        state: The map.
-        uids: (K,) ascending uids of its keyframes; None: their rows.
-        loops: Its loop edges.
-    """
+    """Return a whole saved map as one part; `uids` (K,) are those of its keyframes, if any."""
     uids = np.arange(len(state)) if uids is None else uids
     counts, rows = state.num_features.astype(np.int64), np.arange(len(state.position_m))
     map_id = state.map_id.astype(np.int64)
@@ -92,9 +86,6 @@ class MapParts:
 
     `copy` is called between two images, again and again until a part has keyframes: all copied
     rows together are then the map at its version in this last call.
-
-    Args:
-        atlas: The map.
     """
 
     def __init__(self, atlas: Atlas) -> None:
@@ -143,7 +134,6 @@ class MapParts:
         )
 
     def _grow(self, num_chunks: int) -> None:
-        """Enlarge the arrays to the present capacities of the map's tables."""
         capacity = self.atlas.keyframes.capacity
         self._uid = _grown(self._uid, capacity, _UNKNOWN)
         self._state_version = _grown(self._state_version, capacity, _NEVER)

@@ -79,7 +79,6 @@ def _state(database: Database) -> tuple[IntArray, MapState]:
 
 
 def _keyframes(database: Database) -> tuple[IntArray, dict[str, Array]]:
-    """Return the uids (K,) of the keyframes, and their columns of a `MapState`."""
     rows = list(database.rows(KEYFRAMES))
     uid, stamp_ns, map_id, parent_uid = (
         np.array([row[n] for row in rows], np.int64) for n in range(4)
@@ -97,7 +96,7 @@ def _keyframes(database: Database) -> tuple[IntArray, dict[str, Array]]:
 def _joined(
     database: Database, table: Table, kind: type[Record], keys: IntArray | None = None
 ) -> tuple[IntArray, dict[str, Array]]:
-    """Return the lengths of the records of a table (R,), and their columns, joined.
+    """Return the lengths (R,) of the records of a table, and their joined columns.
 
     Raises:
         MapFileError: The keys of the rows are not the given ones.
@@ -125,7 +124,7 @@ def _indices(rows: Array, observed: Array) -> IntArray:
 
     Args:
         rows: (P,) row of each point in the table of the map that was written.
-        observed: (F,) row of the point that each feature observes, or NO_POINT, which stays.
+        observed: (F,) such a row for each feature, or NO_POINT, which stays.
 
     Raises:
         MapFileError: A feature observes a point that is not stored, or rows are negative.

@@ -29,12 +29,11 @@ from rgbd_slam.store.tables import (
 
 
 class MapWriter:
-    """Writes a map that changes to a database, each time what has changed since the last time.
+    """Writes what has changed in a map to a database, in transactions.
 
     `begin`, then `append` for each part of the map, are one transaction. The database is closed
-    between two of them, so that nothing is left beside it, and its disk can be made read-only. The
-    first time, and if somebody has deleted or replaced the database, all of its content is written
-    anew.
+    between two of them, so that its disk can be made read-only. The first time, and if somebody
+    has deleted or replaced the database, all of its content is written anew.
 
     Args:
         atlas: The map.
@@ -52,7 +51,6 @@ class MapWriter:
 
     @property
     def is_open(self) -> bool:
-        """Return whether a transaction has begun that has not ended."""
         return self._database is not None
 
     def begin(self) -> None:
@@ -70,18 +68,11 @@ class MapWriter:
             raise
 
     def copy(self) -> MapPart:
-        """Return a copy of the next part of the map, which takes a few ms, for `append`.
-
-        The map must not change during the call: it is made between two images.
-        """
+        """Return a copy of the next part of the map for `append`, between two images."""
         return self._parts.copy()
 
     def append(self, part: MapPart, header: MapHeader) -> bool:
-        """Write a part of the map; return whether it was the last one, and all is committed.
-
-        Args:
-            part: A part that `copy` returned after `begin`.
-            header: The header of the map at that time.
+        """Write a part that `copy` returned; return whether it was the last one and is committed.
 
         Raises:
             MapFileError: The database cannot be written. What it had before is unchanged, and the
@@ -105,7 +96,7 @@ class MapWriter:
         return True
 
     def abort(self) -> None:
-        """Undo all since `begin`, if there is a transaction."""
+        """Undo the transaction, if there is one."""
         if self._database is not None:
             self._database.rollback()
             self._parts.restore(self._before)
@@ -123,7 +114,6 @@ class MapWriter:
 
 
 def put_header(database: Database, header: MapHeader) -> None:
-    """Write the header of a map."""
     camera, T_map_core = CameraRow.of_camera(header.camera), Pose(header.T_map_core)
     octaves = header.scale_factor, header.num_octaves
     database.put(META, [(0, camera, *octaves, T_map_core, header.session, header.stamp_ns)])
@@ -145,14 +135,14 @@ def put_keyframes(
     stored: KeyframeCopy | None = None,
     new_uids: IntArray | None = None,
 ) -> None:
-    """Write the keyframes that differ from the stored ones, and delete those that are gone.
+    """Write the keyframes that differ from the stored ones, and delete removed ones.
 
     Args:
         database: The database.
         keyframes: All keyframes.
         stored: The keyframes that are stored; None: there are none.
-        new_uids: Uids of keyframes whose features have been written since, of which some may be
-            gone; None: all of them are among `keyframes`.
+        new_uids: Uids of keyframes whose features have been written since, some of which may have
+            been removed; None: all of them are among `keyframes`.
     """
     is_new = np.ones(len(keyframes.uid), np.bool_)
     if stored is not None:
@@ -174,7 +164,6 @@ def put_keyframes(
 
 
 def put_loops(database: Database, edges: Sequence[LoopEdge]) -> None:
-    """Replace the loop edges of a map."""
     database.clear(LOOPS)
     rows = (
         (
@@ -195,7 +184,7 @@ def put_loops(database: Database, edges: Sequence[LoopEdge]) -> None:
 
 
 def _runs(record: Record, ends: IntArray) -> Iterator[Record]:
-    """Yield the rows of a record in runs, of which these are the ends."""
+    """Yield the rows of a record in runs that end before the rows `ends`."""
     arrays, start = list(record.arrays().values()), 0
     for end in ends.tolist():
         yield type(record)(*(array[start:end] for array in arrays))

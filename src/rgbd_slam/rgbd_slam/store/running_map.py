@@ -1,6 +1,6 @@
 """The database of a node's map, from which the next node resumes if this one is killed.
 
-A map is never deleted. When no node is to resume it any more, its database is renamed to that of a
+A map is never deleted. When no node shall resume it any more, its database is renamed to that of a
 saved map.
 """
 
@@ -29,8 +29,7 @@ class RunningMap:
 
     Args:
         directory: The folder of all maps; `~` is the home folder.
-        owner: Name of the node, which must be unique on this machine. In the name of the file,
-            characters other than letters and digits are replaced by "-".
+        owner: Name of the node, which must be unique on this machine.
 
     Raises:
         ConfigError: `directory` begins with `~`, and the home folder is not known.
@@ -57,7 +56,6 @@ class RunningMap:
         self._lock = OwnerLock(self.path.with_suffix('.lock'), name)
 
     def disown(self) -> None:
-        """Let other processes write the database."""
         if self._lock is not None:
             self._lock.release()
             self._lock = None
@@ -78,20 +76,15 @@ class RunningMap:
         return map_file.load(self.path) if self._num_keyframes() != 0 else None
 
     def writer(self, atlas: Atlas) -> MapWriter:
-        """Return the writer of a map, which replaces the map that is stored (`keep` it before)."""
+        """Return the writer of a map, which replaces the stored map (`keep` that one before)."""
         return MapWriter(atlas, self._open)
 
     def copy_to(self, path: Path) -> None:
-        """Copy the map to a new file; raise MapFileError if that is not possible."""
         with Database.open(self.path, TABLES, is_own=True) as database:
             database.copy_to(path)
 
     def keep(self) -> str:
-        """Give the map a name of its own, under which it can be loaded as a saved map.
-
-        Returns:
-            A line for the log that says where the map is, and how to load it; empty if there is no
-            map.
+        """Rename the database to a saved map; return a line for the log, or '' without a map.
 
         Raises:
             MapFileError: The database cannot be renamed; it is unchanged.
@@ -111,7 +104,6 @@ class RunningMap:
         )
 
     def _all_kept(self) -> str:
-        """Return a sentence about all kept maps, because nobody deletes them but the user."""
         paths = list(self.path.parent.glob(f'{_KEPT}*{SUFFIX}'))
         size_mb = sum(path.stat().st_size for path in paths) / _MB
         return (
@@ -125,7 +117,7 @@ class RunningMap:
         return Database.start(self.path, TABLES)
 
     def _num_keyframes(self) -> int | None:
-        """Return the number of keyframes in the database, 0 without one; None: it is damaged."""
+        """Return the number of stored keyframes, 0 without a database; None: it is damaged."""
         if not self.path.exists():
             return 0
         try:

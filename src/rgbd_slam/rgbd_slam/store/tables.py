@@ -35,7 +35,6 @@ class CameraRow(Record):
 
     @classmethod
     def of_camera(cls, camera: CameraModel) -> CameraRow:
-        """Return the row of a camera."""
         return cls(
             np.array([camera.width_px, camera.height_px]),
             np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]),
@@ -44,7 +43,6 @@ class CameraRow(Record):
         )
 
     def camera(self) -> CameraModel:
-        """Return the camera; raise ConfigError if no camera has these values."""
         width_px, height_px = self.size_px.tolist()
         distortion, is_fisheye = tuple(self.distortion.tolist()), bool(self.is_fisheye[0])
         fx_px, fy_px, cx_px, cy_px = self.pinhole_px.tolist()
@@ -98,7 +96,7 @@ class PointRows(Record):
 
 
 class MapHeader(NamedTuple):
-    """What there is once in a map: camera, octaves, frame, session and time."""
+    """The values that a map has once."""
 
     camera: CameraModel
     scale_factor: float  # ratio of the scales of two successive octaves

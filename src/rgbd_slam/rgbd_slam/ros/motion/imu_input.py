@@ -29,7 +29,7 @@ class ImuInput:
     """Collects the samples of an IMU between two images, and gives them to the session's `Imu`.
 
     A driver may publish gyro and accelerometer on `imu`, in turn or together, or the accelerometer
-    on `imu/accelerometer`. Without messages, SLAM works as without an IMU.
+    on `imu/accelerometer`.
 
     Args:
         node: The SLAM node.
@@ -68,19 +68,12 @@ class ImuInput:
                 )
 
     def start(self) -> Imu:
-        """Create and return the IMU of a new session; `deliver` gives it the later samples."""
+        """Create and return the IMU of a new session."""
         self._imu = Imu(self._config, self._calibrated)
         return self._imu
 
     def deliver(self, camera_frame: str) -> None:
-        """Give the collected samples to the session's IMU, before an image is tracked.
-
-        If more than 4000 samples of a sensor have arrived, the newest 4000 are given. If static
-        transforms connect camera and IMU, the IMU gets its mounting as well.
-
-        Args:
-            camera_frame: Frame of the image.
-        """
+        """Give the collected samples, and the mounting, to the IMU before an image is tracked."""
         imu = self._imu
         if imu is None or not (self._rates or self._accelerations):
             return

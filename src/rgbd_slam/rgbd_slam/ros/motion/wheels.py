@@ -22,8 +22,6 @@ _MAX_CHILDREN = 16
 class WheelOdometry:
     """Buffers the transforms from the odometry frame to its children; usually there is one.
 
-    The child may be any robot frame. More than 16 children are refused.
-
     Args:
         node: The node that subscribes to /tf.
         odom: Name of the odometry frame.
@@ -40,15 +38,7 @@ class WheelOdometry:
         listen_to_transforms(node, topics.TF, qos.TF, 'transforms', self._add, diagnostics)
 
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
-        """Return T_odom_base (4, 4) at a stamp; None if it is unknown.
-
-        It is known if a child of the odometry frame has poses around the stamp (see
-        `PoseBuffer.at`), and static transforms connect it with the base.
-
-        Args:
-            stamp_ns: The stamp.
-            base: Name of the base frame.
-        """
+        """Return T_odom_base (4, 4) at a stamp; None if no child of `odom` gives it."""
         for child, poses in self._poses.items():
             T_child_base = self._static.find(child, base)
             T_odom_child = poses.at(stamp_ns)
