@@ -66,7 +66,6 @@ def join_maps(
 
     Args:
         contents: At least two maps; their cameras may differ.
-        config: Parameters of the core.
         same: Pairs of maps, by number, that are known to show the same places, so that they are
             joined by a single match.
         apart: Pairs of maps, by number, that are never joined.
@@ -117,8 +116,6 @@ class _Joiner:
     """Joins saved maps, numbered `n` and `m`, in one atlas.
 
     Args:
-        atlas: The maps.
-        closer: Finds and closes loops.
         rows: For each saved map, the (K,) rows of its keyframes.
         same: As in `join_maps`.
         apart: As in `join_maps`.

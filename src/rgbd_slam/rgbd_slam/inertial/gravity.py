@@ -67,11 +67,7 @@ class _Triple(NamedTuple):
 
 
 class GravityEstimator:
-    """Estimates gravity in the camera frame, and mounting and bias of the accelerometer.
-
-    Args:
-        motion: The tracked motion.
-    """
+    """Estimates gravity in the camera frame, and mounting and bias of the accelerometer."""
 
     def __init__(self, motion: TrackedMotion) -> None:
         self._motion = motion

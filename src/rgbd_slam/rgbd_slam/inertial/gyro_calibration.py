@@ -76,8 +76,6 @@ def fit_gyro(
     least squared residuals.
 
     Args:
-        motion: The tracked motion.
-        gyro: The samples.
         R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
         near_s: The offset (see `GyroFit.offset_s`), if it is known to 10 ms; None: all are tried.
         window_ns: The latest time whose rotations are compared.

@@ -65,7 +65,6 @@ class Imu:
     motion (`observe`); `trust` decides which sensor is used.
 
     Args:
-        config: Parameters.
         mounting: The given mounting, if there is one.
     """
 

@@ -20,11 +20,7 @@ APART_M = 2.0
 
 
 class DriftLimit:
-    """Learns the drift of the camera from closed loops.
-
-    Args:
-        config: Parameters, which contain the largest drift that is possible with any camera.
-    """
+    """Learns the drift of the camera from closed loops."""
 
     def __init__(self, config: LoopConfig) -> None:
         self._config = config

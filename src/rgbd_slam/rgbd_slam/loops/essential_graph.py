@@ -123,7 +123,6 @@ def closed_poses(
     keyframe of the map keep their poses.
 
     Args:
-        atlas: The map, which is not changed.
         region: The keyframes whose poses are corrected.
         loops: Loops that are not used, and loops with an end outside of the graph, have no effect.
         min_shared: Number of shared points from which two keyframes are connected by an edge.

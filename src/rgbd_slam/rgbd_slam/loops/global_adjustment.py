@@ -110,9 +110,6 @@ def apply_solution(
     """Apply a solution to the current map, and return the motions of the keyframes.
 
     Args:
-        atlas: The map.
-        problem: The problem.
-        solution: Its solution.
         moves: Corrections of the map since the problem was made, the first one first.
     """
     keyframes, points = atlas.keyframes, atlas.points
@@ -198,8 +195,6 @@ class GlobalAdjuster:
     """Adjusts large parts of a map, one after the other.
 
     Args:
-        atlas: The map.
-        camera: The camera with its configured noise.
         iterations: As in `solve`.
         background: Whether an adjustment runs in a separate process, and `poll` applies its
             solution; otherwise `start` applies it.

@@ -76,7 +76,6 @@ def spread_corrections(
     neighboring groups, weighted by the inverse square of their distance (Shepard, ACM 1968).
 
     Args:
-        groups: The groups.
         T_map_camera: (N, 4, 4) poses of all keyframes before the correction.
         T_map_head: (G, 4, 4) corrected poses of the heads.
         first: (E,) one group of each pair of neighboring groups.

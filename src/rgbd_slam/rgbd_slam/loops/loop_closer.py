@@ -77,9 +77,6 @@ class LoopCloser:
     """Detects loops at new keyframes and corrects the map.
 
     Args:
-        atlas: The map.
-        camera: The camera with its configured noise.
-        config: Parameters.
         background: Run global bundle adjustment in a separate process.
     """
 
@@ -190,8 +187,6 @@ class LoopCloser:
         done if the loop contradicts the others.
 
         Args:
-            i: Row of the new keyframe.
-            place: The match.
             T_c_i: (4, 4) measured pose of the new keyframe relative to the matched one.
             distance_m: Distance by which the loop would move the new keyframe.
             turn_rad: Angle by which the loop would turn it.

@@ -107,7 +107,6 @@ class LoopDetector:
         they need not be verified.
 
         Args:
-            i: Row of the new keyframe.
             c: Row of the candidate.
             path_m: Length of the path between the two; infinite between different maps.
         """

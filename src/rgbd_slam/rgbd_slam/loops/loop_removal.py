@@ -45,8 +45,6 @@ def remove_loop(atlas: Atlas, camera: StereoCamera, number: int, min_shared: int
     """Remove a loop or merge from a map; the two maps of a merge become separate again.
 
     Args:
-        atlas: The map.
-        camera: The camera with its configured noise.
         number: Number of the loop in `atlas.loops`.
         min_shared: Number of shared points from which two keyframes are connected by an edge.
     """

@@ -63,8 +63,6 @@ def map_fits(atlas: Atlas, closer: LoopCloser, rows: IntArray, excluded: IntArra
     """Return the fit of a map with each other map that its keyframes match; change nothing.
 
     Args:
-        atlas: The maps.
-        closer: Finds the matches.
         rows: (K,) keyframes of the map.
         excluded: (N,) keyframes that are no candidates, those of the map included.
     """

@@ -17,7 +17,6 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
     becomes the parent of the other one.
 
     Args:
-        atlas: The maps.
         i: Row of a keyframe of one map.
         c: Row of a keyframe of the other map.
         T_c_i: (4, 4) measured pose of keyframe `i` relative to keyframe `c`.

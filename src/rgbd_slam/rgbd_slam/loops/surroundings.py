@@ -63,7 +63,6 @@ class Surroundings:
     """Compares the keyframes around a new keyframe with the map, which is not changed.
 
     Args:
-        atlas: The map.
         verifier: Finds points of the map in keyframes.
     """
 
@@ -75,7 +74,6 @@ class Surroundings:
         """Evaluate the surroundings of keyframe `i` after a hypothetical loop correction.
 
         Args:
-            i: Row of the new keyframe.
             c: Row of the matched keyframe, in the same map or another one.
             match: The pose of keyframe `i` that follows from the match.
         """
@@ -109,7 +107,6 @@ class Surroundings:
         camera comes near these.
 
         Args:
-            i: Row of the new keyframe.
             c: Row of the matched keyframe in the same map.
         """
         is_later, num_contradicting = self._is_later(i, c), 0

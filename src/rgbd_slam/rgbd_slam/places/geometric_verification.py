@@ -76,9 +76,6 @@ class PlaceVerifier:
     """Verifies places in a map, which it does not change.
 
     Args:
-        atlas: The map.
-        camera: The camera with its configured noise.
-        config: Parameters.
         seed: Seeds the random samples of RANSAC, with the stamp of the image and the keyframe.
     """
 
@@ -114,7 +111,6 @@ class PlaceVerifier:
         """Return the pose of a frame if it shows the points of keyframes; None if it does not.
 
         Args:
-            frame: The frame.
             T_camera_map: (4, 4) pose with which the projections of the points are predicted.
             keyframes: (K,) rows of the keyframes whose points are searched.
         """

@@ -33,9 +33,6 @@ class PlaceFinder:
     """Finds and verifies places in a map, which it does not change.
 
     Args:
-        atlas: The map.
-        camera: The camera with its configured noise.
-        config: Parameters.
         seed: Seeds the random samples of RANSAC.
 
     Raises:
@@ -93,7 +90,6 @@ class PlaceFinder:
         points. Then neither is returned; a later frame that shows more may resolve the ambiguity.
 
         Args:
-            frame: The frame.
             in_main_map: Whether to search the main map only, and not the maps whose poses
                 relative to it are unknown.
         """

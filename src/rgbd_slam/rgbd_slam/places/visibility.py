@@ -42,7 +42,6 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
     Args:
         projection_px: (3, N) predicted u, v, u_right of the points.
         depth_m: (N,) depths of the points in the camera frame.
-        frame: The features of the image.
     """
     n = len(depth_m)
     q, k = FeatureGrid(frame).search(projection_px[:2], np.full(n, _WINDOW_PX))

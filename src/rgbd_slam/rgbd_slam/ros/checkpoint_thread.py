@@ -52,11 +52,8 @@ class CheckpointThread:
     """Writes what has changed in the map at intervals, in a thread of low priority.
 
     Args:
-        node: The SLAM node.
         period_s: Usual time between two checkpoints.
         running: The database of its map, which this process owns.
-        diagnostics: Diagnostics of the node.
-        session: Returns the session, or None while there is no session.
     """
 
     def __init__(

@@ -35,13 +35,6 @@ class Checkpoints:
 
     A map that is not resumed is kept under a name of its own. Nothing of this is done if the
     process does not own the database.
-
-    Args:
-        node: The SLAM node.
-        config: Its parameters.
-        running: The database of its map.
-        diagnostics: Diagnostics of the node.
-        session: Returns the session, or None while there is no session.
     """
 
     def __init__(

@@ -20,8 +20,6 @@ class InitialPose:
     """Subscribes to initial poses, near which the session relocalizes first.
 
     Args:
-        inputs: Inputs of the node.
-        session: Returns the session, or raises InputError while there is no session.
         find_in_map: Returns T_map_frame (4, 4) for the name of a frame, or None if it is unknown.
     """
 

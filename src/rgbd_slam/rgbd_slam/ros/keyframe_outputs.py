@@ -34,11 +34,6 @@ class KeyframeOutputs:
 
     The poses of the keyframes are published when they have changed, and always before the first
     image that is relative to a new keyframe.
-
-    Args:
-        node: The SLAM node.
-        frames: Names of the frames.
-        session: Returns the session; None while there is none.
     """
 
     def __init__(

@@ -38,8 +38,6 @@ class MapLoader:
     """Loads saved maps; the calls of other threads run in the node's thread (`NodeThread`).
 
     Args:
-        node: The SLAM node.
-        session: Returns the session, or None while there is no session.
         keyframes: Publishes the keyframes of a loaded map.
         keep_running: Called in the node's thread before a loaded map replaces the running one.
     """
@@ -61,8 +59,6 @@ class MapLoader:
         """Load a map from another thread than the node's, and wait until it is in use.
 
         Args:
-            session: The session.
-            content: The map.
             source: Path of its file, or the session of the crashed node that it is from.
             keep: Whether the running map is kept beside it.
             extend: Whether the map will be extended, and not only localized in.
@@ -155,7 +151,6 @@ class MapLoader:
         """Restore a map for the tracker, and wait until the tracker uses it.
 
         Args:
-            session: The session.
             loading: The map, whose loading was begun.
             loaded: Is set when the tracker uses it.
 

@@ -63,11 +63,6 @@ class MapOutputs:
     the last message of the topic. This is checked once per `map_period_s`, or less often if making
     messages takes long, and whenever a subscriber joins or leaves. The node's thread only copies
     the map.
-
-    Args:
-        node: The SLAM node.
-        config: Its parameters.
-        session: Returns the session; None while there is none.
     """
 
     def __init__(

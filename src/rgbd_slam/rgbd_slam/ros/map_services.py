@@ -59,12 +59,7 @@ class MapServices:
     delays no change of the mode.
 
     Args:
-        node: The SLAM node.
-        config: Its parameters.
-        session: Returns the session, or raises InputError while there is no session.
         keyframes: Knows the session and the keyframes for the scene node.
-        loader: Loads saved maps.
-        diagnostics: Diagnostics of the node.
         copy_stored: Copies the map on the disk to a new file (`Checkpoints.copy_to`).
     """
 

@@ -38,10 +38,7 @@ class SlamOutputs:
     node sends odom -> base: its stamp is later by `transform_tolerance_s`.
 
     Args:
-        node: The SLAM node.
         frames: Names of the frames, and which transforms are sent.
-        static: The static transforms of /tf_static.
-        diagnostics: Diagnostics of the node.
     """
 
     def __init__(

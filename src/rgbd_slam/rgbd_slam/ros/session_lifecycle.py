@@ -36,12 +36,6 @@ class SessionLifecycle:
     """Starts, resets and ends the node's session (`session`), which the node feeds itself.
 
     Args:
-        node: The SLAM node.
-        config: Its parameters.
-        running: The database of its map.
-        frames: The static transforms of `/tf_static`.
-        keyframes: Publishes the keyframes of the session.
-        diagnostics: Diagnostics of the node.
         publish_status: Publishes the status of a session that has started, before its first image.
         wheel_motion: Returns the motion (4, 4) of a frame, given by name, between two stamps [ns]
             by external odometry; None if it is unknown.

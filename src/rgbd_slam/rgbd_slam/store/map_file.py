@@ -58,7 +58,6 @@ class MapFile(NamedTuple):
         sees the same rays and details (`MapState.in_camera`).
 
         Args:
-            camera: The camera.
             scale_factor: Ratio of the scales of two successive octaves of the camera's features.
             num_octaves: Number of octaves of the camera's features.
             extend: Whether the camera will extend the map, and not only be localized in it. Then

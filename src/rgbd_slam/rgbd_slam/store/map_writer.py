@@ -36,7 +36,6 @@ class MapWriter:
     has deleted or replaced the database, all of its content is written anew.
 
     Args:
-        atlas: The map.
         open_database: Opens the database, or creates one with empty tables.
     """
 
@@ -138,8 +137,6 @@ def put_keyframes(
     """Write the keyframes that differ from the stored ones, and delete removed ones.
 
     Args:
-        database: The database.
-        keyframes: All keyframes.
         stored: The keyframes that are stored; None: there are none.
         new_uids: Uids of keyframes whose features have been written since, some of which may have
             been removed; None: all of them are among `keyframes`.

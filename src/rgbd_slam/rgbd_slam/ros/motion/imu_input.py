@@ -32,10 +32,7 @@ class ImuInput:
     on `imu/accelerometer`.
 
     Args:
-        node: The SLAM node.
-        config: Parameters.
         static: The static transforms, which say how the IMU is mounted.
-        diagnostics: Diagnostics of the node.
 
     Raises:
         InputError: The calibration file cannot be used.

@@ -23,7 +23,6 @@ class WheelOdometry:
     """Buffers the transforms from the odometry frame to its children; usually there is one.
 
     Args:
-        node: The node that subscribes to /tf.
         odom: Name of the odometry frame.
         static: The static transforms, which connect the child with the base.
         diagnostics: Diagnostics of the node, in which refused transforms are counted.
