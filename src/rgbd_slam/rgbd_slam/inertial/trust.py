@@ -145,10 +145,6 @@ class Trust:
 
         While the camera hardly turns, no fault is noticed. Of the last 2 s, only another unit
         counts, because in a blur the tracked rotation may be wrong as well.
-
-        Args:
-            fit: The comparison with the last 20 s, with any rotation to the camera.
-            recent: The comparison with the last 2 s; None: it could not be made.
         """
         self._fault_of_fit = _fault_of(fit)
         if recent is not None and _is_in_degrees(recent):
@@ -159,7 +155,7 @@ class Trust:
         """Confirm a gyro without a fault once its rates correlate with the tracked ones.
 
         Args:
-            fit: The comparison with the last 20 s, with the rotation to the camera that is used.
+            fit: The comparison with the rotation to the camera that is used.
             is_expected: Whether that rotation is the given one or none.
             is_certain: Whether that rotation is given or known well enough.
         """

@@ -56,10 +56,9 @@ def loop_covariance(match: PlaceMatch) -> FloatArray:
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
     """Return the length [m] of the shortest path between two keyframes (rows) in the map.
 
-    A path leads along keyframes that share at least 15 points, or are parent and child in the
-    spanning tree; rotations along it add 0.3 m per rad (Dijkstra's algorithm). The drift between
-    the two grows with this length and not with time, because no drift is added in known places.
-    The length is infinite between different maps.
+    A path leads along connected keyframes (`region_around`); rotations along it add 0.3 m per rad.
+    The drift between the two grows with this length and not with time, because no drift is added
+    in known places. The length is infinite between different maps.
     """
     return atlas.path_length_m(start, goal, NEAR_SHARED, _DRIFT_M_PER_RAD)
 
@@ -102,10 +101,7 @@ def optimized(
 
 
 def _deviation(atlas: Atlas, edge: LoopEdge, poses: FloatArray) -> tuple[float, float]:
-    """Return the angle [rad] and distance [m] by which poses (capacity, 4, 4) deviate from a loop.
-
-    They are 0 if the loop is between different maps.
-    """
+    """Return the angle [rad] and distance [m] between poses (capacity, 4, 4) and a loop."""
     ends = atlas.keyframes.ends_of(edge)
     return (0.0, 0.0) if ends is None else motion_size(edge.residual(*poses[list(ends)]))
 
@@ -127,8 +123,8 @@ def closed_poses(
         loops: Loops that are not used, and loops with an end outside of the graph, have no effect.
         min_shared: Number of shared points from which two keyframes are connected by an edge.
         measure: Returns the relative pose T_a_b (4, 4) of two connected keyframes, given their
-            rows and their present relative pose. None: the present relative poses are kept as far
-            as the loops allow, and large maps are optimized in groups (`keyframe_groups`).
+            rows and their present relative pose, which is used if None. Large maps are then
+            optimized in groups (`keyframe_groups`).
     """
     # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
     from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
@@ -164,8 +160,7 @@ def _relative_poses(
 ) -> Iterator[tuple[int, int, FloatArray, float, float]]:
     """Yield (g, h, T_g_h, sigma_rad, sigma_m) for each connected pair of groups g and h.
 
-    T_g_h (4, 4) is the present relative pose of their heads, and the sigmas are the standard
-    deviations of its rotation and of its translation.
+    T_g_h (4, 4) is the present relative pose of their heads, with its standard deviations.
     """
     T_g_h = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, NEAR_SHARED, _STRONG_SHARED))
@@ -200,10 +195,9 @@ def _loops_between_groups(
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
-    """Return the pairs of groups (low, high) that edges of keyframes connect.
+    """Return the pairs of groups that edges of keyframes connect, the lower number first.
 
-    `shared` is that of the strongest edge between the two groups. `group_of` (capacity,) is the
-    group of each keyframe; -1 for those outside of the graph.
+    `shared` is that of the strongest edge. `group_of` (capacity,) is -1 outside of the graph.
     """
     ends = group_of[np.stack([edges.first, edges.second])]
     low, high = ends.min(0), ends.max(0)
@@ -217,9 +211,8 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
     """Return the pairs of keyframes that are parent and child, or share `min_shared` points.
 
-    The first keyframe of a pair has the lower row. Of a pair that shares points, the first one is
-    in `rows`; of a parent and child, the child is. The other keyframe may be outside. `shared` is
-    0 for a parent and child that share no points.
+    The first keyframe of a pair has the lower row; the other one may be outside of `rows`.
+    `shared` is 0 for a parent and child that share no points.
     """
     keyframes = atlas.keyframes
     pairs = atlas.edges()

@@ -103,12 +103,8 @@ def spread_corrections(
 def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
     """Return all M combinations of a keyframe with a pair of groups that contains its group.
 
-    Args:
-        group: (N,) group of each keyframe.
-        own: (E,) that group of each pair, ascending.
-
-    Returns:
-        (M,) positions of keyframes, and (M,) positions of pairs.
+    Given are the (N,) groups of the keyframes, and that group of each pair (E,), ascending.
+    Returned are (M,) positions of keyframes, and (M,) positions of pairs.
     """
     starts = np.searchsorted(own, group)
     counts = np.searchsorted(own, group, side='right') - starts

@@ -77,7 +77,7 @@ class LoopCloser:
     """Detects loops at new keyframes and corrects the map.
 
     Args:
-        background: Run global bundle adjustment in a separate process.
+        background: Whether global bundle adjustment runs in a separate process.
     """
 
     def __init__(

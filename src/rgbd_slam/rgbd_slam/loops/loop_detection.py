@@ -103,12 +103,9 @@ class LoopDetector:
     def _possible_match(self, i: int, c: int, path_m: float) -> PlaceMatch | None:
         """Verify candidate `c` for keyframe `i`; return None if the drift would be too large.
 
+        The drift must be possible on the path of length `path_m`, which is infinite between maps.
         Where a pattern repeats, many candidates look the same. Most of them are so far away that
         they need not be verified.
-
-        Args:
-            c: Row of the candidate.
-            path_m: Length of the path between the two; infinite between different maps.
         """
         keyframes = self._atlas.keyframes
         apart_m = float(np.linalg.norm(np.subtract(*keyframes.T_map_camera[[i, c], :3, 3])))

@@ -60,11 +60,7 @@ class CurrentViews(Enum):
 
 
 class Surroundings:
-    """Compares the keyframes around a new keyframe with the map, which is not changed.
-
-    Args:
-        verifier: Finds points of the map in keyframes.
-    """
+    """Compares the keyframes around a new keyframe with the map, which is not changed."""
 
     def __init__(self, atlas: Atlas, verifier: PlaceVerifier) -> None:
         self._atlas = atlas
@@ -73,9 +69,7 @@ class Surroundings:
     def corrected_views(self, i: int, c: int, match: PlaceMatch) -> CorrectedViews:
         """Evaluate the surroundings of keyframe `i` after a hypothetical loop correction.
 
-        Args:
-            c: Row of the matched keyframe, in the same map or another one.
-            match: The pose of keyframe `i` that follows from the match.
+        The correction follows from the match with keyframe `c`, in the same map or another one.
         """
         T_map_camera = self._atlas.keyframes.T_map_camera
         T_corrected_map = match.T_map_camera @ se3.inverse(T_map_camera[i])
@@ -102,12 +96,9 @@ class Surroundings:
     def current_views(self, i: int, c: int) -> CurrentViews:
         """Evaluate the surroundings of keyframe `i` at their current poses.
 
-        In a room that only looks like the one of the matched keyframe, they match what is mapped
-        there. A keyframe that has drifted is where other surfaces are mapped, as soon as the
-        camera comes near these.
-
-        Args:
-            c: Row of the matched keyframe in the same map.
+        In a room that only looks like the one of the matched keyframe `c`, they match what is
+        mapped there. A keyframe that has drifted is where other surfaces are mapped, as soon as
+        the camera comes near these.
         """
         is_later, num_contradicting = self._is_later(i, c), 0
         mapped = np.flatnonzero(self._is_near(i) & ~is_later)
@@ -126,15 +117,9 @@ class Surroundings:
     ) -> Iterator[tuple[int, int, FloatArray]]:
         """Yield the keyframes that see about the same as a mapped keyframe after a motion.
 
-        Args:
-            visit: (N,) rows of the keyframes that are moved.
-            mapped: (H,) rows of the mapped keyframes.
-            T_new_old: (4, 4) motion in the map frame.
-            limit_m: Largest distance of two keyframes that see about the same.
-
-        Yields:
-            The row of the moved keyframe, the row of the nearest mapped keyframe with a similar
-            viewing direction, and the new pose T_map_camera (4, 4) of the moved one.
+        The keyframes in rows `visit` (N,) are moved by T_new_old (4, 4) in the map frame. Yielded
+        are the row of such a keyframe, the row of the nearest keyframe of `mapped` (H,) with a
+        similar viewing direction, and the new pose T_map_camera (4, 4).
         """
         T = self._atlas.keyframes.T_map_camera
         moved = T_new_old @ T[visit]

@@ -108,11 +108,9 @@ class PlaceVerifier:
     def search(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceMatch | None:
-        """Return the pose of a frame if it shows the points of keyframes; None if it does not.
+        """Return the pose of a frame if it shows the points of keyframes in rows (K,), else None.
 
-        Args:
-            T_camera_map: (4, 4) pose with which the projections of the points are predicted.
-            keyframes: (K,) rows of the keyframes whose points are searched.
+        The projections of the points are predicted with the pose T_camera_map (4, 4).
         """
         points = self._atlas.points_of(keyframes)
         found = self._found(frame, T_camera_map, points)

@@ -2,9 +2,8 @@
 
 Each hash table uses a fixed subset of the descriptor bits as its key, so that similar descriptors
 often have the same key (Indyk and Motwani, STOC 1998; for ORB: Rublee et al., ICCV 2011). No
-vocabulary is needed. Every vote is a descriptor match whose Hamming distance was checked. The
-right place has several times as many votes as the others, whereas scores of bags of words differ
-by a few percent (docs/results/places_and_loops.md).
+vocabulary is needed. Every vote is a descriptor match whose Hamming distance was checked, so that
+the right place has several times as many votes as the others (docs/results/places_and_loops.md).
 """
 
 from __future__ import annotations

@@ -61,13 +61,10 @@ class PlaceFinder:
         self._index.update(self._atlas)
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
-        """Return the rows of the keyframes most similar to an image, the most similar first.
+        """Return the rows of the keyframes most similar to descriptors (N, 32) of an image.
 
-        Of keyframes that share at least 15 points, only the most similar one is returned.
-
-        Args:
-            descriptors: (N, 32) descriptors of the image.
-            excluded: Rows of keyframes that must not be returned.
+        The most similar one is first. Of keyframes that share at least 15 points, only one is
+        returned, and none in the rows `excluded`.
         """
         self.index_places()
         keyframes = self._atlas.keyframes
@@ -88,10 +85,7 @@ class PlaceFinder:
 
         With identical furniture, two distant places in one map may be verified with about as many
         points. Then neither is returned; a later frame that shows more may resolve the ambiguity.
-
-        Args:
-            in_main_map: Whether to search the main map only, and not the maps whose poses
-                relative to it are unknown.
+        With `in_main_map`, no other map is searched, whose pose relative to it is unknown.
         """
         keyframes, excluded = self._atlas.keyframes, np.empty(0, np.int64)
         if in_main_map:

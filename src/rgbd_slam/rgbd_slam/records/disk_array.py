@@ -48,8 +48,7 @@ class DiskArray:
     def grow(self, num_rows: int) -> None:
         """Enlarge `array` to `num_rows` rows, of which the new ones are zero.
 
-        If the file cannot be enlarged, all rows are in memory until it can, and a warning is
-        logged.
+        While the file cannot be enlarged, all rows are in memory, and a warning is logged.
         """
         old, was_in_file = self.array, self._map is not None
         shape = num_rows, *old.shape[1:]
@@ -68,9 +67,6 @@ class DiskArray:
         """Replace the rows from row `first` on by `rows`.
 
         Writing to the file takes half the time of filling its mapped pages one by one.
-
-        Raises:
-            OSError: The file cannot be written.
         """
         if self._file is None:
             self.array[first : first + len(rows)] = rows

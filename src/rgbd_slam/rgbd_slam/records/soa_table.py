@@ -30,8 +30,8 @@ class SoaTableRows(NamedTuple):
 class SoaTable:
     """Elements as rows of parallel arrays; the `uid` of an element is never used again.
 
-    Rows are reused after `release`. Code that keeps a row across a change of the map must
-    therefore keep the uid of the element as well, and compare it with that of the row later.
+    Rows are reused after `release`. Code that keeps a row across a change of the map therefore
+    compares the uid of the element with that of the row later.
     """
 
     columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
@@ -52,12 +52,10 @@ class SoaTable:
 
     @property
     def capacity(self) -> int:
-        """Return the number of rows, including empty ones."""
         return len(self.uid)
 
     @property
     def alive(self) -> BoolArray:
-        """Return the (capacity,) mask of the rows that hold an element."""
         return np.not_equal(self.uid, DEAD)
 
     def indices(self) -> IntArray:
@@ -89,13 +87,8 @@ class SoaTable:
         """Give uids to the lowest empty rows, and return these (count,) rows in ascending order.
 
         The rows depend only on which rows are empty, so that runs are repeatable. The other
-        columns keep what these rows held before.
-
-        Args:
-            count: Number of rows.
-            version: Version of the map.
-            first_uid: The uid of the first row; the other rows get the next uids, none of which
-                may have been used. None: the next unused uid.
+        columns keep what these rows held before. The uids are the next unused ones, or count from
+        `first_uid`, from which on none may have been used.
         """
         if count >= _MANY and self._num_alive == 0:
             rows = self._first_rows(count)
@@ -109,7 +102,6 @@ class SoaTable:
         return rows
 
     def _first_rows(self, count: int) -> IntArray:
-        """Return the first `count` rows of an empty table, which grows to hold them."""
         capacity = self.capacity
         while capacity < count:
             capacity *= 2
@@ -119,7 +111,6 @@ class SoaTable:
         return np.arange(count)
 
     def _lowest_free_rows(self, count: int) -> IntArray:
-        """Return the `count` lowest empty rows, no longer free; enlarge a table with too few."""
         if self._free is None:
             self._free = np.flatnonzero(self.uid == DEAD).tolist()
         capacity = self.capacity
@@ -156,10 +147,7 @@ class SoaTable:
         self._next_uid += by
 
     def release(self, rows: IntArray, version: int) -> None:
-        """Remove the elements of rows, which become empty; rows that are empty are skipped.
-
-        `version` is that of the map in which they are removed.
-        """
+        """Remove the elements of rows, which become empty; rows that are empty are skipped."""
         rows = np.unique(rows[self.uid[rows] != DEAD])
         self.uid[rows] = DEAD
         self._num_alive -= len(rows)
@@ -176,7 +164,6 @@ class SoaTable:
         self.uid[old:] = DEAD
 
     def _grown(self, name: str, capacity: int) -> Column:
-        """Return a column with `capacity` rows; the new ones are zero."""
         old: Column = getattr(self, name)
         new = np.zeros((capacity, *old.shape[1:]), old.dtype)
         new[: len(old)] = old
@@ -202,11 +189,9 @@ class SoaTable:
         return values.astype(np.int32) if is_narrow else values
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite the changed rows with those of another copy of the same table.
+        """Overwrite the rows that `rows_since` of another copy of the table returned.
 
-        Args:
-            change: The rows that changed, as `rows_since` of the other copy returned them.
-            version: Version of the map to which the change leads.
+        The map then has the given version.
         """
         if change.capacity > self.capacity:
             self.grow(change.capacity)

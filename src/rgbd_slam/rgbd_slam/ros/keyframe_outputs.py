@@ -32,8 +32,8 @@ _MAX_SHARE = 0.02  # chosen: largest share of the tracker's time for messages of
 class KeyframeOutputs:
     """The topics `keyframe_poses` (latched) and `tracked_images`, while they have subscribers.
 
-    The poses of the keyframes are published when they have changed, and always before the first
-    image that is relative to a new keyframe.
+    Poses are published when they have changed, and always before the first image that is relative
+    to a new keyframe.
     """
 
     def __init__(

@@ -1,8 +1,7 @@
 """Loads saved maps into the node's session while images are tracked.
 
 Reading, checking and restoring a map of 10,000 keyframes takes seconds, and is done in other
-threads and processes. The tracker's thread only starts the loading and later exchanges the maps,
-both between two images.
+threads and processes. The tracker's thread only starts it and later exchanges the maps.
 """
 
 from __future__ import annotations
@@ -38,7 +37,6 @@ class MapLoader:
     """Loads saved maps; the calls of other threads run in the node's thread (`NodeThread`).
 
     Args:
-        keyframes: Publishes the keyframes of a loaded map.
         keep_running: Called in the node's thread before a loaded map replaces the running one.
     """
 
@@ -123,10 +121,7 @@ class MapLoader:
         saved_uids: IntArray,
         on_loaded: Callable[[], None],
     ) -> bool:
-        """Begin to load a map, and return True.
-
-        False is returned, and no loading begins, while the mapper has requests, and if the running
-        map is kept, also while it is adjusted.
+        """Begin to load a map; return False if the mapper is too busy.
 
         Raises:
             InputError: Another map is being loaded.
@@ -148,15 +143,7 @@ class MapLoader:
         return True
 
     def _complete(self, session: SlamSession, loading: MapLoading, loaded: Event) -> None:
-        """Restore a map for the tracker, and wait until the tracker uses it.
-
-        Args:
-            loading: The map, whose loading was begun.
-            loaded: Is set when the tracker uses it.
-
-        Raises:
-            InputError: It takes too long, or the session has ended.
-        """
+        """Restore a map for the tracker, and wait until `loaded` says that it uses it."""
         loading.restore()
 
         def is_loaded() -> bool | None:
@@ -174,7 +161,6 @@ class MapLoader:
         Raises:
             InputError: There is no value within the limit (with the message `late`), the node is
                 too busy, or the session has ended.
-            Exception: Any exception that the function raises.
         """
 
         def checked() -> T | None:

@@ -36,9 +36,6 @@ class SlamOutputs:
 
     Messages have the stamp of the header that a method is given, except map -> odom while another
     node sends odom -> base: its stamp is later by `transform_tolerance_s`.
-
-    Args:
-        frames: Names of the frames, and which transforms are sent.
     """
 
     def __init__(
@@ -75,10 +72,9 @@ class SlamOutputs:
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
-        """Return T_map_frame (4, 4) by /tf_static and the last transforms that this node sent.
+        """Return T_map_frame (4, 4) by /tf_static and the transforms that this node sent.
 
-        None is returned if these do not connect the frame with the map. Transforms of other nodes
-        are not used: if one of them sends odom -> base, the base is not found.
+        If another node sends odom -> base, frames of the robot are not found.
         """
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 

@@ -80,12 +80,11 @@ class SessionLifecycle:
     def configure(self) -> None:
         """Read the map file to start with, if one is configured.
 
-        If it cannot be read, but there is the checkpoint of a killed node, the node starts. The
-        error then ends the node only if the checkpoint is not resumed when the session starts.
+        If it cannot be read, but there is the checkpoint of a killed node, the error ends the node
+        only if that is not resumed when the session starts.
 
         Raises:
-            HoidError: The map file cannot be read, or the mode is localization and none is
-                configured; and there is no checkpoint.
+            HoidError: The map file cannot be read, or localization is configured without one.
         """
         self._first_map, self._first_map_error, self._is_reset = None, None, False
         try:
@@ -104,11 +103,10 @@ class SessionLifecycle:
     def update_camera(self, camera: CameraModel, header: Header) -> None:
         """Process a camera info, and start the session once camera and base are known.
 
-        If another calibration replaces the one in use, the session is ended first, with its map
-        and the configured map file is read again, unless `reset` was called before.
+        If another calibration replaces the one in use, the session ends first.
 
         Raises:
-            HoidError: The map file cannot be read again; there is no session then.
+            HoidError: The configured map file cannot be read again; there is no session then.
             SystemExit: The mapping process does not start, or the configured map cannot be used.
         """
         self._last_camera = camera, header
@@ -130,7 +128,7 @@ class SessionLifecycle:
 
         Raises:
             MessageError: The size is not that of the camera info.
-            SystemExit: The mapping process does not start, or the configured map cannot be used.
+            SystemExit: As for `update_camera`.
         """
         self._check_frame('color images', frame)
         try:
@@ -140,12 +138,9 @@ class SessionLifecycle:
         self._start_anew(is_new)
 
     def reset(self) -> None:
-        """Keep the map under another name, and start a new session with the latest camera info.
+        """Keep the map under another name, and start a session with the latest camera info.
 
         A configured map file is not loaded again, so that the new session maps in any mode.
-
-        Raises:
-            SystemExit: The mapping process does not start.
         """
         self.checkpoints.discard()
         self._end()
@@ -210,9 +205,6 @@ class SessionLifecycle:
         """Start a session and return it; None while the camera's pose on the base is unknown.
 
         The session resumes the map of a killed node, or else loads the configured map file.
-
-        Raises:
-            SystemExit: The mapping process does not start, or the configured map cannot be used.
         """
         frames = self._robot_frames(header)
         if frames is None:
@@ -274,8 +266,7 @@ def owned_map(node: Node, config: SlamNodeConfig) -> RunningMap:
 
     Raises:
         ConfigError: The home folder, with which `map_directory` begins, is not known.
-        SystemExit: Another process runs a node of this name in the same ROS domain, with the same
-            `map_directory`.
+        SystemExit: Another process runs a node of this name in the same ROS domain.
     """
     domain, name = os.environ.get('ROS_DOMAIN_ID', '0'), node.get_fully_qualified_name()
     running = RunningMap(config.map_directory, f'{domain}{name}')

@@ -58,15 +58,15 @@ class MapFile(NamedTuple):
         sees the same rays and details (`MapState.in_camera`).
 
         Args:
+            camera: The camera.
             scale_factor: Ratio of the scales of two successive octaves of the camera's features.
             num_octaves: Number of octaves of the camera's features.
-            extend: Whether the camera will extend the map, and not only be localized in it. Then
-                its focal length must be similar, because features of the two cameras are matched
-                in both directions.
+            extend: Whether the camera will extend the map. Then its focal length must be similar,
+                because features of the two cameras are matched in both directions.
 
         Raises:
-            MapFileError: The map has another number or scale of octaves, or the map is to be
-                extended and the focal lengths differ by more than 10 %.
+            MapFileError: The octaves differ, or the map is to be extended and the focal lengths
+                differ by more than 10 %.
         """
         if (self.scale_factor, self.num_octaves) != (scale_factor, num_octaves):
             raise MapFileError(
@@ -113,13 +113,10 @@ def _listed(camera: CameraModel) -> str:
 
 
 def save(path: Path, content: MapFile) -> int:
-    """Write a map file and return its size in bytes.
-
-    An existing file is replaced once the new one is completely on the disk.
+    """Write a map file, or replace it once the new one is on the disk; return its size in bytes.
 
     Raises:
-        MapFileError: The file cannot be written, or the map breaks a rule. An existing file is
-            unchanged.
+        MapFileError: The file cannot be written, or the map breaks a rule.
     """
     check(content)
     return _write(path, content)
@@ -129,7 +126,7 @@ def load(path: Path) -> MapFile:
     """Return the checked contents of a map file.
 
     Raises:
-        MapFileError: The file does not exist, cannot be read, is no map file of this version, is
+        MapFileError: The file does not exist, cannot be read, is of another version, is
             damaged, or does not fit into memory.
     """
     try:

@@ -31,9 +31,9 @@ from rgbd_slam.store.tables import (
 class MapWriter:
     """Writes what has changed in a map to a database, in transactions.
 
-    `begin`, then `append` for each part of the map, are one transaction. The database is closed
-    between two of them, so that its disk can be made read-only. The first time, and if somebody
-    has deleted or replaced the database, all of its content is written anew.
+    A transaction is `begin` and `append` for each part of the map. Between two of them, the
+    database is closed, so that its disk can be made read-only. All of its content is written anew
+    the first time, and if somebody has deleted or replaced it.
 
     Args:
         open_database: Opens the database, or creates one with empty tables.
@@ -138,8 +138,7 @@ def put_keyframes(
 
     Args:
         stored: The keyframes that are stored; None: there are none.
-        new_uids: Uids of keyframes whose features have been written since, some of which may have
-            been removed; None: all of them are among `keyframes`.
+        new_uids: Uids of keyframes whose features have been written since; some may be removed.
     """
     is_new = np.ones(len(keyframes.uid), np.bool_)
     if stored is not None:

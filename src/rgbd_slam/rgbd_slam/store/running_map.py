@@ -30,9 +30,6 @@ class RunningMap:
     Args:
         directory: The folder of all maps; `~` is the home folder.
         owner: Name of the node, which must be unique on this machine.
-
-    Raises:
-        ConfigError: `directory` begins with `~`, and the home folder is not known.
     """
 
     def __init__(self, directory: str, owner: str) -> None:
