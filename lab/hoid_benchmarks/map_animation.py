@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from hoid_bags.sequence import Sequence
+from hoid_benchmarks.captions import BAR_PX, draw_legend, draw_title
 from hoid_bringup.run.detection_source import DetectionSource
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
@@ -20,16 +21,7 @@ from hoid_common.values import (
     Float32Array,
     FloatArray,
 )
-from hoid_filter.drawing import (
-    BAR_PX,
-    KEPT_BGR,
-    REMOVED_BGR,
-    Bgr,
-    draw_legend,
-    draw_points,
-    draw_result,
-    draw_title,
-)
+from hoid_filter.drawing import KEPT_BGR, REMOVED_BGR, Bgr, draw_points, draw_result
 from hoid_filter.feature_filter import FeatureFilter
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession

@@ -21,6 +21,7 @@ import numpy as np
 from hoid_bags.options import add_recording_arguments, open_recording
 from hoid_bags.sequence import Sequence
 from hoid_benchmarks.animation import write_animation
+from hoid_benchmarks.captions import draw_legend, draw_title
 from hoid_benchmarks.map_animation import draw_growing_maps
 from hoid_benchmarks.object_picture import draw_objects, object_rows, object_table
 from hoid_benchmarks.rooms.room_run import map_room
@@ -31,7 +32,7 @@ from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import write_error
 from hoid_common.values import ByteArray, Detections, RgbdFrame
 from hoid_filter.config import FilterConfig
-from hoid_filter.drawing import draw_legend, draw_result, draw_title
+from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.strategy_registry import STRATEGIES
 

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -239,32 +240,20 @@ class Features:
 
     def __post_init__(self) -> None:
         n = len(self.octave)
-        shapes = {
-            'uv_px': (self.uv_px.shape, (n, 2)),
-            'depth_m': (self.depth_m.shape, (n,)),
-            'angle_deg': (self.angle_deg.shape, (n,)),
-            'response': (self.response.shape, (n,)),
-            'descriptors': (self.descriptors.shape, (n, DESCRIPTOR_BYTES)),
-            'may_seed': (self.may_seed.shape, (n,)),
-        }
-        for name, (got, want) in shapes.items():
-            if got != want:
-                raise MessageError(f'features: {name} has shape {got}, expected {want}')
+        shapes = {'uv_px': (n, 2), 'descriptors': (n, DESCRIPTOR_BYTES)}
+        for name, values in self._arrays().items():
+            if values.shape != (shape := shapes.get(name, (n,))):
+                raise MessageError(f'features: {name} has shape {values.shape}, expected {shape}')
 
     def __len__(self) -> int:
         return len(self.octave)
 
     def select(self, keep: BoolArray | IntArray) -> Features:
-        return Features(
-            self.stamp_ns,
-            self.uv_px[keep],
-            self.depth_m[keep],
-            self.octave[keep],
-            self.angle_deg[keep],
-            self.response[keep],
-            self.descriptors[keep],
-            self.may_seed[keep],
-        )
+        chosen = {name: values[keep] for name, values in self._arrays().items()}
+        return Features(self.stamp_ns, **chosen)
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {name: values for name, values in vars(self).items() if name != 'stamp_ns'}
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,9 @@ class DetectorConfig(Config):
     model: str = param(
         '',
         'ONNX model of the detector: the path of a file or a known name such as yolox_nano. Set '
-        'it to use another model than the default. With an empty string, the model in the '
-        'environment variable HOID_MODEL is used. Without that, it is yolox_nano if its file is '
-        'in a folder of models (such as ~/.cache/hoid), or else yolov8n_int8 if that is; if '
-        'neither is, yolox_nano is downloaded.',
+        'it to use another model than the default. With an empty string, it is the model in the '
+        'environment variable HOID_MODEL, or else a known one whose file is in a folder of models '
+        '(such as ~/.cache/hoid), or else yolox_nano, which is downloaded.',
     )
     # As in YOLOv5's detect.py.
     score_threshold: float = param(
@@ -38,9 +37,8 @@ class DetectorConfig(Config):
     expected_score_threshold: float = param(
         0.0,  # decision 052
         'Lowest score, from 0 to 1, of a box that is reported because the object map has an '
-        'object of its class there. Set it to 0.05 when known objects are missed, and set '
-        'object_map.prior_score of rgbd_slam to the score_threshold. With 0, or with '
-        'score_threshold or more, the object map has no effect on the detections.',
+        'object of its class there. Set it to 0.05 when known objects are missed, and '
+        'object_map.prior_score of hoid_scene to the score_threshold. With 0, it has no effect.',
         minimum=0.0,
         maximum=1.0,
         expert=True,
@@ -50,8 +48,7 @@ class DetectorConfig(Config):
         0.45,
         'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which the '
         'box of lower score is removed. Raise it when one of two people side by side is lost; '
-        'lower it when one person gets two boxes. It has no effect on models that remove '
-        'overlapping boxes themselves.',
+        'lower it when one person gets two boxes.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
@@ -59,17 +56,14 @@ class DetectorConfig(Config):
     )
     classes: tuple[str, ...] = param(
         (),
-        'Names of the classes that are reported. Set it when objects of other classes are '
-        'detected by mistake, and keep person in the list. A name that the model lacks is '
-        'refused. With an empty list, all classes are reported.',
+        'Names of the classes that are reported; empty: all. Set it when objects of other classes '
+        'are detected by mistake, and keep person in the list.',
         read_only=False,
     )
     providers: tuple[str, ...] = param(
         (),
-        'Execution providers of onnxruntime in order of preference: tensorrt, cuda, openvino, '
-        'cpu. Set it to cpu to keep the GPU free. With an empty list, the first of these that is '
-        'installed is used. If none of the list works, the CPU is used. A warning is shown unless '
-        'the first provider of the list is used.',
+        'Execution providers of onnxruntime in order of preference; empty: the first of tensorrt, '
+        'cuda, openvino and cpu that is installed. Set it to cpu to keep the GPU free.',
     )
     # Measured for an image with YOLOX-nano: a second thread saves 0.4 ms of 8.4 ms, and takes 3 ms
     # of another core.
@@ -92,24 +86,21 @@ class DetectorConfig(Config):
     class_names_file: str = param(
         '',
         'Path of a text file with one class name per line. Set it for a model that contains no '
-        'class names. With an empty string, the names in the model are used. A model without '
-        'names is then assumed to have the 80 classes of COCO; it is refused if its outputs show '
-        'another number.',
+        'class names, unless it has the 80 classes of COCO.',
         expert=True,
     )
     person_names: tuple[str, ...] = param(
         ('person', 'persons', 'people', 'human', 'humans', 'pedestrian', 'pedestrians'),
         'Names of classes of people, in upper or lower case; all are reported as person. A model '
-        'without any of them is refused. With an empty list, any model is accepted, and the '
-        'classes are reported by the names in the model.',
+        'without any of them is refused, unless the list is empty.',
         expert=True,
     )
     camera_roll_deg: float = param(
         0.0,
         'Angle by which the camera is mounted rolled, clockwise as seen from behind (degrees). '
-        'The network gets images that are turned upright by the nearest quarter turn. Set it when '
-        'the images are sideways or upside down, since people are missed in such images. With 0, '
-        'the angle follows from base_frame if that is set; with 360, images are never turned.',
+        'Set it when the images are sideways or upside down, since people are missed in such '
+        'images: they are turned by the nearest quarter turn. With 0, the angle follows from '
+        'base_frame if that is set; with 360, images are never turned.',
         minimum=-360.0,
         maximum=360.0,
         read_only=False,
@@ -117,8 +108,8 @@ class DetectorConfig(Config):
     class_ids: str = param(
         AUTO,
         'Numbers of the classes, for models that remove overlapping boxes themselves: from_0 and '
-        'from_1 count the class names, coco_91 are the ids of the COCO data set, which have gaps. '
-        'Set it when boxes have wrong class names.',
+        'from_1 count the class names, coco_91 are the ids of the COCO data set. Set it when '
+        'boxes have wrong class names.',
         choices=(AUTO, *CLASS_IDS),
         expert=True,
     )
@@ -127,11 +118,10 @@ class DetectorConfig(Config):
         'Layout of the network output. Set it when the layout of a model is not recognized: '
         'yolov5 (also YOLOv6 and YOLOv7), yolov8 (also YOLOv9 and YOLO11), yolox, yolox_raw '
         '(boxes in units of grid cells), yolo_nas, rtdetr (export by Ultralytics) and detr '
-        '(export by Transformers) are named after the models. The value end_to_end is for models '
-        'that remove overlapping boxes themselves and output boxes, scores and classes in an '
-        'order that can be recognized. If it cannot, choose the value that names the columns in '
-        'their order: xyxy or yxyx (left, top, right, bottom, or y before x), score, class, and '
-        'batch in front if the first column is the number of the image in the batch.',
+        '(export by Transformers) are named after the models. For models that remove overlapping '
+        'boxes themselves, choose end_to_end or, if the order of columns cannot be recognized, '
+        'the value that names them: xyxy or yxyx (y before x), score, class, and batch in front '
+        'for the number of the image in the batch.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )
@@ -165,9 +155,7 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
 
     base_frame: str = param(
         '',
-        "Name of the robot's base frame, whose z axis is up. The transform on /tf_static between "
-        "this frame and the camera's optical frame shows by how much the camera is mounted "
-        'rolled, so that images are turned upright before detection. Set it to the same as '
-        'frames.base of rgbd_slam. With an empty string, or if camera_roll_deg is not 0, '
-        '/tf_static is not used.',
+        "Name of the robot's base frame, whose z axis is up, as frames.base of rgbd_slam. The "
+        "transform on /tf_static between it and the camera's optical frame shows how the camera "
+        'is mounted, so that images are turned upright. It has no effect with camera_roll_deg.',
     )

@@ -22,43 +22,25 @@ HANDLED_CLASSES = (
 
 @dataclass(frozen=True)
 class ExtractionConfig(Config):
-    """ORB extraction. Number of features and pyramid have the defaults of ORB-SLAM3."""
+    """ORB extraction."""
 
     num_features: int = param(
         1000,  # ORB-SLAM3, TUM1.yaml
-        'Largest number of features per image. With extraction.refill, they are distributed over '
-        'the part of the image without dynamic objects. Raise it in scenes with little texture, '
-        'lower it to save processor time.',
+        'Largest number of features per image. Raise it in scenes with little texture, lower it '
+        'to save processor time.',
         minimum=50,
         maximum=20000,
     )
-    num_levels: int = param(
-        8,  # ORB-SLAM3, TUM1.yaml
-        'Number of levels of the image pyramid. Raise it to match features over larger changes '
-        'of distance, lower it to save processor time. Set camera.num_octaves of the SLAM node to '
-        'this number or more.',
-        minimum=1,
-        maximum=16,
-        expert=True,
-    )
-    scale_factor: float = param(
-        1.2,  # ORB-SLAM3, TUM1.yaml
-        'Ratio of the scales of two successive pyramid levels (without unit). Set '
-        'camera.scale_factor of the SLAM node to the same value; a saved map can be loaded only '
-        'with the value that it was made with. A larger ratio covers the same range of distances '
-        'with fewer levels (num_levels), but features match less reliably between levels.',
-        minimum=1.01,
-        maximum=2.0,
-        expert=True,
-    )
     refill: bool = param(
         default=True,  # decision 014
-        description='Whether features on dynamic objects are replaced by further features on '
-        'static surface. Set it to false to remove them without replacement, as the HOID paper '
-        'does.',
+        description='Whether features on dynamic objects are replaced by others on static '
+        'surface. The HOID paper only removes them.',
         expert=True,
     )
 
+    # Levels of the image pyramid, and ratio of the scales of two of them (ORB-SLAM3, TUM1.yaml).
+    num_levels: ClassVar[int] = 8
+    scale_factor: ClassVar[float] = 1.2
     # Smallest distance of a corner from the border of its pyramid level: the radius of a rotated
     # descriptor patch, in pixels of that level.
     border_px: ClassVar[int] = 19
@@ -77,10 +59,8 @@ class PlusConfig(Config):
     coast_s: float = param(
         0.4,  # chosen: 12 images at 30 Hz; docs/results/ablation.md, masks
         'Longest time for which hoid+ predicts the box of a person or a handled object that the '
-        'detector misses (s). It is 0.3 times as long for a person who was detected only once or '
-        'twice, and an object that was detected so rarely is not predicted. Raise it when people '
-        'are missed for longer, lower it when features are removed where nobody is; set it to 0 '
-        'for a detector that misses nobody.',
+        'detector misses (s). Raise it when people are missed for longer, lower it when features '
+        'are removed where nobody is; set it to 0 for a detector that misses nobody.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -88,32 +68,29 @@ class PlusConfig(Config):
     doubt_large_people: bool = param(
         default=True,  # docs/results/ablation.md, false_every
         description='Whether hoid+ ignores a person with a score below 0.5 whose box covers more '
-        'than 0.4 of the image, until the person was detected four times in a row, or once with '
-        'a higher score or a smaller box. Set it to false when a person close to the camera is '
-        'noticed too late.',
+        'than 0.4 of the image, until the person was detected four times in a row. Set it to '
+        'false when a person close to the camera is noticed too late.',
         read_only=False,
     )
     doubt_in_turns: bool = param(
         default=True,  # decision 050
         description='Whether hoid+ ignores every person with a score below 0.5 in this way while '
         'the camera turns by more than 0.5 rad/s, and then predicts no missed boxes: detectors '
-        'find people in blurred furniture, and boxes cross the image in few frames. It has no '
-        'effect without motion.enabled.',
+        'find people in blurred furniture. It has no effect without motion.enabled.',
         read_only=False,
     )
     remember: bool = param(
         default=True,  # docs/results/ablation.md, masks
         description='Whether hoid+ keeps an object dynamic until it has been seen for a second '
-        'with nobody handling it, and regards a handled object as still handled while a person at '
-        'its depth (see depth_limit_m) covers more of its box than half of min_interaction_area. '
-        'Set it to false to decide by the current image alone.',
+        'with nobody handling it, and needs only half of min_interaction_area while it is '
+        'handled. Set it to false to decide by the current image alone.',
         read_only=False,
     )
     keep_background: bool = param(
         default=True,  # docs/results/ablation.md, carry-screen
         description='Whether hoid+ masks only those pixels of a dynamic box whose depth is near '
-        'that of the person or object. Set it to false to mask the whole box, as the HOID paper '
-        'does, for a camera with poor depth.',
+        'that of the person or object. Set it to false for a camera with poor depth; then the '
+        'whole box is masked, as in the HOID paper.',
         read_only=False,
     )
 
@@ -147,22 +124,20 @@ class MotionConfig(Config):
     enabled: bool = param(
         default=True,  # docs/results/ablation.md, crowd
         description='Whether hoid+ also masks moving regions that the detector does not find. Set '
-        'it to false to save processor time where only known classes move. It has no effect on '
-        'the strategy motion, which always masks them.',
+        'it to false to save processor time where only known classes move.',
         read_only=False,
     )
     in_front: bool = param(
         default=True,  # docs/results/ablation.md, slow-6
-        description='Whether a surface that appears in front of the depth of earlier images is '
-        'evidence of a moving object, for the strategies hoid+ (with motion.enabled) and motion. '
-        'Set it to false when poor depth makes static surface look as if it moved.',
+        description='Whether a surface in front of the depth of earlier images is evidence of a '
+        'moving object. Set it to false when poor depth makes static surface look as if it moved.',
         read_only=False,
     )
     off_course: bool = param(
         default=True,  # docs/results/ablation.md, carry-screen
         description='Whether points whose image motion contradicts the camera motion are evidence '
-        'of a moving object, for the strategies hoid+ (with motion.enabled) and motion. Set it to '
-        'false when repetitive texture makes static surface look as if it moved.',
+        'of a moving object. Set it to false when repetitive texture makes static surface look as '
+        'if it moved.',
         read_only=False,
     )
 
@@ -192,8 +167,7 @@ class FilterConfig(Config):
         'How dynamic objects are identified. Choose hoid+ to remove people, the objects that they '
         'handle, and other regions that move, motion to remove all regions that move, without a '
         'detector, hoid2d or hoid3d for the rules of the HOID paper, person to remove people '
-        'only, none to remove nothing; descriptor is a baseline for comparisons. Other packages '
-        'may add strategies.',
+        'only, none to remove nothing; descriptor is a baseline for comparisons.',
         choices=STRATEGIES,
     )
     dynamic_classes: tuple[str, ...] = param(
@@ -204,10 +178,9 @@ class FilterConfig(Config):
     )
     min_interaction_area: float = param(
         0.4,  # the HOID paper, which found 0.2 to 0.4 best
-        "Share of an object's box, from 0 to 1, of which a person's box must cover more for the "
-        'object to count as handled, for the strategies hoid2d, hoid3d and hoid+. With 1, no '
-        'object does. Lower it when carried objects stay in the map; raise it when objects are '
-        'removed that people only pass in front of.',
+        "Ratio of an object's box, from 0 to 1, of which a person's box must cover more for the "
+        'object to count as handled. Lower it when carried objects stay in the map; raise it when '
+        'objects are removed that people only pass in front of.',
         minimum=0.0,
         maximum=1.0,
         read_only=False,
@@ -215,28 +188,18 @@ class FilterConfig(Config):
     depth_limit_m: float = param(
         0.2,  # the HOID paper
         'Greatest depth difference between a person and an object that the person handles (m), '
-        'for the strategies hoid3d and hoid+. For hoid+, it limits how far the object may be '
-        'behind the person; in front, 0.6 m are allowed. If a depth is unknown, there is no '
-        'limit. Raise it when objects at the end of an outstretched arm stay in the map; lower it '
-        'when objects behind people are removed.',
+        'for the strategies hoid3d and hoid+; the latter allows 0.6 m in front of the person. '
+        'Raise it when objects at the end of an outstretched arm stay in the map; lower it when '
+        'objects behind people are removed.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
     )
-    max_detections: int = param(
-        300,  # chosen: more than detectors return
-        'Greatest number of detections per image. If there are more, those of lowest score are '
-        'dropped.',
-        minimum=1,
-        maximum=10000,
-        internal=True,
-    )
     prediction_limit_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time for which boxes are predicted while the detector sends no message (s). '
-        'If it is shorter than the time that the detector needs for an image, features on people '
-        'are published. Raise it, with detections.wait_s, for a detector that takes longer; lower '
-        'it when features are removed where people have been.',
+        'Raise it, with detections.wait_s, for a detector that takes longer; lower it when '
+        'features are removed where people have been.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -246,6 +209,8 @@ class FilterConfig(Config):
     plus: PlusConfig = section(PlusConfig, expert=True)
     motion: MotionConfig = section(MotionConfig, expert=True)
 
+    # Chosen, more than detectors return: of more boxes in an image, the best are used.
+    max_detections: ClassVar[int] = 300
     # Chosen: side of the square at the center of a box whose median depth is the object's depth.
     sample_box_px: ClassVar[int] = 10
 

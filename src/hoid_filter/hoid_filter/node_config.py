@@ -17,11 +17,9 @@ class DetectionInputConfig(Config):
 
     wait_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
-        'Longest time that the final classification of an image, which is published on '
-        'feature_verdicts, waits for the detections of the same image (s). Raise it, with '
-        'prediction_limit_s, for a detector that takes longer. At most 30 images wait, and none '
-        'while the detector is lost. Before the first message of the detector, features wait too, '
-        'at most for this time; afterwards they are published without waiting.',
+        'Longest time that the final verdict on an image waits for its detections, and features '
+        'for the first message of the detector (s). Raise it, with prediction_limit_s, for a '
+        'detector that takes longer.',
         minimum=0.0,
         maximum=10.0,
         read_only=False,
@@ -30,16 +28,14 @@ class DetectionInputConfig(Config):
     as_vision_msgs: bool = param(
         default=False,
         description='Whether to subscribe to vision_msgs/Detection2DArray on the topic '
-        'detections_2d instead of hoid_msgs/DetectionArray on detections. Set it to true to use '
-        'another detector than hoid_detector; its class_id must be the class name.',
+        'detections_2d instead of hoid_msgs/DetectionArray on detections. Set it to true for '
+        'another detector; its class_id must be the class name.',
         expert=True,
     )
     timeout_s: float = param(
         2.0,  # chosen: four times the longest delay of a detector in decision 031
         'The detector counts as lost when images have arrived for longer than this time without a '
-        'message from the detector (s); a message without boxes counts as one. What happens then '
-        'is set by detections.on_loss. Set it to more than the time that the detector needs for '
-        'an image.',
+        'message from it (s). Set it to more than the time that the detector needs for an image.',
         minimum=0.1,
         maximum=3600.0,
         read_only=False,
@@ -47,10 +43,9 @@ class DetectionInputConfig(Config):
     )
     on_loss: str = param(
         UNFILTERED,
-        'What to do when the detector is lost (see detections.timeout_s): unfiltered keeps '
-        'publishing features, also those on people (hoid+ still leaves out moving regions), stop '
-        'publishes nothing until the detector answers. Choose stop where a map with people in it '
-        'is worse than no odometry.',
+        'What to do when the detector is lost: unfiltered keeps publishing features, also those '
+        'on people, stop publishes nothing until it answers. Choose stop where a map with people '
+        'in it is worse than no odometry.',
         choices=(UNFILTERED, STOP),
         read_only=False,
     )
@@ -64,7 +59,7 @@ class FilterNodeConfig(NodeConfig, FilterConfig):
         0.02,  # chosen: less than the 33 ms between two images of a camera
         'Largest difference between the stamps of a color image and its depth image (s). Raise it '
         'when /diagnostics counts dropped color and depth images; images that were not taken '
-        'together may then be paired. The dense map and the object tracks always use 0.02 s.',
+        'together may then be paired.',
         minimum=0.0,
         maximum=1.0,
     )

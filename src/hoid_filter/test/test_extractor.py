@@ -1,5 +1,8 @@
 """ORB features: their distribution, repeatability, subpixel positions and descriptors."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import cv2
 import numpy as np
 import pytest
@@ -21,14 +24,24 @@ def image_gray() -> ByteArray:
     return np.asarray(resized, np.uint8)
 
 
+@dataclass(frozen=True)
+class OneLevel(ExtractionConfig):
+    """Without a pyramid, so that the corners are those of the image."""
+
+    num_levels: ClassVar[int] = 1
+
+
+PYRAMID, ONE_LEVEL = ExtractionConfig(), OneLevel()
+
+
 def extract(
     image_gray: ByteArray,
     depth_m: Float32Array,
     is_static: BoolArray | None = None,
-    num_levels: int = 8,
+    config: ExtractionConfig = PYRAMID,
     stamp_ns: int = 0,
 ) -> Features:
-    extractor = OrbExtractor(ExtractionConfig(num_levels=num_levels))
+    extractor = OrbExtractor(config)
     corners = extractor.detect(image_gray)
     area_px = image_gray.size
     kept = None
@@ -78,8 +91,8 @@ def test_rotated_image_gives_rotated_features(
     """A quarter turn moves positions exactly, turns angles by 90 degrees and keeps descriptors."""
     square = image_gray[:, :HEIGHT].copy()
     depth = depth_m[:, :HEIGHT]
-    plain = extract(square, depth, num_levels=1)
-    turned = extract(np.rot90(square, -1).copy(), depth, num_levels=1)
+    plain = extract(square, depth, config=ONE_LEVEL)
+    turned = extract(np.rot90(square, -1).copy(), depth, config=ONE_LEVEL)
     expected = np.column_stack([HEIGHT - 1 - plain.uv_px[:, 1], plain.uv_px[:, 0]])
     gaps = np.abs(expected[:, None] - turned.uv_px[None]).sum(2)
     i, k = np.nonzero(gaps < 0.5)
@@ -98,7 +111,7 @@ def test_features_follow_a_move_by_less_than_a_pixel(depth_m: Float32Array) -> N
     to_moved = np.column_stack([np.eye(2), move_px])
     moved_gray = cv2.warpAffine(image_gray, to_moved, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
     before, after = (
-        extract(np.asarray(gray, np.uint8), depth_m, num_levels=1)
+        extract(np.asarray(gray, np.uint8), depth_m, config=ONE_LEVEL)
         for gray in (image_gray, moved_gray)
     )
     steps_px = after.uv_px[None] - before.uv_px[:, None]
@@ -121,7 +134,7 @@ def test_features_lie_within_the_pixels_of_their_corners(
 def test_descriptors_are_those_of_opencv_at_the_same_pixels(
     image_gray: ByteArray, depth_m: Float32Array
 ) -> None:
-    extractor = OrbExtractor(ExtractionConfig(num_levels=1))
+    extractor = OrbExtractor(ONE_LEVEL)
     corners = extractor.detect(image_gray)
     features = extractor.describe(corners, np.arange(0, len(corners), 7), depth_m, 0)
     points = [

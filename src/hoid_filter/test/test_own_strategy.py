@@ -55,7 +55,7 @@ def test_a_strategy_of_another_package_is_found_by_its_entry_point(installed: Pa
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines() == ['True PERSON HANDLED', 'True PERSON STATIC']
+    assert done.stdout.splitlines() == ['True PERSON HANDLED', 'True PERSON AT_REST']
 
 
 @pytest.mark.parametrize('name', STRATEGIES)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from hoid_bringup.run.parameter_names import by_node, full_names
@@ -16,7 +16,6 @@ from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.strategy import needs_detections
 from hoid_scene.config.scene_config import SceneNodeConfig
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.config.slam_config import CameraConfig
 
 TRUTH = 'truth'
 """Value of `detector.model` for the ground-truth boxes of a rendered bag instead of a detector."""
@@ -28,11 +27,8 @@ SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 class RunConfig(Config):
     """Parameters of an offline run or a replay, with the same names as in the nodes.
 
-    The number and the scale of the octaves in `slam.camera` are adapted to `filter.extraction`;
-    one that is not at its default is kept.
-
     Raises:
-        ConfigError: A value is out of range, or the octaves of filter and SLAM do not agree.
+        ConfigError: A value is out of range, or SLAM cannot use the features of the filter.
     """
 
     detector: DetectorNodeConfig = section(DetectorNodeConfig)  # its `model` may be TRUTH
@@ -49,8 +45,14 @@ class RunConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        camera = _with_octaves_of(self.slam.camera, self.filter.extraction)
-        object.__setattr__(self, 'slam', replace(self.slam, camera=camera))
+        camera = self.slam.camera
+        levels, scale = ExtractionConfig.num_levels, ExtractionConfig.scale_factor
+        if camera.num_octaves < levels or camera.scale_factor != scale:
+            raise ConfigError(
+                f'slam.camera.num_octaves, {camera.num_octaves}, must be at least {levels}, and '
+                f'slam.camera.scale_factor, {camera.scale_factor:g}, must be {scale}, because the '
+                'features of the filter have such octaves'
+            )
 
     @property
     def needs_detections(self) -> bool:
@@ -99,28 +101,3 @@ class RunConfig(Config):
                 for full in full_names(SHORT_NAMES.get(name, name), known):
                     values[full] = tuple(value) if isinstance(value, list) else value
         return cls().updated(values)
-
-
-def _with_octaves_of(camera: CameraConfig, extraction: ExtractionConfig) -> CameraConfig:
-    """Return the camera of SLAM with the octaves of the extracted features.
-
-    A number or scale of octaves that is not at its default is kept. An adapted number is not
-    smaller than the default. ConfigError if SLAM has fewer octaves than the features, or another
-    scale.
-    """
-    default = CameraConfig()
-    if camera.num_octaves == default.num_octaves:
-        camera = replace(camera, num_octaves=max(extraction.num_levels, default.num_octaves))
-    if camera.scale_factor == default.scale_factor:
-        camera = replace(camera, scale_factor=extraction.scale_factor)
-    if extraction.num_levels > camera.num_octaves:
-        raise ConfigError(
-            f'filter.extraction.num_levels, {extraction.num_levels}, must be at most '
-            f'slam.camera.num_octaves, {camera.num_octaves}'
-        )
-    if extraction.scale_factor != camera.scale_factor:
-        raise ConfigError(
-            f'filter.extraction.scale_factor, {extraction.scale_factor:g}, must equal '
-            f'slam.camera.scale_factor, {camera.scale_factor:g}'
-        )
-    return camera

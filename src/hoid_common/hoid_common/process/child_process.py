@@ -126,10 +126,6 @@ class ChildWorker(Generic[Message, Report]):
         self.num_restarts = 0
         self._start()
 
-    @property
-    def num_waiting(self) -> int:
-        return self._to_send.qsize()
-
     def send(self, message: Message) -> None:
         """Queue a message, which must not be changed afterwards; lost when the child has ended."""
         self._to_send.put(message)

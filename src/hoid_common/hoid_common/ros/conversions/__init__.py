@@ -30,7 +30,6 @@ from hoid_common.ros.conversions.geometry import (
     pose_to_msg,
     pose_with_sigmas_from_msg,
     transform_to_msg,
-    twist_from_msg,
     twist_to_msg,
 )
 from hoid_common.ros.conversions.headers import (
@@ -50,44 +49,3 @@ from hoid_common.ros.conversions.images import (
 )
 from hoid_common.ros.conversions.objects import dynamic_objects_from_msg, dynamic_objects_to_msg
 from hoid_common.ros.conversions.received_images import ReceivedImage, image_from_cdr
-
-__all__ = [
-    'Cloud',
-    'FeatureCounts',
-    'ReceivedImage',
-    'camera_frame',
-    'camera_from_msg',
-    'camera_to_msg',
-    'cloud_from_msg',
-    'cloud_to_msg',
-    'color_from_msg',
-    'color_to_msg',
-    'compressed_color_to_msg',
-    'compressed_depth_to_msg',
-    'depth_from_msg',
-    'depth_to_msg',
-    'detections_2d_from_msg',
-    'detections_2d_to_msg',
-    'detections_from_msg',
-    'detections_to_msg',
-    'dynamic_objects_from_msg',
-    'dynamic_objects_to_msg',
-    'feature_counts_from_msg',
-    'feature_verdicts_from_msg',
-    'feature_verdicts_to_msg',
-    'features_from_msg',
-    'features_to_msg',
-    'header_to_msg',
-    'image_from_cdr',
-    'mask_to_msg',
-    'odometry_to_msg',
-    'pose_from_msg',
-    'pose_to_msg',
-    'pose_with_sigmas_from_msg',
-    'stamp_from_msg',
-    'stamp_to_msg',
-    'transform_from_msg',
-    'transform_to_msg',
-    'twist_from_msg',
-    'twist_to_msg',
-]

@@ -59,11 +59,6 @@ def transform_to_msg(
     return msg
 
 
-def twist_from_msg(msg: Twist) -> FloatArray:
-    w, v = msg.angular, msg.linear
-    return np.array([w.x, w.y, w.z, v.x, v.y, v.z])
-
-
 def twist_to_msg(twist: FloatArray) -> Twist:
     """Return the message of a twist (6,): angular velocity in rad/s, then linear in m/s."""
     wx, wy, wz, vx, vy, vz = twist.tolist()
