@@ -45,6 +45,7 @@ FRAMES, PERIOD_NS = 10, 125_000_000  # 1.25 s, longer than the 1 s of the relati
 # Replacements for placeholders in commands; the recording is a folder that the test renders.
 REPLACEMENTS = {
     'fr1_xyz': '{tum}', 'FOLDER': '{tum}', 'SEQUENCE': '{tum}', 'SEQ': '{tum}',
+    'RECORDING': '{tum}',
     'BAG': 'a.bag', 'DIR': 'out', 'PRESET': 'realsense', 'NAME': 'hoid2d', 'R': '1', 'S': '1',
     'N': '1', 'MODEL': 'model.onnx', 'FILE': 'out/a.hoidmap', '...': 'x', 'CASE': 'pasted-yolox',
     'PROGRAM': 'true', 'touching': 'hoid2d',

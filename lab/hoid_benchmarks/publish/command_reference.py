@@ -19,23 +19,37 @@ more, `-q` less; both stand before or after the command. `eval "$(./hoid complet
 
 
 def command_reference() -> str:
-    """Return the page in Markdown, with a table of arguments for each command."""
+    """Return the page in Markdown, with a table of arguments for each command.
+
+    An argument that several commands have is described at the first one.
+    """
     parts = [_HEAD]
+    described: dict[tuple[str, str], str] = {}  # by argument and help: the first command with it
     for name, command in COMMANDS.items():
         parser = argparse.ArgumentParser(prog=name, add_help=False)
         add_arguments(name, parser)
         parts.append(f'\n## hoid {name}\n\n{command.help[0].upper()}{command.help[1:]}.\n')
-        rows = list(_rows(parser))
+        rows, elsewhere = [], dict[str, list[str]]()
+        for usage, text in _arguments(parser):
+            first = described.setdefault((usage, text), name)
+            if first == name or not usage.startswith('--'):
+                rows.append(f'| {_code(usage)} | {text} |')
+            else:
+                elsewhere.setdefault(first, []).append(f'`{usage.split()[0]}`')
         if rows:
             parts.append('\n'.join(['| argument | what it is |', '|---|---|', *rows, '']))
+        if elsewhere:
+            links = (f'{", ".join(o)} as in [{n}](#hoid-{n})' for n, o in elsewhere.items())
+            parts.append(f'Also {"; ".join(links)}.\n')
     return '\n'.join(parts)
 
 
-def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
+def _arguments(parser: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
+    """Yield the usage and the help of each argument, in Markdown."""
     for action in parser._actions:  # noqa: SLF001 - argparse has no public list of arguments
         if action.help != argparse.SUPPRESS:
             text = help_text(action) % {**vars(action), 'prog': parser.prog}
-            yield f'| {_code(_usage(action))} | {text.replace("|", chr(92) + "|")} |'
+            yield _usage(action), text.replace('|', chr(92) + '|')
 
 
 def _code(text: str) -> str:

@@ -53,13 +53,17 @@ def _default(value: Any) -> str:
 
 
 def _values(leaf: Param) -> str:
+    """Return the values that a parameter may have, such as `integer, [0, 5]` or `>= 0.0`."""
     spec = leaf.spec
     if spec.choices:
         return ', '.join(f'`{choice}`' for choice in spec.choices)
-    kinds = {bool: '`true`, `false`', tuple: 'list of names', str: 'text', int: 'whole number'}
-    ends = [f'from {spec.minimum}' if spec.minimum is not None else '']
-    ends += [f'to {spec.maximum}' if spec.maximum is not None else '']
-    return ' '.join([kinds.get(type(leaf.value), 'number'), *filter(None, ends)])
+    kind = {bool: '`true`, `false`', tuple: 'names', str: 'text', int: 'integer'}
+    limits = ''
+    if spec.minimum is not None and spec.maximum is not None:
+        limits = f'[{spec.minimum}, {spec.maximum}]'
+    elif spec.minimum is not None:
+        limits = f'>= {spec.minimum}'
+    return ', '.join(filter(None, (kind.get(type(leaf.value), ''), limits))) or 'number'
 
 
 if __name__ == '__main__':
