@@ -84,7 +84,7 @@ def listening() -> Iterator[list[Join]]:
 def checked(join: Join, truth: Trajectory) -> Checked:
     """Return a join with its error, by the ground truth at the stamps of its images."""
     T_place, T_camera = (_pose_at(truth, ns) for ns in (join.place_stamp_ns, join.stamp_ns))
-    T_error = se3.inverse(se3.inverse(T_place) @ T_camera) @ join.T_place_camera
+    T_error = se3.inverse(se3.inverse(T_place) @ T_camera) @ join.edge.T_first_second
     turn_rad = np.linalg.norm(se3.log(T_error)[:3])
     way_m = float(np.linalg.norm(T_error[:3, 3]))
     return Checked(join.event, way_m, float(np.degrees(turn_rad)))

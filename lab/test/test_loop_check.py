@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from hoid_common.values import Trajectory
+from hoid_common.values import FloatArray, Trajectory
 from loop_check import checked, listening
 from rgbd_slam.loops.loop_closer import Join, LoopEvent
+from rgbd_slam.model.loop_edge import LoopEdge
 
 NS = 1_000_000_000
 TRUTH = Trajectory(
     np.arange(4) * NS, se3.exp(np.outer(np.arange(4), [0.0, 0.1, 0.0, 0.5, 0.0, 0.2]))
 )
 T_0_3 = se3.inverse(TRUTH.T_world_camera[0]) @ TRUTH.T_world_camera[3]
-NOT_USED = 0, 50, None, 1.0  # place, points, correction and found share
+
+
+def _join(event: LoopEvent, T_place_camera: FloatArray, place_ns: int, stamp_ns: int) -> Join:
+    edge = LoopEdge(0, 1, T_place_camera, np.eye(6), 50, 1.0, event.value, 0.0, is_used=True)
+    return Join(edge, place_ns, stamp_ns, None)
 
 
 @pytest.mark.parametrize(
@@ -22,7 +27,8 @@ NOT_USED = 0, 50, None, 1.0  # place, points, correction and found share
      ([0.1, 0, 0, 0, 0, 0], True)],
 )  # fmt: skip
 def test_a_join_is_held_against_the_truth(twist: list[float], is_false: bool) -> None:
-    join = Join(LoopEvent.CLOSED, 3 * NS + 1000, 0, T_0_3 @ se3.exp(np.array(twist)), *NOT_USED)
+    T = T_0_3 @ se3.exp(np.array(twist))
+    join = _join(LoopEvent.CLOSED, T, 0, 3 * NS + 1000)
     found = checked(join, TRUTH)
     assert found.is_false is is_false
     assert found.error_m == pytest.approx(np.linalg.norm(twist[3:]), abs=1e-9)
@@ -30,7 +36,7 @@ def test_a_join_is_held_against_the_truth(twist: list[float], is_false: bool) ->
 
 
 def test_joins_are_heard_of_while_listening() -> None:
-    join = Join(LoopEvent.MERGED, 3, 1, T_0_3, *NOT_USED)
+    join = _join(LoopEvent.MERGED, T_0_3, 1, 3)
     logger = logging.getLogger('rgbd_slam.loops.loop_closer')
     with listening() as joins:
         logger.info('%s', join)

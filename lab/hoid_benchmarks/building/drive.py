@@ -153,7 +153,7 @@ class Drive:
     def _add_join(self, join: Join) -> None:
         a, b = _image_at(join.place_stamp_ns), _image_at(join.stamp_ns)
         T = self.truth.T_world_camera
-        error = se3.inverse(se3.inverse(T[a]) @ T[b]) @ join.T_place_camera
+        error = se3.inverse(se3.inverse(T[a]) @ T[b]) @ join.edge.T_first_second
         self.joins.append(
             JoinError(
                 join.event.value,

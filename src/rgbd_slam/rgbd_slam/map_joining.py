@@ -174,5 +174,5 @@ class _Joiner:
                 continue
             self._closer.close_at(i, place)
             join = self._closer.last_join
-            if join is not None and join.place_uid not in uids:
+            if join is not None and join.edge.first_uid not in uids:
                 yield join

@@ -32,7 +32,7 @@ def test_a_loop_is_closed_and_the_drift_is_gone(caplog: pytest.LogCaptureFixture
     assert (join.event, join.stamp_ns) == (LoopEvent.CLOSED, atlas.keyframes.stamp_ns[rows[-1]])
     place = atlas.keyframes.stamp_ns[rows].tolist().index(join.place_stamp_ns)
     T_place_camera = se3.inverse(truth[place]) @ truth[-1]
-    np.testing.assert_allclose(join.T_place_camera, T_place_camera, atol=0.01)
+    np.testing.assert_allclose(join.edge.T_first_second, T_place_camera, atol=0.01)
     after = errors_m(atlas, rows, truth)
     assert before.max() > 0.1
     assert after.max() < 0.15 * before.max()
@@ -87,7 +87,7 @@ def test_a_place_that_fits_where_it_is_is_not_moved_to_one_that_looks_alike() ->
     closer = LoopCloser(atlas, CAMERA, SlamConfig())
     closer.process(int(rows[-1]))
     join = closer.last_join
-    assert join is None or join.place_uid not in atlas.keyframes.uid[first]
+    assert join is None or join.edge.first_uid not in atlas.keyframes.uid[first]
     assert errors_m(atlas, rows, room).max() < 0.02
 
 
@@ -191,7 +191,7 @@ def test_a_closed_loop_is_in_the_map_with_its_evidence_and_in_its_copies() -> No
     (edge,) = atlas.loops
     assert closer.last_join is not None
     assert (edge.kind, edge.is_used) == ('closed', True)
-    assert edge.num_inliers == closer.last_join.num_points
+    assert edge == closer.last_join.edge
     assert edge.second_uid == atlas.keyframes.uid[rows[-1]]
     assert edge.found_share > 0.9
     assert edge.residual_m < 0.03

@@ -112,7 +112,7 @@ def test_maps_are_not_joined_that_must_stay_apart(first: MapFile) -> None:
 
 
 def test_a_map_that_fits_in_several_ways_is_in_doubt() -> None:
-    place = FoundPlace(0, PlaceMatch(np.eye(4), np.eye(6), NONE, NONE), 1.0)
+    place = FoundPlace(0, PlaceMatch(np.eye(4), np.eye(6), NONE, NONE))
     assert not MapFit(0, place, 6, False, 2, 1.0).doubt
     assert MapFit(0, place, 5, False, 3, 1.0).doubt == '3 of its keyframes fit elsewhere'
     assert MapFit(0, place, 1, False, 0, 1.0).doubt == 'only one place fits'

@@ -8,8 +8,11 @@ import pytest
 from hoid_common import se3
 from rgbd_slam.config.place_config import VerificationConfig
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.places.geometric_verification import PlaceVerifier
-from rgbd_slam.places.visibility import detection_probability, visibility
+from rgbd_slam.places.geometric_verification import (
+    PlaceVerifier,
+    detection_probability,
+    visibility,
+)
 
 from .ring_world import CAMERA, RingWorld, mapped, ring_poses
 

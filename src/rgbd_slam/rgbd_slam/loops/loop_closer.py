@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import S_PER_NS, FloatArray, IntArray
+from hoid_common.values import S_PER_NS, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.fusion import fuse
 from rgbd_slam.loops.essential_graph import loop_covariance, move_map, optimized, path_length_m
@@ -46,20 +46,21 @@ class LoopEvent(Enum):
 class Join(NamedTuple):
     """A closed loop or a merge between a new keyframe and an earlier one at the same place."""
 
-    event: LoopEvent
-    stamp_ns: int  # of the new keyframe
+    edge: LoopEdge  # from the earlier keyframe to the new one
     place_stamp_ns: int  # of the earlier keyframe
-    T_place_camera: FloatArray  # (4, 4) measured pose of the new one relative to the earlier one
-    place_uid: int  # of the earlier keyframe
-    num_points: int  # map points that the new keyframe was matched with
+    stamp_ns: int  # of the new keyframe
     # Distance [m] and rotation [rad] by which the new keyframe was moved; None between two maps,
     # whose relative pose was unknown.
     correction: tuple[float, float] | None
-    found_share: float  # share of the expected map points that were found
+
+    @property
+    def event(self) -> LoopEvent:
+        """Return what the loop has done."""
+        return LoopEvent(self.edge.kind)
 
     def __str__(self) -> str:
         ago_s = S_PER_NS * (self.stamp_ns - self.place_stamp_ns)
-        return f'{self.event.value}: a place seen {ago_s:.1f} s before'
+        return f'{self.edge.kind}: a place seen {ago_s:.1f} s before'
 
 
 class LoopCounts(NamedTuple):
@@ -118,23 +119,18 @@ class LoopCloser:
 
     def close_at(self, i: int, place: FoundPlace) -> LoopEvent:
         """Correct the map by a match that `find` returned; store it in `last_join`."""
-        c, match, found_share = place
-        keyframes = self._atlas.keyframes
+        keyframes, c = self._atlas.keyframes, place.keyframe
+        place_stamp_ns, stamp_ns = keyframes.stamp_ns[[c, i]].tolist()
         correction: tuple[float, float] | None = None
-        stamp_ns, place_stamp_ns = keyframes.stamp_ns[[i, c]].tolist()
-        place_uid = int(keyframes.uid[c])
-        T_c_i = se3.inverse(keyframes.T_map_camera[c]) @ match.T_map_camera
         if keyframes.map_id[i] == keyframes.map_id[c]:
-            turn_rad, distance_m = self._detector.correction(i, match)
+            turn_rad, distance_m = self._detector.correction(i, place.match)
             correction = distance_m, turn_rad
-            event = self._close(i, place, T_c_i, *correction)
+            event = self._close(i, place, *correction)
         else:
-            event = self._merge(i, place, T_c_i)
-        if event is LoopEvent.NOTHING:
-            return event
-        evidence = len(match.k), correction, found_share
-        self.last_join = Join(event, stamp_ns, place_stamp_ns, T_c_i, place_uid, *evidence)
-        _logger.info('%s', self.last_join)
+            event = self._merge(i, place)
+        if event is not LoopEvent.NOTHING:
+            self.last_join = Join(self._atlas.loops[-1], place_stamp_ns, stamp_ns, correction)
+            _logger.info('%s', self.last_join)
         return event
 
     def remove(self, number: int) -> None:
@@ -178,25 +174,18 @@ class LoopCloser:
         """Stop a running global adjustment without applying it."""
         self._adjuster.close()
 
-    def _close(
-        self, i: int, place: FoundPlace, T_c_i: FloatArray, distance_m: float, turn_rad: float
-    ) -> LoopEvent:
+    def _close(self, i: int, place: FoundPlace, distance_m: float, turn_rad: float) -> LoopEvent:
         """Optimize the pose graph with a new loop, and fuse the map points around both keyframes.
 
-        A global adjustment follows unless the loop is short and has hardly any drift. Nothing is
-        done if the loop contradicts the others.
-
-        Args:
-            T_c_i: (4, 4) measured pose of the new keyframe relative to the matched one.
-            distance_m: Distance by which the loop would move the new keyframe.
-            turn_rad: Angle by which the loop would turn it.
+        A global adjustment follows unless the loop is short and would move the new keyframe by
+        hardly any distance and angle. Nothing is done if the loop contradicts the others.
         """
         keyframes, config, c = self._atlas.keyframes, self._config, place.keyframe
         path_m = path_length_m(self._atlas, c, i)
         is_small = distance_m < config.small_m and turn_rad < np.deg2rad(config.small_deg)
         is_small &= path_m < config.long_path_m
         event = LoopEvent.REJOINED if is_small else LoopEvent.CLOSED
-        self._atlas.loops += (self._edge(i, place, T_c_i, event),)
+        self._add_edge(i, place, event)
         ends = np.array([c, i])
         region = region_around(self._atlas, ends, _SMALL_LOOP if is_small else len(keyframes))
         T_map_camera, loops = optimized(self._atlas, region, config.essential_shared)
@@ -210,20 +199,30 @@ class LoopCloser:
             self._adjust(ends)
         return event
 
-    def _merge(self, i: int, place: FoundPlace, T_c_i: FloatArray) -> LoopEvent:
-        self._atlas.loops += (self._edge(i, place, T_c_i, LoopEvent.MERGED),)
-        c = place.keyframe
-        self._adjuster.rebase(merge_maps(self._atlas, i, c, T_c_i))
+    def _merge(self, i: int, place: FoundPlace) -> LoopEvent:
+        c, edge = place.keyframe, self._add_edge(i, place, LoopEvent.MERGED)
+        self._adjuster.rebase(merge_maps(self._atlas, i, c, edge.T_first_second))
         self._fuse(i, c)
         self._adjust(np.array([c, i]))
         return LoopEvent.MERGED
 
-    def _edge(self, i: int, place: FoundPlace, T_c_i: FloatArray, event: LoopEvent) -> LoopEdge:
-        c, match, found_share = place
-        uid_c, uid_i = self._atlas.keyframes.uid[[c, i]].tolist()
-        covariance = loop_covariance(match)
-        evidence = len(match.k), found_share, event.value
-        return LoopEdge(uid_c, uid_i, T_c_i, covariance, *evidence, 0.0, is_used=True)
+    def _add_edge(self, i: int, place: FoundPlace, event: LoopEvent) -> LoopEdge:
+        """Add the loop edge of a match to the map, whose poses are not changed yet."""
+        (c, match), keyframes = place, self._atlas.keyframes
+        uid_c, uid_i = keyframes.uid[[c, i]].tolist()
+        edge = LoopEdge(
+            uid_c,
+            uid_i,
+            se3.inverse(keyframes.T_map_camera[c]) @ match.T_map_camera,
+            loop_covariance(match),
+            len(match.k),
+            match.found_share,
+            event.value,
+            residual_m=0.0,
+            is_used=True,
+        )
+        self._atlas.loops += (edge,)
+        return edge
 
     def _adjust(self, around: IntArray) -> None:
         self._adjuster.start(around)

@@ -89,7 +89,7 @@ class LoopDetector:
             found_share = self._found_share(i, c, match, path_m)
             if found_share is not None:
                 self._unconfirmed = []
-                return FoundPlace(c, match, found_share)
+                return FoundPlace(c, match._replace(found_share=found_share))
         return None
 
     def index_places(self) -> None:

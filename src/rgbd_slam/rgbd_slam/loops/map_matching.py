@@ -95,7 +95,7 @@ def _fit(atlas: Atlas, matches: Sequence[_Match]) -> MapFit:
         _num_views(np.array([found.T_map_camera for found in consistent])),
         any(bool(are_same_views(poses[:1], poses).all()) for poses in maps),
         len(matches) - len(consistent),
-        float(np.mean([found.place.found_share for found in consistent])),
+        float(np.mean([found.place.match.found_share for found in consistent])),
     )
 
 

@@ -2,8 +2,11 @@
 
 RANSAC over descriptor matches with the keyframe gives a pose. The points around the keyframe are
 then searched where that pose predicts them (loop verification of ORB-SLAM2, Mur-Artal and Tardos,
-T-RO 2017). Finally, enough of the expected points must have been found, and depth measurements may
-lie behind only few of the others: a surface behind a point contradicts the point.
+T-RO 2017). In a second place with identical furniture, many points are found, but more are
+missing, because the walls differ. Therefore enough of the expected points must have been found, to
+which each point contributes its detection probability, and depth measurements may lie behind only
+few of the others. Points without features around them (masked people, blank walls) and points
+behind an occluding object do not count.
 """
 
 from __future__ import annotations
@@ -13,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import FloatArray, IntArray
+from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.config.place_config import VerificationConfig
+from rgbd_slam.matching.feature_grid import FeatureGrid
 from rgbd_slam.matching.local_map import visible_points
 from rgbd_slam.matching.matching import (
     Matches,
@@ -25,16 +29,24 @@ from rgbd_slam.matching.matching import (
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.model.points import PointTable
 from rgbd_slam.model.projection import to_camera
 from rgbd_slam.optimize.alignment import align_image
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, covariance, optimize_pose
-from rgbd_slam.places.visibility import detection_probability, visibility
 
 # Not tuned: factors on the search windows of ORB-SLAM3, in the first search for the error of a
 # RANSAC pose, and in the second search for that of an optimized pose.
 _SEARCH_RADII = (4.0, 2.0)
 _KNOWN_FRAMES = 10  # chosen: their share tells how often a point is found to about 0.1
 _MIN_MATCHES = 10  # not tuned: number of matches below which no pose is optimized
+# Not tuned: half side of the window around a point in which features are compared, and the number
+# of depths that contradict a point, as a single one may be wrong at a depth edge. A depth lies
+# behind or in front of a point if they differ by more than noise and the slope of surfaces explain:
+# a constant part plus a share of the point's depth.
+_WINDOW_PX = 12.0
+_MIN_DEPTHS = 2
+_DEPTH_TOLERANCE_M = 0.10
+_DEPTH_TOLERANCE_SHARE = 0.12
 
 
 class PlaceMatch(NamedTuple):
@@ -44,7 +56,9 @@ class PlaceMatch(NamedTuple):
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
     k: IntArray  # (M,) features of the image that fit the pose
     j: IntArray  # (M,) rows of the map points that they observe
-    found_share: float = 0.0  # found points divided by expected ones; see `PlaceEvidence`
+    # Found points divided by expected ones (`PlaceEvidence`), at most 1; those of all views that
+    # were compared, if the match is a loop with a large correction.
+    found_share: float = 0.0
 
     @property
     def T_map_camera(self) -> FloatArray:  # noqa: N802
@@ -62,14 +76,23 @@ class PlaceEvidence(NamedTuple):
     num_expected: float
     # Number of observable points that were found, divided by num_expected (by 1 if that is less).
     found_share: float
-    # Share of the points in view that were not found and behind which all depth readings near them
-    # lie.
+    # Share of the points in view that were not found and that all depths near them contradict.
     contradicted_share: float
     # Number of the observable points that at least 10 frames should have shown, each weighted by
     # the share of these frames that did; and how many of these points were found. Their ratio is 1
     # at the same place, while `found_share` may exceed 1.
     num_known: float
     num_known_found: int
+
+
+class Visibility(NamedTuple):
+    """Which of N points in the view of an image could be found in it, and which it contradicts."""
+
+    # (N,) there are features near the point's pixel; if some of them have depths, not all of these
+    # lie in front of the point, which would be occluded then.
+    observable: BoolArray
+    # (N,) there are at least two depths near the point's pixel, and all lie behind it.
+    contradicted: BoolArray
 
 
 class PlaceVerifier:
@@ -203,3 +226,35 @@ class PlaceVerifier:
         position_m = self._atlas.points.position_m[j]
         problem = PoseProblem.of(frame, k, position_m, self._atlas.octave_scale)
         return optimize_pose(self._camera, problem, T_camera_map)
+
+
+def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> Visibility:
+    """Return which points are observable, and which are contradicted, by the features near them.
+
+    Args:
+        projection_px: (3, N) predicted u, v, u_right of the points.
+        depth_m: (N,) depths of the points in the camera frame.
+    """
+    n = len(depth_m)
+    q, k = FeatureGrid(frame).search(projection_px[:2], np.full(n, _WINDOW_PX))
+    features = np.bincount(q, minlength=n)
+    has_depth = frame.depth_m[k] > 0
+    q, k = q[has_depth], k[has_depth]
+    difference_m = frame.depth_m[k] - depth_m[q]
+    tolerance_m = _DEPTH_TOLERANCE_M + _DEPTH_TOLERANCE_SHARE * depth_m[q]
+    num_depths = np.bincount(q, minlength=n)
+    num_behind = np.bincount(q, difference_m > tolerance_m, minlength=n)
+    num_in_front = np.bincount(q, difference_m < -tolerance_m, minlength=n)
+    is_occluded = (num_depths > 0) & (num_in_front == num_depths)
+    is_contradicted = (num_depths >= _MIN_DEPTHS) & (num_behind == num_depths)
+    return Visibility((features > 0) & ~is_occluded, is_contradicted)
+
+
+def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
+    """Return the (N,) probabilities that a frame with points in rows (N,) in view finds them.
+
+    It is the share of the earlier frames that found the point, with a Beta(1, 3) prior, whose mean
+    is 1/4 (chosen, not tuned).
+    """
+    probability: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
+    return probability

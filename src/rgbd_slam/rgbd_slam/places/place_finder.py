@@ -25,8 +25,6 @@ class FoundPlace(NamedTuple):
 
     keyframe: int  # row of the candidate
     match: PlaceMatch
-    # Share of the expected map points that were found, in the surroundings if these were compared.
-    found_share: float
 
 
 class PlaceFinder:
@@ -110,7 +108,7 @@ class PlaceFinder:
         around = rows[is_near][nearest[: 1 + self._config.neighbors]]
         match = self.verifier.search(frame, se3.inverse(hint.T_map_camera), around)
         if match is not None:
-            place: FoundPlace | None = FoundPlace(int(around[0]), match, match.found_share)
+            place: FoundPlace | None = FoundPlace(int(around[0]), match)
         else:
             place = self._unambiguous_place(frame, rows[~is_near])
         is_near_hint = place is not None and hint.reaches(place.match.T_map_camera[None])[0]
@@ -120,9 +118,7 @@ class PlaceFinder:
         """Return the verified place with most inliers, unless another one has about as many."""
         candidates = self.candidates(frame.descriptors, excluded)
         tried = [(i, self.verifier.verify(frame, i)) for i in candidates]
-        places = [
-            FoundPlace(i, match, match.found_share) for i, match in tried if match is not None
-        ]
+        places = [FoundPlace(i, match) for i, match in tried if match is not None]
         if not places:
             return None
         best = max(places, key=lambda place: len(place.match.k))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from heapq import heappop, heappush
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from hoid_common.values import BoolArray, IntArray
 
 Column = NDArray[Any]
 DEAD = -1  # uid of an empty row
-_MANY = 1000  # chosen: from this number of rows, sorting the heap is faster than popping them
+_ROWS_AT_ONCE = 2**14  # chosen: rows that are searched for empty ones at once; they fit the cache
 
 
 class SoaTableRows(NamedTuple):
@@ -47,8 +46,7 @@ class SoaTable:
         self.born: IntArray = np.zeros(capacity, np.int64)  # (N,) version of its allocation
         self._next_uid = 0
         self._num_alive = 0
-        # Empty rows as a heap; None: to be collected before the next allocation.
-        self._free: list[int] | None = None
+        self._first_empty = 0  # no row before this one is empty
 
     @property
     def capacity(self) -> int:
@@ -90,10 +88,10 @@ class SoaTable:
         columns keep what these rows held before. The uids are the next unused ones, or count from
         `first_uid`, from which on none may have been used.
         """
-        if count >= _MANY and self._num_alive == 0:
-            rows = self._first_rows(count)
-        else:
-            rows = self._lowest_free_rows(count)
+        if count == 0:
+            return np.empty(0, np.int64)
+        rows = self._lowest_empty_rows(count)
+        self._first_empty = int(rows[-1]) + 1
         self._num_alive += count
         first_uid = self._next_uid if first_uid is None else first_uid
         self.uid[rows] = first_uid + np.arange(count)
@@ -101,41 +99,28 @@ class SoaTable:
         self._next_uid = max(self._next_uid, first_uid + count)
         return rows
 
-    def _first_rows(self, count: int) -> IntArray:
-        capacity = self.capacity
-        while capacity < count:
-            capacity *= 2
-        if capacity > self.capacity:
+    def _lowest_empty_rows(self, count: int) -> IntArray:
+        """Return the `count` lowest empty rows; enlarge a table that has fewer."""
+        found: list[IntArray] = []
+        missing = count
+        for start in range(self._first_empty, self.capacity, _ROWS_AT_ONCE):
+            is_empty = self.uid[start : start + _ROWS_AT_ONCE] == DEAD
+            found.append(start + np.flatnonzero(is_empty)[:missing])
+            missing -= len(found[-1])
+            if missing == 0:
+                break
+        if missing > 0:
+            first = capacity = self.capacity
+            while capacity - first < missing:
+                capacity *= 2
             self.grow(capacity)
-        self._free = None
-        return np.arange(count)
-
-    def _lowest_free_rows(self, count: int) -> IntArray:
-        if self._free is None:
-            self._free = np.flatnonzero(self.uid == DEAD).tolist()
-        capacity = self.capacity
-        while len(self._free) + capacity - self.capacity < count:
-            capacity *= 2
-        if capacity > self.capacity:
-            self._free.extend(range(self.capacity, capacity))
-            self.grow(capacity)
-        if count < _MANY:
-            rows = np.array([heappop(self._free) for _ in range(count)], np.int64)
-        else:  # a sorted list is a heap
-            self._free.sort()
-            rows, self._free = np.array(self._free[:count]), self._free[count:]
-        return rows
+            found.append(np.arange(first, first + missing))
+        return np.concatenate(found)
 
     def append(
         self, columns: Mapping[str, Column], version: int, first_uid: int | None = None
     ) -> IntArray:
-        """Add N elements and return their (N,) rows.
-
-        Args:
-            columns: (N, ...) values by column. Other columns keep what these rows held before.
-            version: Version of the map.
-            first_uid: The uid of the first element; the others follow. None: the next unused one.
-        """
+        """Add N elements with (N, ...) values by column; return their (N,) rows (`allocate`)."""
         rows = self.allocate(len(next(iter(columns.values()))), version, first_uid)
         for name, values in columns.items():
             getattr(self, name)[rows] = values
@@ -151,9 +136,7 @@ class SoaTable:
         rows = np.unique(rows[self.uid[rows] != DEAD])
         self.uid[rows] = DEAD
         self._num_alive -= len(rows)
-        if self._free is not None:
-            for row in rows.tolist():
-                heappush(self._free, row)
+        self._first_empty = min(self._first_empty, int(rows.min(initial=self.capacity)))
         self.version[rows] = version
 
     def grow(self, capacity: int) -> None:
@@ -197,7 +180,7 @@ class SoaTable:
             self.grow(change.capacity)
         self._num_alive += int(np.count_nonzero(change.columns['uid'] != DEAD))
         self._num_alive -= int(np.count_nonzero(self.uid[change.rows] != DEAD))
-        self._free = None
+        self._first_empty = 0
         self.version[change.rows] = version
         self.born[change.new_rows] = version
         for name, values in change.columns.items():
