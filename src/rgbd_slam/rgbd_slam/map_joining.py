@@ -95,11 +95,7 @@ def join_maps(
 
 
 def without_loop(content: MapFile, number: int, config: SlamConfig) -> MapFile:
-    """Return a saved map without one of its loops or joins (`content.loops`), adjusted again.
-
-    Raises:
-        ConfigError: The map has no loop of this number.
-    """
+    """Return a saved map without the loop or join `content.loops[number]`, adjusted again."""
     loops = content.loops_by_row
     if not 0 <= number < len(loops):
         raise ConfigError(f'no loop {number}: the map has {len(loops)}, numbered from 0')
@@ -113,13 +109,7 @@ def without_loop(content: MapFile, number: int, config: SlamConfig) -> MapFile:
 
 
 class _Joiner:
-    """Joins saved maps, numbered `n` and `m`, in one atlas.
-
-    Args:
-        rows: For each saved map, the (K,) rows of its keyframes.
-        same: As in `join_maps`.
-        apart: As in `join_maps`.
-    """
+    """Joins saved maps, numbered `n` and `m`, whose keyframes are in given rows of one atlas."""
 
     def __init__(
         self,

@@ -92,11 +92,7 @@ class RgbdSlamNode(ManagedNode):
         self._lifecycle.clean_up()
 
     def destroy_node(self) -> None:
-        """End the node's threads and processes, then the node.
-
-        If an operator or launch has ended the node, the map is kept under another name; otherwise
-        the next node resumes it.
-        """
+        """End the node's threads and processes, then the node."""
         self._map_outputs.close()
         self._map_services.close()
         self._lifecycle.close(is_asked_for=is_end_asked_for())
@@ -151,5 +147,4 @@ class RgbdSlamNode(ManagedNode):
 
 
 def main() -> int:
-    """-"""
     return run_node(RgbdSlamNode)

@@ -1,4 +1,1 @@
-"""An IMU: samples, calibration against the tracked motion, gravity and faults.
-
-This package knows neither images nor maps.
-"""
+"""An IMU: samples, calibration against the tracked motion, gravity and faults."""

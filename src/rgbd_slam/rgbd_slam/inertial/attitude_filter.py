@@ -74,27 +74,18 @@ class AttitudeFilter:
 
     @property
     def R_tracked_filtered(self) -> FloatArray | None:  # noqa: N802
-        """Return the filtered attitude (3, 3) relative to the tracked one, at the last image.
-
-        None is returned until images of 0.1 s have been added since the start or a restart.
-        """
+        """Return the correction (3, 3) of the last tracked rotation, once it averages 0.1 s."""
         return None if self._time_s < _LEAST_S else self._R_filtered_tracked.T
 
     def sigma_rad(self, bias_sigma_radps: float) -> float:
-        """Return the standard deviation of the filtered attitude about each axis.
-
-        At least one image must have been added.
-        """
+        """Return the standard deviation of the filtered attitude about each axis."""
         averaged_s = max(self._averaged_s, self._step_s)
         of_images = math.sqrt(_CORRELATED * self._variance_rad2 * self._step_s / averaged_s)
         return math.hypot(_LEAST_SIGMA_RAD, of_images, 0.5 * averaged_s * bias_sigma_radps)
 
     @property
     def rate_sigma_radps(self) -> float:
-        """Return the error of the gyro's rates that the last tracked images show.
-
-        It is zero if the difference between both is within the noise of tracking.
-        """
+        """Return the error of the gyro's rates beyond the noise of the last tracked images."""
         if self._step_s == 0.0:
             return 0.0
         gain_per_s = (1.0 - math.exp(-self._step_s / _RECENT_S)) / self._step_s

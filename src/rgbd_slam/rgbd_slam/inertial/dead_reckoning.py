@@ -52,10 +52,7 @@ class Reckoned(NamedTuple):
 
 
 class Path(NamedTuple):
-    """The camera at N times, of which the first K were tracked, and the integrals of its IMU.
-
-    All vectors are along the axes of one camera frame.
-    """
+    """The camera at N times, of which the first K were tracked; all vectors in one frame."""
 
     times_s: FloatArray  # (N,)
     positions_m: FloatArray  # (K, 3)
@@ -68,8 +65,8 @@ class Path(NamedTuple):
     def trial_error(self) -> float | None:
         """Return the RMS error of predicted tracked positions, in standard deviations.
 
-        None is returned if there are too few trials. The error is infinite if the positions before
-        a trial contradict gravity.
+        It is None if there are too few trials, and infinite if tracked positions contradict
+        gravity.
         """
         num_tracked, squares = len(self.positions_m), []
         times_s = self.times_s[:num_tracked]
@@ -87,10 +84,7 @@ class Path(NamedTuple):
         return float(np.sqrt(np.mean(squares))) if len(squares) >= _MIN_TRIALS else None
 
     def reckoned(self, origin: int, later: slice) -> Reckoned | None:
-        """Predict later positions from the tracked ones up to the index `origin`.
-
-        None is returned if these are too few, or contradict gravity.
-        """
+        """Predict later positions from the tracked ones up to an index, if these suffice."""
         if not self._is_enough(origin):
             return None
         before = slice(self._first(origin), origin + 1)
@@ -126,10 +120,7 @@ class Path(NamedTuple):
         return elapsed_s, moved_m - elapsed_s[:, None] * self.velocity_mps[origin]
 
     def _fit(self, origin: int, before: slice) -> tuple[FloatArray, FloatArray] | None:
-        """Return position, velocity and gravity (3, 3), one row each, and their covariance (3, 3).
-
-        The covariance is that along each axis. None is returned if gravity contradicts `up`.
-        """
+        """Return position, velocity and gravity (3, 3) in rows, and their covariance (3, 3)."""
         times_s, moved_m = self._moved(origin, before)
         positions_m = self.positions_m[before] - moved_m
         rows = np.vander(times_s, 3, increasing=True) * [1.0, 1.0, -0.5]

@@ -76,10 +76,7 @@ class GravityEstimator:
         self._center_ns = 0  # of the last triple that was tried
 
     def measure(self, accelerometer: SampleBuffer, offset_ns: int) -> None:
-        """Store the equations of the new triples of images of the last 30 s.
-
-        The stamps of the IMU are later than those of the images by `offset_ns`.
-        """
+        """Store the equations of the triples of images since the last call."""
         if self._chain_ns != self._motion.chain_ns:
             self._chain_ns = self._center_ns = self._motion.chain_ns
             self._triples.clear()
@@ -162,10 +159,7 @@ def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray)
 
 
 def _linear_rotation(equations: _Triple) -> FloatArray:
-    """Return the R_camera_imu (3, 3) that fits best if its nine elements are free.
-
-    Gravity and bias are taken as one constant, as if the camera did not turn.
-    """
+    """Return the R_camera_imu (3, 3) that fits best if its nine elements are free."""
     force, _, acceleration = equations
     rows = np.concatenate([force, np.tile(-np.eye(3), (len(force), 1, 1))], axis=2).reshape(-1, 12)
     # Chosen: a weak prior of zero, so that a direction without acceleration gives no huge element.

@@ -189,10 +189,7 @@ def _residuals(aligned: _Alignment) -> FloatArray:
 def _best_offset(
     steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None
 ) -> tuple[float, float]:
-    """Return the offset [s] at the minimum of a parabola, and its curvature [rad^2/s^2].
-
-    The parabola goes through the lowest of the sums of squared residuals and both neighbors.
-    """
+    """Return the offset [s] at the minimum of a parabola, and its curvature [rad^2/s^2]."""
     aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
     cost = np.array([steps.weight @ np.square(_residuals(item)) for item in aligned])
     best, step_s = int(np.clip(np.argmin(cost), 1, len(cost) - 2)), float(tried_s[1] - tried_s[0])
@@ -203,10 +200,7 @@ def _best_offset(
 
 
 def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray | None) -> GyroFit:
-    """Return the fit at an offset, with standard deviations from the weighted residuals.
-
-    The bias is combined with the prior of any gyro, `UNKNOWN_BIAS_RADPS`.
-    """
+    """Return the fit at an offset; the bias is combined with `UNKNOWN_BIAS_RADPS` as a prior."""
     aligned, weight = _aligned(steps, offset_s, R_known), steps.weight
     residuals_rad = _residuals(aligned)
     w, R = aligned.measured_rad, aligned.R_camera_imu

@@ -63,9 +63,6 @@ class Imu:
 
     The time offset, the rotation to the camera and the biases are estimated from the tracked
     motion (`observe`); `trust` decides which sensor is used.
-
-    Args:
-        mounting: The given mounting, if there is one.
     """
 
     def __init__(self, config: ImuConfig, mounting: Mounting | None = None) -> None:
@@ -116,11 +113,7 @@ class Imu:
         self.trust.report()
 
     def rotation(self, first_ns: int, second_ns: int) -> MeasuredRotation | None:
-        """Return how the camera has turned between the stamps of two images.
-
-        None is returned if samples are missing, saturated or do not change, and unless the gyro is
-        trusted.
-        """
+        """Return how the camera has turned between two images, if samples and trust allow."""
         fit = self.fit
         if fit is None or not self.trust.uses_gyro or second_ns <= first_ns:
             return None
@@ -144,9 +137,8 @@ class Imu:
     def position(self, last_ns: int, stamp_ns: int) -> Reckoned | None:
         """Return the position at a time in the camera frame of the last tracked image.
 
-        None is returned if too few images have been tracked without interruption up to that one,
-        unless the accelerometer is trusted and gravity known to 3 degrees, and if dead reckoning
-        contradicts the last 3 s of tracking.
+        It is None unless the accelerometer is trusted, gravity known to 3 degrees, and enough
+        images were tracked without interruption, which dead reckoning must not contradict.
         """
         if not (self._config.integrate and self.trust.uses_gyro):
             return None
@@ -240,10 +232,7 @@ class Imu:
         return fit_gyro(self._motion, self._gyro, R, offset_s, _PERIOD_NS)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
-        """Return the given R_camera_imu (3, 3) if the images do not contradict it.
-
-        Otherwise the rotation that the images show is returned (`snapped`).
-        """
+        """Return the given R_camera_imu (3, 3), or `snapped` if the images contradict it."""
         if self._mounting is None:
             return snapped(R_found, sigma_rad)
         given = self._mounting.R_camera_imu
@@ -277,8 +266,7 @@ class Imu:
     def _path(self, last_ns: int, window_ns: int, stamp_ns: int | None = None) -> Path | None:
         """Return the positions tracked in a window up to an image, with the IMU's integrals.
 
-        The integrals go on from that image to `stamp_ns`, if that is given. None is returned if
-        the samples or gravity are not known well enough.
+        The integrals go on from that image to `stamp_ns`, if that is given.
         """
         up = self.up
         stamps_ns, T = self._motion.chain(last_ns - window_ns)

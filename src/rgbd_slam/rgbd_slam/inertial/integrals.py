@@ -24,8 +24,7 @@ def integrals(
 ) -> Preintegrated | None:
     """Return the integrals of the samples from the first of M times to each of them.
 
-    Rates and forces are linear between samples. None is returned if samples are missing (see
-    `Samples.cover`).
+    Rates and forces are linear between samples, and must `cover` these times.
 
     Args:
         rates: Samples of the gyro around these times.

@@ -38,10 +38,7 @@ class Mounting(NamedTuple):
 
 
 def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
-    """Return R_camera_imu (3, 3), or the nearest rotation between parallel axes if it fits.
-
-    It fits if it differs by less than 3 degrees plus three standard deviations of R_camera_imu.
-    """
+    """Return the nearest rotation between parallel axes, if R_camera_imu (3, 3) may be it."""
     nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
     angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
     return nearest if angle_rad < _AXES_RAD + _NUM_SIGMAS * sigma_rad else R_camera_imu
@@ -56,8 +53,6 @@ def kalibr_mounting(config: ImuConfig) -> Mounting | None:
 
 def read_kalibr(path: Path) -> Mounting:
     """Return the mounting from the file `camchain-imucam.yaml` that Kalibr writes.
-
-    `timeshift_cam_imu` of `cam0` is the time to add to a stamp of an image to get that of the IMU.
 
     Raises:
         InputError: The file cannot be read, `T_cam_imu` is missing or has no rotation, or

@@ -13,10 +13,7 @@ from rgbd_slam.inertial.rotations import rotation_vector
 
 @dataclass(frozen=True)
 class ImuReport:
-    """The calibration of an IMU, with the names of `summary.json`.
-
-    A value is None if it is not known; `fault` is '' if there is none.
-    """
+    """The calibration of an IMU, with the names of `summary.json`; None: it is not known."""
 
     time_offset_ms: float | None = None  # by which its stamps are later than those of the images
     time_offset_sigma_ms: float | None = None

@@ -28,11 +28,7 @@ class Samples(NamedTuple):
         return len(self.stamps_ns)
 
     def cover(self, first_ns: int, last_ns: int) -> bool:
-        """Return whether the samples leave no gap of more than 50 ms between two times.
-
-        They may begin 25 ms too late and end 25 ms too early, because a sample may arrive after
-        the image that it belongs to.
-        """
+        """Return whether the samples leave no gap of more than 50 ms between two times."""
         stamps_ns = self.stamps_ns
         if len(stamps_ns) < 2 or stamps_ns[0] - _HELD_NS > first_ns:
             return False
@@ -40,11 +36,7 @@ class Samples(NamedTuple):
 
 
 class SampleBuffer:
-    """The samples of at least the last 25 s of one sensor, in order of time.
-
-    Args:
-        limit: Samples of which a value is larger are dropped.
-    """
+    """The samples of at least the last 25 s of one sensor, except those beyond a limit."""
 
     def __init__(self, limit: float = np.inf) -> None:
         self._limit = limit
@@ -61,8 +53,8 @@ class SampleBuffer:
     def add(self, samples: Samples) -> None:
         """Append samples, without late ones and those that no sensor measures.
 
-        If the stamps have gone back by more than a second, as when a bag is played in a loop, the
-        old samples are dropped instead of the new ones.
+        If the stamps go back by more than a second (a bag played in a loop), old samples are
+        dropped.
         """
         (stamps_ns, values), (known_ns, known) = samples, self._samples
         if not len(samples):

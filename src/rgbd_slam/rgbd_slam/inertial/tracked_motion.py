@@ -34,11 +34,7 @@ class TrackedMotion:
         self.chain_ns = 0  # stamp of the image at which the last chain begins
 
     def add(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
-        """Add the motion (4, 4) between two images.
-
-        A chain begins at the first image if that is not the last image so far. If the stamps have
-        gone back, all earlier motion is dropped.
-        """
+        """Add the motion (4, 4) between two images; a chain begins after a gap between images."""
         newest_ns = self.newest_ns
         if newest_ns is not None and second_ns <= newest_ns:
             self._images = []
@@ -59,10 +55,7 @@ class TrackedMotion:
         return self._poses(self._index(from_ns))
 
     def steps(self, from_ns: int, longest_ns: int) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return starts (M,), ends (M,) and rotations (M, 3, 3) between successive images.
-
-        Steps before `from_ns` and over more than `longest_ns` are left out.
-        """
+        """Return starts (M,), ends (M,) and rotations (M, 3, 3) of short enough steps."""
         first = self._index(from_ns)
         stamps_ns, T = self._poses(first)
         R = T[:, :3, :3]

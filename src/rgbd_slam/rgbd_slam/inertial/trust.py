@@ -103,11 +103,7 @@ class Trust:
         return not self._is_accelerometer_stuck and (self._gyro is None or self.uses_gyro)
 
     def may_level(self, up_sigma_rad: float) -> bool:
-        """Return whether gravity with this standard deviation levels the map.
-
-        As long as the accelerometer could not be compared with the tracked motion, it must be
-        below 1.5 degrees.
-        """
+        """Return whether gravity with this standard deviation levels the map."""
         is_right = up_sigma_rad < _UNTRIED_SIGMA_RAD if self.agrees is None else self.agrees
         return self.uses_accelerometer and is_right
 
@@ -129,10 +125,7 @@ class Trust:
         return _CONTRADICTS if self._lasts('accelerometer') else ''
 
     def compare_samples(self, gyro: SampleBuffer, image_ns: int, offset_ns: int) -> None:
-        """Look for a fault of the gyro that the samples show: they are late or do not change.
-
-        The stamps of the IMU are later than those of the images by `offset_ns`.
-        """
+        """Look for a fault of the gyro that the samples show: they are late or do not change."""
         self._gyro, self._now_ns, self._fault_of_samples = gyro, image_ns, None
         latest = gyro.before(image_ns + offset_ns, 1)
         if not len(latest) or latest.stamps_ns[0] < image_ns + offset_ns - _LATE_NS:
@@ -215,10 +208,7 @@ def is_stuck(sensor: SampleBuffer, stamp_ns: int) -> bool:
 
 
 def is_saturated(samples: Samples) -> bool:
-    """Return whether a rate stays at the end of the gyro's range in four samples or more.
-
-    It does if four successive samples of one axis are exactly equal, at more than 0.9 rad/s.
-    """
+    """Return whether four successive rates about one axis are equal, at more than 0.9 rad/s."""
     values = samples.values
     if len(values) < _SATURATED_SAMPLES:
         return False

@@ -1,4 +1,1 @@
-"""Loop closing and map merging: detection, pose graph optimization, global bundle adjustment.
-
-No module of this package uses single images.
-"""
+"""Loop closing and map merging: detection, pose graph optimization, global adjustment."""

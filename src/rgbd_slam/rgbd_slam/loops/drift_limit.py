@@ -29,10 +29,7 @@ class DriftLimit:
         self._turns_rad_per_m: list[float] = []
 
     def is_possible(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
-        """Return whether a camera can have drifted by this rotation and distance on a path.
-
-        The limits grow linearly with the length `path_m`, which is infinite between maps.
-        """
+        """Return whether a camera can have drifted by this rotation and distance on a path."""
         limit = self._config
         max_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
         max_m = limit.drift_m + limit.drift_share * path_m
@@ -41,8 +38,7 @@ class DriftLimit:
     def is_usual(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
         """Return whether a drift is within five times the largest one of the loops so far.
 
-        Before three loops with a path of at least 20 m, it must be usual for every camera. A drift
-        of more than 2 m is never usual.
+        Before three long loops, it must be usual for every camera; more than 2 m never is.
         """
         factor = _FACTOR if len(self._shares) >= _MIN_LOOPS else 0.0
         share = max(_USUAL_SHARE, factor * max(self._shares, default=0.0))

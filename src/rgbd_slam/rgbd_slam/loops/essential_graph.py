@@ -44,10 +44,9 @@ _logger = logging.getLogger(__name__)
 
 
 def loop_covariance(match: PlaceMatch) -> FloatArray:
-    """Return the (6, 6) covariance of a loop in the frame of the new camera, rotation first.
+    """Return the (6, 6) covariance [rad^2, m^2] of a loop in the frame of the new camera.
 
-    Units are rad^2 and m^2. It is larger than the covariance of the match, which holds for
-    independent errors only: the matched points share errors of the map.
+    It is larger than that of the match, whose points share errors of the map.
     """
     constant = np.square([_LOOP_SIGMA_RAD] * 3 + [_LOOP_SIGMA_M] * 3)
     return np.asarray(_LOOP_FACTOR**2 * match.covariance + np.diag(constant))
@@ -75,8 +74,7 @@ def optimized(
 
     As in RTAB-Map (RGBD/OptimizeMaxError), a loop is left out if the optimized poses deviate from
     it by more than 0.25 m or 5 degrees: either this loop or one of the others is wrong then. The
-    loop with the largest deviation is left out first (the newest of several), and the graph is
-    optimized again.
+    one with the largest deviation is left out first (the newest of several).
 
     Returns:
         The poses T_map_camera (N, 4, 4) of the region's keyframes (see `closed_poses`), and all
@@ -158,10 +156,7 @@ def closed_poses(
 def _relative_poses(
     pairs: Edges, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, float, float]]:
-    """Yield (g, h, T_g_h, sigma_rad, sigma_m) for each connected pair of groups g and h.
-
-    T_g_h (4, 4) is the present relative pose of their heads, with its standard deviations.
-    """
+    """Yield (g, h, T_g_h, sigma_rad, sigma_m) by the present poses of connected groups g, h."""
     T_g_h = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, NEAR_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_g_h[:, :3, 3], axis=1))
@@ -175,8 +170,8 @@ def _loops_between_groups(
 ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
     """Yield (g, h, T_g_h, covariance) for each used loop between two groups g and h.
 
-    T_g_h (4, 4) is the relative pose of their heads by the loop, and its covariance (6, 6) is in
-    the frame of the head of h, rotation first.
+    T_g_h (4, 4) is the relative pose of their heads, and the covariance (6, 6) in the frame of
+    that of h, rotation first.
     """
     keyframes = atlas.keyframes
     for loop in loops:
@@ -195,10 +190,7 @@ def _loops_between_groups(
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
-    """Return the pairs of groups that edges of keyframes connect, the lower number first.
-
-    `shared` is that of the strongest edge. `group_of` (capacity,) is -1 outside of the graph.
-    """
+    """Return the pairs of groups that edges connect, with `shared` of the strongest edge."""
     ends = group_of[np.stack([edges.first, edges.second])]
     low, high = ends.min(0), ends.max(0)
     between = np.flatnonzero((low != high) & (low >= 0))
@@ -209,11 +201,7 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 
 
 def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
-    """Return the pairs of keyframes that are parent and child, or share `min_shared` points.
-
-    The first keyframe of a pair has the lower row; the other one may be outside of `rows`.
-    `shared` is 0 for a parent and child that share no points.
-    """
+    """Return the edges of keyframes in `rows`: parent and child, or `min_shared` points."""
     keyframes = atlas.keyframes
     pairs = atlas.edges()
     key = pairs.first * keyframes.capacity + pairs.second
@@ -228,8 +216,5 @@ def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
 
 
 def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> Move:
-    """Move keyframes in rows (N,) to poses T_map_camera (N, 4, 4), and their points with them.
-
-    A point moves with its reference keyframe. Returns the motion of each keyframe.
-    """
+    """Move keyframes in rows (N,) to poses T_map_camera (N, 4, 4), and their points with them."""
     return atlas.move(rows, T_map_camera @ se3.inverse(atlas.keyframes.T_map_camera[rows]))

@@ -107,11 +107,7 @@ def _continued(
 def apply_solution(
     atlas: Atlas, problem: GlobalProblem, solution: BundleSolution, moves: Iterable[Move] = ()
 ) -> Move:
-    """Apply a solution to the current map, and return the motions of the keyframes.
-
-    Args:
-        moves: Corrections of the map since the problem was made, the first one first.
-    """
+    """Apply a solution to the map after its later corrections `moves`; return the motions."""
     keyframes, points = atlas.keyframes, atlas.points
     solved = se3.inverse(solution.T_camera_map)
     solved_m = np.ascontiguousarray(solution.points_m.T)
@@ -135,10 +131,7 @@ def apply_solution(
 def _moved(
     problem: GlobalProblem, T_map_camera: FloatArray, points_m: FloatArray, move: Move
 ) -> tuple[FloatArray, FloatArray]:
-    """Apply a correction of the map to the poses (C, 4, 4) and points (P, 3) of a solution.
-
-    A point moves with its owner. Keyframes that are not in `move` keep their poses.
-    """
+    """Apply a correction of the map to the poses (C, 4, 4) and points (P, 3) of a solution."""
     order = np.argsort(move.uids)
 
     def motions(uids: IntArray) -> FloatArray:
@@ -159,10 +152,7 @@ def _still_in_map(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _descendants(atlas: Atlas, rows: IntArray, first_uid: int) -> list[tuple[int, int]]:
-    """Return (child, parent) rows of the newer descendants of keyframes in the spanning tree.
-
-    Parents precede their children. Only keyframes from `first_uid` on are included.
-    """
+    """Return (child, parent) rows of the newer descendants of keyframes, parents first."""
     found: list[tuple[int, int]] = []
     known = set(rows.tolist())
     queue = rows.tolist()
@@ -195,7 +185,6 @@ class GlobalAdjuster:
     """Adjusts large parts of a map, one after the other.
 
     Args:
-        iterations: As in `solve`.
         background: Whether an adjustment runs in a separate process, and `poll` applies its
             solution; otherwise `start` applies it.
     """
@@ -215,10 +204,7 @@ class GlobalAdjuster:
         return self._running is not None
 
     def start(self, around: IntArray) -> None:
-        """Adjust the map around keyframes (rows), once a running adjustment has ended.
-
-        Of several requests during one adjustment, only the last is carried out.
-        """
+        """Adjust the map around keyframes (rows), once a running adjustment has ended."""
         if self._running is not None:
             self._next_uids = self._atlas.keyframes.uid[around]
             return
@@ -239,10 +225,7 @@ class GlobalAdjuster:
             self._running.moves.append(move)
 
     def poll(self, timeout_s: float = 0.0) -> bool:
-        """Wait up to `timeout_s` for a running adjustment; return whether it was applied.
-
-        Once it has ended or failed, the next requested one is started.
-        """
+        """Wait up to `timeout_s` for a running adjustment; return whether it was applied."""
         running = self._running
         if running is None:
             return False

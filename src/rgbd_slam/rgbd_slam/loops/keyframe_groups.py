@@ -31,8 +31,6 @@ class KeyframeGroups(NamedTuple):
 def keyframe_groups(parents: IntArray, *, is_grouped: bool = True) -> KeyframeGroups:
     """Group N keyframes along the spanning tree; up to 500 keyframes are a group each.
 
-    A group is connected in the spanning tree, and its head is nearest to the root.
-
     Args:
         parents: (N,) position of each keyframe's parent; -1 for a root.
         is_grouped: False: any number of keyframes are a group each.
@@ -101,11 +99,7 @@ def spread_corrections(
 
 
 def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
-    """Return all M combinations of a keyframe with a pair of groups that contains its group.
-
-    Given are the (N,) groups of the keyframes, and that group of each pair (E,), ascending.
-    Returned are (M,) positions of keyframes, and (M,) positions of pairs.
-    """
+    """Return the positions of M keyframes (of groups N) and pairs (E,) with the same group."""
     starts = np.searchsorted(own, group)
     counts = np.searchsorted(own, group, side='right') - starts
     member = np.repeat(np.arange(len(group)), counts)

@@ -75,11 +75,7 @@ class LoopCounts(NamedTuple):
 
 
 class LoopCloser:
-    """Detects loops at new keyframes and corrects the map.
-
-    Args:
-        background: Whether global bundle adjustment runs in a separate process.
-    """
+    """Detects loops at new keyframes and corrects the map."""
 
     def __init__(
         self,
@@ -104,8 +100,7 @@ class LoopCloser:
     def process(self, i: int) -> LoopEvent:
         """Close a loop at the new keyframe in row `i`, or merge its map with another one.
 
-        The loop or merge is stored in `last_join`. A finished global adjustment is applied first,
-        even if closing loops is switched off.
+        A finished global adjustment is applied first, even if closing loops is switched off.
         """
         self.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
@@ -160,8 +155,7 @@ class LoopCloser:
     def settle(self, limit_s: float) -> None:
         """Repeat the last global adjustment if keyframes have been added to its map since then.
 
-        Waits up to `limit_s` for a running global adjustment, and as long again for the repeated
-        one, which then continues in the background.
+        Waits up to `limit_s` for a running adjustment, and as long again for the repeated one.
         """
         self._adjuster.poll(limit_s)
         if self._has_grown and not self._adjuster.is_running:
@@ -175,10 +169,9 @@ class LoopCloser:
         self._adjuster.close()
 
     def _close(self, i: int, place: FoundPlace, distance_m: float, turn_rad: float) -> LoopEvent:
-        """Optimize the pose graph with a new loop, and fuse the map points around both keyframes.
+        """Optimize the pose graph with a new loop, and fuse the points around both keyframes.
 
-        A global adjustment follows unless the loop is short and would move the new keyframe by
-        hardly any distance and angle. Nothing is done if the loop contradicts the others.
+        A global adjustment follows unless the loop is short and hardly moves the new keyframe.
         """
         keyframes, config, c = self._atlas.keyframes, self._config, place.keyframe
         path_m = path_length_m(self._atlas, c, i)

@@ -67,8 +67,7 @@ class LoopDetector:
     def detect(self, i: int, excluded: IntArray = _NOTHING) -> FoundPlace | None:
         """Return the confirmed match of the keyframe in row `i`; None if there is no loop.
 
-        A verified match that is not confirmed yet is stored, so that later keyframes can confirm
-        it. Keyframes in the rows `excluded` (N,) are no candidates.
+        Keyframes in the rows `excluded` (N,) are no candidates.
         """
         keyframes = self._atlas.keyframes
         seeing = keyframes.point_of_feature[i] != NO_POINT
@@ -101,12 +100,7 @@ class LoopDetector:
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
     def _possible_match(self, i: int, c: int, path_m: float) -> PlaceMatch | None:
-        """Verify candidate `c` for keyframe `i`; return None if the drift would be too large.
-
-        The drift must be possible on the path of length `path_m`, which is infinite between maps.
-        Where a pattern repeats, many candidates look the same. Most of them are so far away that
-        they need not be verified.
-        """
+        """Verify candidate `c` for keyframe `i`, if the drift is possible on the path."""
         keyframes = self._atlas.keyframes
         apart_m = float(np.linalg.norm(np.subtract(*keyframes.T_map_camera[[i, c], :3, 3])))
         if not self._drift.is_possible(path_m, 0.0, max(apart_m - _SEEN_FROM_M, 0.0)):
@@ -117,11 +111,7 @@ class LoopDetector:
         return match if self._drift.is_possible(path_m, *self.correction(i, match)) else None
 
     def _connected(self, i: int) -> IntArray:
-        """Return the rows (N,) of the keyframes that are no loop candidates for keyframe `i`.
-
-        These are the keyframe, its covisible keyframes, those covisible with them, and recent
-        keyframes of its map.
-        """
+        """Return the rows (N,) of covisible and recent keyframes, which are no candidates."""
         keyframes = self._atlas.keyframes
         is_recent = keyframes.uid > keyframes.uid[i] - _RECENT
         is_recent &= keyframes.alive & (keyframes.map_id == keyframes.map_id[i])

@@ -121,10 +121,7 @@ def _split_points(atlas: Atlas, parts: _Parts) -> None:
 
 
 def _separate_tree(atlas: Atlas, parts: _Parts) -> None:
-    """Make no keyframe of the later part a child of the other part by the loop.
-
-    Such a child gets the keyframe before it as its parent; that of a merge becomes a root again.
-    """
+    """Give the keyframes of the later part parents in that part; a merged map gets its root."""
     parents = atlas.parents()
     if parts.root is not None:
         atlas.set_parent(parts.root, None)
@@ -140,10 +137,7 @@ def _separate_tree(atlas: Atlas, parts: _Parts) -> None:
 def _measured_pose(
     atlas: Atlas, camera: StereoCamera, a: int, b: int, T_a_b: FloatArray
 ) -> FloatArray:
-    """Return T_a_b (4, 4) of two keyframes by the points that both observe.
-
-    The present `T_a_b` is returned if they share fewer than 20 points with depth.
-    """
+    """Return T_a_b (4, 4) of two keyframes by 20 or more points with depth that both observe."""
     keyframes = atlas.keyframes
     points_a, points_b = keyframes.points_of(a), keyframes.points_of(b)
     _, k_a, k_b = np.intersect1d(points_a, points_b, return_indices=True)

@@ -22,8 +22,7 @@ class Region(NamedTuple):
 def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
     """Return the first `limit` keyframes of a breadth-first search from keyframes in rows (K,).
 
-    Connected keyframes share at least 15 points, or are parent and child in the spanning tree. A
-    map of up to `limit` keyframes is one region.
+    Connected keyframes share at least 15 points, or are parent and child in the spanning tree.
     """
     parents = atlas.parents()
     order = np.argsort(parents, kind='stable')

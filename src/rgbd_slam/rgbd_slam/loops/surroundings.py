@@ -67,10 +67,7 @@ class Surroundings:
         self._verifier = verifier
 
     def corrected_views(self, i: int, c: int, match: PlaceMatch) -> CorrectedViews:
-        """Evaluate the surroundings of keyframe `i` after a hypothetical loop correction.
-
-        The correction follows from the match with keyframe `c`, in the same map or another one.
-        """
+        """Evaluate the surroundings of keyframe `i` after correction by a match with `c`."""
         T_map_camera = self._atlas.keyframes.T_map_camera
         T_corrected_map = match.T_map_camera @ se3.inverse(T_map_camera[i])
         views = list(self._overlapping(*self._visits(i, c), T_corrected_map, SAME_VIEW_M))
@@ -96,9 +93,8 @@ class Surroundings:
     def current_views(self, i: int, c: int) -> CurrentViews:
         """Evaluate the surroundings of keyframe `i` at their current poses.
 
-        In a room that only looks like the one of the matched keyframe `c`, they match what is
-        mapped there. A keyframe that has drifted is where other surfaces are mapped, as soon as
-        the camera comes near these.
+        In a room that only looks like that of the matched keyframe `c`, they match what is mapped
+        there.
         """
         is_later, num_contradicting = self._is_later(i, c), 0
         mapped = np.flatnonzero(self._is_near(i) & ~is_later)
@@ -142,11 +138,7 @@ class Surroundings:
         )
 
     def _visits(self, i: int, c: int) -> tuple[IntArray, IntArray]:
-        """Return the rows (N,) of the new visit around `i`, and those (H,) mapped around `c`.
-
-        In one map, the visits have no keyframe in common. Keyframes around `i` that already share
-        points with the mapped ones are left out, because the correction does not move them.
-        """
+        """Return the rows (N,) of the new visit around `i`, and those (H,) mapped around `c`."""
         keyframes = self._atlas.keyframes
         visit, mapped = self._is_in_visit(i), self._is_near(c)
         if keyframes.map_id[i] == keyframes.map_id[c]:
@@ -198,10 +190,7 @@ def are_same_views(a: FloatArray, b: FloatArray) -> BoolArray:
 
 
 def pose_distances(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the (N, M) distances [m] of camera poses, and angles [rad] of their optical axes.
-
-    The poses T_map_camera (N, 4, 4) and (M, 4, 4) are in one map frame.
-    """
+    """Return the (N, M) distances [m] of camera poses, and angles [rad] of their optical axes."""
     distance_m = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=2)
     cosine = a[:, :3, 2] @ b[:, :3, 2].T
     return distance_m, np.arccos(np.clip(cosine, -1, 1))

@@ -41,8 +41,8 @@ _KNOWN_FRAMES = 10  # chosen: their share tells how often a point is found to ab
 _MIN_MATCHES = 10  # not tuned: number of matches below which no pose is optimized
 # Not tuned: half side of the window around a point in which features are compared, and the number
 # of depths that contradict a point, as a single one may be wrong at a depth edge. A depth lies
-# behind or in front of a point if they differ by more than noise and the slope of surfaces explain:
-# a constant part plus a share of the point's depth.
+# behind or in front of a point if they differ by more than noise and the slope of surfaces
+# explain: a constant part plus a share of the point's depth.
 _WINDOW_PX = 12.0
 _MIN_DEPTHS = 2
 _DEPTH_TOLERANCE_M = 0.10
@@ -96,11 +96,7 @@ class Visibility(NamedTuple):
 
 
 class PlaceVerifier:
-    """Verifies places in a map, which it does not change.
-
-    Args:
-        seed: Seeds the random samples of RANSAC, with the stamp of the image and the keyframe.
-    """
+    """Verifies places in a map, which it does not change."""
 
     def __init__(
         self, atlas: Atlas, camera: StereoCamera, config: VerificationConfig, seed: int
@@ -131,10 +127,7 @@ class PlaceVerifier:
     def search(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceMatch | None:
-        """Return the pose of a frame if it shows the points of keyframes in rows (K,), else None.
-
-        The projections of the points are predicted with the pose T_camera_map (4, 4).
-        """
+        """Return the pose of a frame near T_camera_map if it shows keyframes' (K,) points."""
         points = self._atlas.points_of(keyframes)
         found = self._found(frame, T_camera_map, points)
         if found is None or len(found.k) < self._config.min_inliers:
@@ -147,10 +140,7 @@ class PlaceVerifier:
     def compare(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceEvidence:
-        """Return how well a frame agrees with the points of keyframes in rows (K,).
-
-        The given pose T_camera_map (4, 4) is refined if enough of the points are found.
-        """
+        """Return how well a frame near T_camera_map agrees with the points of keyframes (K,)."""
         points = self._atlas.points_of(keyframes)
         found = self._found(frame, T_camera_map, points)
         if found is None:
@@ -160,10 +150,7 @@ class PlaceVerifier:
     def _found(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray
     ) -> PlaceMatch | None:
-        """Search points (P,) in a frame twice; refine the pose after each search.
-
-        None is returned if a search finds fewer than 10 points.
-        """
+        """Search points (P,) in a frame twice; refine the pose after each search."""
         for radius in _SEARCH_RADII:
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
             matches = match_by_projection(
@@ -253,8 +240,7 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
 def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
     """Return the (N,) probabilities that a frame with points in rows (N,) in view finds them.
 
-    It is the share of the earlier frames that found the point, with a Beta(1, 3) prior, whose mean
-    is 1/4 (chosen, not tuned).
+    They are the shares of earlier frames, with a Beta(1, 3) prior (chosen, not tuned).
     """
     probability: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
     return probability

@@ -58,10 +58,7 @@ class HashIndex:
         self._segments: list[KeyArray] = []  # from the largest to the smallest
 
     def update(self, atlas: Atlas) -> None:
-        """Add the new keyframes of a map, and remove those that are no longer in it.
-
-        Of a new keyframe, the features that observe map points now are indexed.
-        """
+        """Add the new keyframes of a map, and remove those that are no longer in it."""
         keyframes = atlas.keyframes
         rows = keyframes.indices_by_uid()
         uids, indexed = keyframes.uid[rows], np.array(list(self._rows), np.int64)
@@ -103,10 +100,7 @@ class HashIndex:
         self._uid[self._rows.pop(uid, slice(0))] = _REMOVED
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
-        """Return the keyframes that match descriptors (N, 32), with most votes first.
-
-        Keyframes with equal votes are sorted by ascending uid.
-        """
+        """Return the keyframes that match descriptors (N, 32), with most votes first."""
         descriptors = self._thinned(descriptors)
         keys = hash_keys(descriptors, self._bits)
         parts = [_NOTHING, *(self._collisions(segment, keys) for segment in self._segments)]
@@ -126,11 +120,9 @@ class HashIndex:
         return descriptors[rows]
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
-        """Return all pairs of a descriptor and a pool row of a segment that have the same key.
+        """Return the (C,) descriptors and pool rows that have equal keys (T, N) in a table.
 
-        Keys that are too common (`max_bucket`) are left out. A pair is repeated for each of the T
-        tables in which its keys (T, N) are equal. Returns the (C,) positions of the descriptors
-        and pool rows.
+        Keys that are too common (`max_bucket`) are left out.
         """
         ends = keys + (np.uint64(1) << _ROW_BITS)
         tables = range(len(keys))

@@ -30,9 +30,6 @@ class FoundPlace(NamedTuple):
 class PlaceFinder:
     """Finds and verifies places in a map, which it does not change.
 
-    Args:
-        seed: Seeds the random samples of RANSAC.
-
     Raises:
         ConfigError: No place index has the configured name.
     """
@@ -61,8 +58,8 @@ class PlaceFinder:
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
         """Return the rows of the keyframes most similar to descriptors (N, 32) of an image.
 
-        The most similar one is first. Of keyframes that share at least 15 points, only one is
-        returned, and none in the rows `excluded`.
+        Of keyframes that share at least 15 points, only one is returned, and none in `excluded`
+        (rows).
         """
         self.index_places()
         keyframes = self._atlas.keyframes

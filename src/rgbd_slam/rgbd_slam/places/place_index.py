@@ -42,11 +42,7 @@ class PlaceIndex(Protocol):
 
 
 def make_place_index(name: str, config: IndexConfig) -> PlaceIndex:
-    """Return an empty place index of a kind, as named by the parameter `places.index.method`.
-
-    Raises:
-        ConfigError: No place index has this name.
-    """
+    """Return an empty place index of the kind `name`; ConfigError: there is no such kind."""
     names = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
     names |= PLACE_INDICES
     if name not in names:

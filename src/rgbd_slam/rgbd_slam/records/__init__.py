@@ -1,4 +1,1 @@
-"""Array records: sets of parallel arrays with a declared layout, and a store of them on disk.
-
-Nothing here knows what the arrays mean.
-"""
+"""Structures of arrays, and arrays in temporary files; nothing here knows what they mean."""

@@ -15,12 +15,7 @@ _GROWTH = 1 / 8  # chosen: share of the records for which space is reserved at o
 
 
 class RecordStore:
-    """A list of records of one structured type, whose old ones need no memory (`DiskArray`).
-
-    Args:
-        dtype: Type of the records.
-        what: A noun for the records, in the plural, for log lines.
-    """
+    """A list of records of one structured type, whose old ones need no memory (`DiskArray`)."""
 
     def __init__(self, dtype: np.dtype[np.void], what: str) -> None:
         self._rows = DiskArray(np.empty(BLOCK, dtype), what)
@@ -35,7 +30,6 @@ class RecordStore:
         return self._count if self._rows.has_failed else 0
 
     def append(self, record: tuple[Any, ...]) -> None:
-        """Append a copy of a record."""
         if self._count == len(self._rows.array):
             self._rows.grow(self._count + max(BLOCK, int(_GROWTH * self._count)))
         self._rows.array[self._count] = record
@@ -44,12 +38,10 @@ class RecordStore:
             self._rows.release_memory()
 
     def __getitem__(self, n: int) -> np.void:
-        """Return a copy of a record."""
         record: np.void = self._rows.array[n].copy()
         return record
 
     def __setitem__(self, n: int, record: np.void) -> None:
-        """Replace a record."""
         self._rows.array[n] = record
 
     def newest(self) -> NDArray[np.void]:
@@ -58,9 +50,6 @@ class RecordStore:
         return self._rows.array[BLOCK * max(0, last_block - 1) : self._count].copy()
 
     def blocks(self, count: int) -> Iterator[NDArray[np.void]]:
-        """Yield the first `count` records in order, in blocks. Any thread may iterate over them.
-
-        A block is not copied: it shows records that are replaced later.
-        """
+        """Yield the first `count` records in blocks, uncopied; any thread may iterate."""
         for first in range(0, count, BLOCK):
             yield self._rows.array[first : min(first + BLOCK, count)]

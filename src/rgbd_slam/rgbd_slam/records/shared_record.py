@@ -26,11 +26,7 @@ class RecordLocation(NamedTuple):
     lengths: Mapping[str, int]
 
     def map(self) -> Any:
-        """Return the record, read-only, in memory that is shared with the file.
-
-        Raises:
-            OSError: The process that stored it has ended or has closed the file.
-        """
+        """Return the record, read-only, in memory that is shared with the file."""
         arrays, start = {}, 0
         with open(self.path, 'rb') as file:  # noqa: PTH123 - a path below /proc
             data = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
@@ -43,14 +39,7 @@ class RecordLocation(NamedTuple):
 
 
 class SharedRecord(Generic[R]):
-    """A record in an unnamed temporary file, which is deleted with this object.
-
-    Args:
-        record: The record, which is copied.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """A copy of a record in an unnamed temporary file; OSError: the file cannot be written."""
 
     def __init__(self, record: R) -> None:
         self._file: IO[bytes] = tempfile.TemporaryFile(dir=temporary_folder())  # noqa: SIM115

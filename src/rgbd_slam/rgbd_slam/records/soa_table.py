@@ -172,10 +172,7 @@ class SoaTable:
         return values.astype(np.int32) if is_narrow else values
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite the rows that `rows_since` of another copy of the table returned.
-
-        The map then has the given version.
-        """
+        """Overwrite the rows that `rows_since` of another copy of the table returned."""
         if change.capacity > self.capacity:
             self.grow(change.capacity)
         self._num_alive += int(np.count_nonzero(change.columns['uid'] != DEAD))

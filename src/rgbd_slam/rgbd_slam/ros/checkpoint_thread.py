@@ -49,12 +49,7 @@ class _Copied(NamedTuple):
 
 
 class CheckpointThread:
-    """Writes what has changed in the map at intervals, in a thread of low priority.
-
-    Args:
-        period_s: Usual time between two checkpoints.
-        running: The database of its map, which this process owns.
-    """
+    """Writes what has changed in the map about every `period_s`, in a thread of low priority."""
 
     def __init__(
         self,
@@ -87,10 +82,7 @@ class CheckpointThread:
         self._is_ended.set()
 
     def keep(self) -> None:
-        """Write what has changed unless paused, then rename the map, so that no node resumes it.
-
-        Call this in the node's thread, while the session still exists.
-        """
+        """Write what has changed unless paused, then rename the map: no node resumes it."""
         with self._lock:  # what another thread is writing now must not reach the database later
             try:
                 if self._writer is not None:
@@ -104,10 +96,9 @@ class CheckpointThread:
             self._keep_stored()
 
     def copy_to(self, path: Path) -> bool:
-        """Write what has changed, then copy the stored map to a new file.
+        """Write what has changed, then copy the stored map; return False if there is none.
 
-        It must be called in another thread than the node's. False is returned without a file if no
-        map of the session is stored.
+        It must be called in another thread than the node's.
 
         Raises:
             HoidError: The map cannot be written.

@@ -33,8 +33,7 @@ _NOT_FOUND = 'not found in the map from before the crash: a new map is started b
 class Checkpoints:
     """Writes the map at intervals, and resumes the map that a killed node has left.
 
-    A map that is not resumed is kept under a name of its own. Nothing of this is done if the
-    process does not own the database.
+    A map that is not resumed is kept under a name of its own.
     """
 
     def __init__(
@@ -69,9 +68,9 @@ class Checkpoints:
     def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
         """Load the map of a killed node into a new session; return whether this has begun.
 
-        The session only localizes until `finish_resume` returns it to mapping. A map that does not
-        fit the camera is not loaded, nor one whose last image is later than `stamp_ns`, that of
-        the camera info (a recording is played again).
+        The session only localizes until `finish_resume` returns it to mapping. A map is not loaded
+        if it does not fit the camera, or if its last image is later than `stamp_ns` (a recording
+        played again).
         """
         stored = self._stored.result()
         if stored is None:
@@ -101,11 +100,7 @@ class Checkpoints:
         return True
 
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
-        """Switch the session to mapping once the camera is found or the search has taken too long.
-
-        Returns the results of the latest image; during a resume, their status says what is going
-        on.
-        """
+        """Switch the session to mapping once the camera is found or was searched for long."""
         if self._search_end_ns is None:
             return done
         if session.map.is_loading:

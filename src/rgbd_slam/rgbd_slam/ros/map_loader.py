@@ -34,11 +34,7 @@ _PATIENCE_S, _SHORT_POLL_S = 2.0, 0.002
 
 
 class MapLoader:
-    """Loads saved maps; the calls of other threads run in the node's thread (`NodeThread`).
-
-    Args:
-        keep_running: Called in the node's thread before a loaded map replaces the running one.
-    """
+    """Loads saved maps; `keep_running` is called before one replaces the running map."""
 
     def __init__(
         self,
@@ -121,11 +117,7 @@ class MapLoader:
         saved_uids: IntArray,
         on_loaded: Callable[[], None],
     ) -> bool:
-        """Begin to load a map; return False if the mapper is too busy.
-
-        Raises:
-            InputError: Another map is being loaded.
-        """
+        """Begin to load a map; return False if the mapper is too busy."""
         keep, running = loading.keeps_running, session.map
         if running.is_loading:
             raise InputError('another map is being loaded; try again')
@@ -156,12 +148,7 @@ class MapLoader:
     def _poll(
         self, session: SlamSession, function: Callable[[], T | None], limit_s: float, late: str
     ) -> T:
-        """Call a function in the node's thread until it returns a value, and return this value.
-
-        Raises:
-            InputError: There is no value within the limit (with the message `late`), the node is
-                too busy, or the session has ended.
-        """
+        """Call a function in the node's thread until it returns a value, and return this value."""
 
         def checked() -> T | None:
             if self._session() is not session:

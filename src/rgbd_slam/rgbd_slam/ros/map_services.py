@@ -55,8 +55,7 @@ _MB = 1e6
 class MapServices:
     """Offers the map services in a separate thread, which continues after a request has failed.
 
-    The service that sets the mode has a thread of its own, so that a disk that does not respond
-    delays no change of the mode.
+    The service that sets the mode has a thread of its own, so that a slow disk does not delay it.
 
     Args:
         keyframes: Knows the session and the keyframes for the scene node.
@@ -133,12 +132,7 @@ class MapServices:
         return f'{_summary(content)}, {scene} written to {path}, {size / _MB:.1f} MB'
 
     def _write(self, path: Path, session: SlamSession) -> None:
-        """Write the session's map to a new file.
-
-        Raises:
-            InputError: The map was discarded meanwhile.
-            MapFileError: It cannot be written.
-        """
+        """Write the session's map to a new file."""
         writer = MapWriter(session.map.atlas, lambda: Database.create(path, TABLES))
 
         def copy() -> tuple[MapPart, MapHeader]:

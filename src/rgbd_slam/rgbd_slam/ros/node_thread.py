@@ -33,7 +33,6 @@ class NodeThread:
 
         Raises:
             InputError: The node was busy for 60 s; the function will not be called.
-            Exception: Any exception that the function raises.
         """
         done: Future[object] = Future()
         self._calls.put((function, done))
@@ -46,11 +45,7 @@ class NodeThread:
             raise InputError(f'the node has been busy for {_LIMIT_S:g} s; try again') from None
 
     def poll(self, function: Callable[[], T | None], end_s: float) -> T | None:
-        """Call a function in the node's thread until it returns a value, and return this value.
-
-        It is called at least once, then every 50 ms. None is returned if it has returned no value
-        by the time `end_s` of the monotonic clock. Errors are those of `call`.
-        """
+        """Call a function at least once, then every 50 ms until it returns a value or `end_s`."""
         while (value := self.call(function)) is None and time.monotonic() < end_s:
             time.sleep(_POLL_S)
         return value

@@ -23,10 +23,7 @@ _WHEELS = 'wheels'
 
 
 def visual_frame(odom: str) -> str:
-    """Return the frame of the visual odometry while another node owns `odom`.
-
-    It is `odom` with "visual_" in front of the part after the last slash.
-    """
+    """Return `odom` with "visual_" in front of the part after the last slash."""
     prefix, slash, name = odom.rpartition('/')
     return f'{prefix}{slash}visual_{name}'
 
@@ -59,11 +56,7 @@ class SlamOutputs:
         self.frames = frames
 
     def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
-        """Publish odometry and those transforms of an image that `frames` asks for.
-
-        While the pose is unknown (None), only the latest map -> odom is published, if another node
-        sends odom -> base.
-        """
+        """Publish odometry and those transforms of an image that `frames` asks for."""
         if pose is not None:
             self._publish_odometry(pose, header)
         self._publish_tree(pose, header)
@@ -72,17 +65,11 @@ class SlamOutputs:
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
-        """Return T_map_frame (4, 4) by /tf_static and the transforms that this node sent.
-
-        If another node sends odom -> base, frames of the robot are not found.
-        """
+        """Return T_map_frame (4, 4) by /tf_static and the transforms that this node sent."""
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 
     def wheel_motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
-        """Return the motion T_first_second (4, 4) of a base frame between two stamps.
-
-        None is returned if the external odometry does not know it.
-        """
+        """Return T_first_second (4, 4) of a base frame between two stamps by the wheels."""
         if self._wheels is None:
             return None
         T_odom_first, T_odom_second = (self._wheels.at(ns, base) for ns in (first_ns, second_ns))

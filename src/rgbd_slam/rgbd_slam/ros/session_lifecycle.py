@@ -128,7 +128,6 @@ class SessionLifecycle:
 
         Raises:
             MessageError: The size is not that of the camera info.
-            SystemExit: As for `update_camera`.
         """
         self._check_frame('color images', frame)
         try:
@@ -138,10 +137,7 @@ class SessionLifecycle:
         self._start_anew(is_new)
 
     def reset(self) -> None:
-        """Keep the map under another name, and start a session with the latest camera info.
-
-        A configured map file is not loaded again, so that the new session maps in any mode.
-        """
+        """Keep the map, and start an empty session with the latest camera info."""
         self.checkpoints.discard()
         self._end()
         self._first_map, self._first_map_error, self._is_reset = None, None, True
@@ -202,10 +198,7 @@ class SessionLifecycle:
         return RobotFrames(T_base_camera, planar=names.planar)
 
     def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
-        """Start a session and return it; None while the camera's pose on the base is unknown.
-
-        The session resumes the map of a killed node, or else loads the configured map file.
-        """
+        """Start a session, with its map; None while the camera's pose on the base is unknown."""
         frames = self._robot_frames(header)
         if frames is None:
             return None
@@ -262,10 +255,9 @@ class SessionLifecycle:
 
 
 def owned_map(node: Node, config: SlamNodeConfig) -> RunningMap:
-    """Return the database of a node's map, which this process owns if it writes checkpoints.
+    """Return the database of a node's map, owned by this process if it writes checkpoints.
 
     Raises:
-        ConfigError: The home folder, with which `map_directory` begins, is not known.
         SystemExit: Another process runs a node of this name in the same ROS domain.
     """
     domain, name = os.environ.get('ROS_DOMAIN_ID', '0'), node.get_fully_qualified_name()

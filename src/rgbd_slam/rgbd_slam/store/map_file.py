@@ -52,10 +52,7 @@ class MapFile(NamedTuple):
     def seen_by(
         self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
     ) -> MapFile:
-        """Return the map as if it had been made with a given camera.
-
-        Features, whose pixels are undistorted, get the pixels and octaves at which this camera
-        sees the same rays and details (`MapState.in_camera`).
+        """Return the map as if it had been made with a given camera (`MapState.in_camera`).
 
         Args:
             camera: The camera.
@@ -65,8 +62,7 @@ class MapFile(NamedTuple):
                 because features of the two cameras are matched in both directions.
 
         Raises:
-            MapFileError: The octaves differ, or the map is to be extended and the focal lengths
-                differ by more than 10 %.
+            MapFileError: The octaves differ, or the focal lengths too much to extend the map.
         """
         if (self.scale_factor, self.num_octaves) != (scale_factor, num_octaves):
             raise MapFileError(
@@ -88,10 +84,7 @@ class MapFile(NamedTuple):
 
 
 def check_extendable(made_with: CameraModel, camera: CameraModel) -> None:
-    """Raise MapFileError if a camera cannot extend a map that was made with another camera.
-
-    This is the case if their focal lengths differ by more than 10 %.
-    """
+    """Raise MapFileError if the focal lengths of two cameras differ by more than 10 %."""
     zoom = np.sqrt(camera.fx_px * camera.fy_px / made_with.fx_px / made_with.fy_px)
     if abs(np.log(zoom)) > np.log(_MAX_ZOOM):
         raise MapFileError(
@@ -113,22 +106,13 @@ def _listed(camera: CameraModel) -> str:
 
 
 def save(path: Path, content: MapFile) -> int:
-    """Write a map file, or replace it once the new one is on the disk; return its size in bytes.
-
-    Raises:
-        MapFileError: The file cannot be written, or the map breaks a rule.
-    """
+    """Write or replace a map file, return its size in bytes; MapFileError: it is not possible."""
     check(content)
     return _write(path, content)
 
 
 def load(path: Path) -> MapFile:
-    """Return the checked contents of a map file.
-
-    Raises:
-        MapFileError: The file does not exist, cannot be read, is of another version, is
-            damaged, or does not fit into memory.
-    """
+    """Return the checked contents of a map file; MapFileError: it cannot be read or is damaged."""
     try:
         with Database.read(path, TABLES) as database:
             header, uids, state, loops = read_map(database)

@@ -1,8 +1,7 @@
 """Copies of the changed rows of a map, part by part, so that tracking never waits long.
 
 The features of a keyframe never change, and are copied once. The points that its features observe,
-and the map points, are copied again whenever they have changed. The keyframes themselves (poses,
-spanning tree) are few bytes, and are copied with the last part.
+and the map points, are copied again whenever they have changed.
 """
 
 from __future__ import annotations

@@ -96,11 +96,7 @@ def _keyframes(database: Database) -> tuple[IntArray, dict[str, Array]]:
 def _joined(
     database: Database, table: Table, kind: type[Record], keys: IntArray | None = None
 ) -> tuple[IntArray, dict[str, Array]]:
-    """Return the lengths (R,) of the records of a table, and their joined columns.
-
-    Raises:
-        MapFileError: The keys of the rows are not the given ones.
-    """
+    """Return the lengths (R,) of the records of a table, and their joined columns."""
     columns: dict[str, list[Array]] = {name: [_empty(kind, name)] for name in kind.columns()}
     counts, found = [], []
     for key, record in database.rows(table):
@@ -122,12 +118,7 @@ def _empty(kind: type[Record], name: str) -> Array:
 def _indices(rows: Array, observed: Array) -> IntArray:
     """Return the index among the points (P,) of the point that each feature (F,) observes.
 
-    Args:
-        rows: (P,) row of each point in the table of the map that was written.
-        observed: (F,) such a row for each feature, or NO_POINT, which stays.
-
-    Raises:
-        MapFileError: A feature observes a point that is not stored, or rows are negative.
+    Both are given by the row of a point in the table that was written, or NO_POINT.
     """
     capacity = 1 + max(int(rows.max(initial=-1)), int(observed.max(initial=-1)))
     if min(int(rows.min(initial=0)), int(observed.min(initial=NO_POINT)) + 1) < 0:

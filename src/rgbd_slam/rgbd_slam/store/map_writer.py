@@ -34,9 +34,6 @@ class MapWriter:
     A transaction is `begin` and `append` for each part of the map. Between two of them, the
     database is closed, so that its disk can be made read-only. All of its content is written anew
     the first time, and if somebody has deleted or replaced it.
-
-    Args:
-        open_database: Opens the database, or creates one with empty tables.
     """
 
     def __init__(self, atlas: Atlas, open_database: Callable[[], Database]) -> None:
@@ -73,9 +70,7 @@ class MapWriter:
     def append(self, part: MapPart, header: MapHeader) -> bool:
         """Write a part that `copy` returned; return whether it was the last one and is committed.
 
-        Raises:
-            MapFileError: The database cannot be written. What it had before is unchanged, and the
-                next transaction writes these parts again.
+        Raises MapFileError if the database cannot be written, which is unchanged then.
         """
         assert self._database is not None
         try:

@@ -25,12 +25,7 @@ _MB = 1e6
 
 
 class RunningMap:
-    """The database of one node's map, `.running-NODE.hoidmap`.
-
-    Args:
-        directory: The folder of all maps; `~` is the home folder.
-        owner: Name of the node, which must be unique on this machine.
-    """
+    """The database `.running-NODE.hoidmap` of one node's map; `owner` is the node's name."""
 
     def __init__(self, directory: str, owner: str) -> None:
         plain = ''.join(c if c.isalnum() else '-' for c in owner)
@@ -45,11 +40,7 @@ class RunningMap:
         return self._lock is not None
 
     def own(self, name: str) -> None:
-        """Make this process the only one that writes the database, until `disown` or its end.
-
-        Raises:
-            MapFileError: Another process does; `name` is the full name of its node.
-        """
+        """Make this process the only one that writes; MapFileError: another one does."""
         self._lock = OwnerLock(self.path.with_suffix('.lock'), name)
 
     def disown(self) -> None:
@@ -65,11 +56,7 @@ class RunningMap:
         return f'{found[0]} is a checkpoint of version 0.3 or earlier and is not used: delete it'
 
     def read(self) -> MapFile | None:
-        """Return the map of the database, or None if there is none.
-
-        Raises:
-            MapFileError: It cannot be read, is damaged, or is of another version.
-        """
+        """Return the map of the database, if there is one; MapFileError: it is damaged."""
         return map_file.load(self.path) if self._num_keyframes() != 0 else None
 
     def writer(self, atlas: Atlas) -> MapWriter:
@@ -81,11 +68,7 @@ class RunningMap:
             database.copy_to(path)
 
     def keep(self) -> str:
-        """Rename the database to a saved map; return a line for the log, or '' without a map.
-
-        Raises:
-            MapFileError: The database cannot be renamed; it is unchanged.
-        """
+        """Rename the database to a saved map; return a line for the log, or '' without a map."""
         count = self._num_keyframes()
         if count == 0:
             for path in (self.path, *side_files(self.path)):

@@ -1,7 +1,6 @@
 """The tables of a SLAM map in a database.
 
-Keyframes have numbers (uids), which are those that they had in the map that was saved. Poses and
-points are in the map frame of the core of the node that wrote them.
+Poses and points are in the map frame of the core of the node that wrote them.
 """
 
 from __future__ import annotations

@@ -30,12 +30,6 @@ class ImuInput:
 
     A driver may publish gyro and accelerometer on `imu`, in turn or together, or the accelerometer
     on `imu/accelerometer`.
-
-    Args:
-        static: The static transforms, which say how the IMU is mounted.
-
-    Raises:
-        InputError: The calibration file cannot be used.
     """
 
     def __init__(

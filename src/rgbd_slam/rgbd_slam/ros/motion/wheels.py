@@ -20,13 +20,7 @@ _MAX_CHILDREN = 16
 
 
 class WheelOdometry:
-    """Buffers the transforms from the odometry frame to its children; usually there is one.
-
-    Args:
-        odom: Name of the odometry frame.
-        static: The static transforms, which connect the child with the base.
-        diagnostics: Diagnostics of the node, in which refused transforms are counted.
-    """
+    """Buffers the transforms from the odometry frame to its children; usually there is one."""
 
     def __init__(
         self, node: Node, odom: str, static: StaticFrames, diagnostics: Diagnostics
