@@ -63,7 +63,7 @@ def test_a_database_of_another_program_is_refused(tmp_path: Path) -> None:
 _FLAT = sealed(bytes(64)).hex()
 _LONG_FEATURES = "UPDATE features SET features = x'" + sealed(b'a' * 100_000).hex() + "'"  # noqa: S608
 FORGERIES: dict[str, tuple[str, str]] = {
-    'another version': ('of version 2', 'PRAGMA user_version = 2'),
+    'another version': ('of version 99', 'PRAGMA user_version = 99'),
     'another program': ('no map file', 'PRAGMA application_id = 1'),
     'no header': ('has no map', 'DELETE FROM meta'),
     'a header elsewhere': ('has no map', 'UPDATE meta SET id = 1'),
