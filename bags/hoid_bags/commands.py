@@ -6,56 +6,39 @@ import argparse
 from pathlib import Path
 
 from hoid_bags.bag.bag_reader import is_bag
-from hoid_bags.bag.encoding import JPEG, PNG, RAW
 from hoid_bags.bag.info import describe, summarize
 from hoid_bags.bag.repair import copy_bag, repair
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.live.playback import PlayConfig
 from hoid_bags.options import (
+    add_config_arguments,
     add_folder_arguments,
     add_topic_arguments,
     chosen_camera,
     chosen_topics,
+    config_from,
     depth_offset_ns,
     depth_units_per_m,
 )
 from hoid_common.errors import ConfigError, InputError
 
 _BAG_HELP = 'bag folder, or .mcap, .db3 or .bag file'
-_CONVERT, _PLAY = ConvertConfig(), PlayConfig()
 
 
 def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid convert`."""
-    parser.add_argument('sequence', type=Path, metavar='SEQUENCE', help='TUM folder, or ROS 1 bag')
+    parser.add_argument(
+        'sequence',
+        type=Path,
+        metavar='RECORDING',
+        help='folder of images, .sens file, or ROS 1 bag',
+    )
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder of the new bag')
     add_folder_arguments(parser)
-    parser.add_argument(
-        '--rgb',
-        choices=(JPEG, PNG, RAW),
-        default=_CONVERT.rgb,
-        help='encoding of color images (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--depth',
-        choices=(PNG, RAW),
-        default=_CONVERT.depth,
-        help='encoding of depth images (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--round-depth',
-        action='store_true',
-        help='round depth to mm, which PNG images may require',
-    )
-    parser.add_argument(
-        '--compress',
-        action='store_true',
-        help='compress the bag with zstd: smaller, but slower to play',
-    )
+    add_config_arguments(parser, ConvertConfig())
 
 
 def convert_command(args: argparse.Namespace) -> None:
-    """Convert a TUM folder or a ROS 1 bag to a bag, and print the summary of the bag.
+    """Convert a recording in files or a ROS 1 bag to a bag, and print the summary of the bag.
 
     The messages of a bag are copied as they are, so that only `--compress` applies.
 
@@ -63,29 +46,24 @@ def convert_command(args: argparse.Namespace) -> None:
         HoidError: An option is invalid, or the conversion fails; see `convert` and `copy_bag`. Or
             the bag is damaged, and its readable part has been converted.
     """
+    fault = None
+    config = config_from(args, ConvertConfig, depth_units_per_m=depth_units_per_m(args) or 0.0)
     if is_bag(args.sequence):
-        _refuse_folder_options(args)
-        fault = copy_bag(args.sequence, args.bag, compress=args.compress, expand=True)
-        print(describe(summarize(args.bag)))
-        if fault is not None:
-            raise InputError(fault)
-        return
-    config = ConvertConfig(
-        rgb=args.rgb,
-        depth=args.depth,
-        depth_units_per_m=depth_units_per_m(args) or _CONVERT.depth_units_per_m,
-        round_depth=args.round_depth,
-        compress=args.compress,
-    )
-    convert(args.sequence, args.bag, config, chosen_camera(args), show_progress=True)
+        _refuse_folder_options(args, config)
+        fault = copy_bag(args.sequence, args.bag, compress=config.compress, expand=True)
+    else:
+        convert(args.sequence, args.bag, config, chosen_camera(args), show_progress=True)
     print(describe(summarize(args.bag)))
+    if fault is not None:
+        raise InputError(fault)
 
 
-def _refuse_folder_options(args: argparse.Namespace) -> None:
+def _refuse_folder_options(args: argparse.Namespace, config: ConvertConfig) -> None:
+    default = ConvertConfig()
     given = {
-        '--rgb': args.rgb != _CONVERT.rgb,
-        '--depth': args.depth != _CONVERT.depth,
-        '--round-depth': args.round_depth,
+        '--rgb': config.rgb != default.rgb,
+        '--depth': config.depth != default.depth,
+        '--round-depth': config.round_depth,
         '--calibration': args.calibration is not None,
         '--depth-factor': args.depth_factor is not None,
     }
@@ -94,7 +72,6 @@ def _refuse_folder_options(args: argparse.Namespace) -> None:
 
 
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid info`."""
     parser.add_argument('bag', type=Path, metavar='BAG', help=_BAG_HELP)
     parser.add_argument(
         '--bandwidth',
@@ -125,50 +102,13 @@ def info_command(args: argparse.Namespace) -> None:
 
 
 def add_play_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid play`."""
     parser.add_argument('bag', type=Path, metavar='BAG', help=_BAG_HELP)
     parser.add_argument(
         '--topics', nargs='+', default=[], metavar='TOPIC', help='topics to publish (default: all)'
     )
     parser.add_argument('--namespace', default='', metavar='NS', help='namespace for all topics')
-    parser.add_argument(
-        '--rate',
-        type=float,
-        default=_PLAY.rate,
-        metavar='R',
-        help='speed as a multiple of real time (default: %(default)g)',
-    )
-    parser.add_argument(
-        '--loop', action='store_true', help='restart at the end, with stamps that keep increasing'
-    )
-    parser.add_argument(
-        '--start',
-        type=float,
-        default=_PLAY.start_s,
-        metavar='S',
-        help='time to skip at the start in s',
-    )
-    parser.add_argument(
-        '--duration',
-        type=float,
-        default=_PLAY.duration_s,
-        metavar='S',
-        help='time to play in s; 0 plays to the end',
-    )
-    parser.add_argument(
-        '--lockstep',
-        action='store_true',
-        help='publish each frame only after the odometry of the one before',
-    )
+    add_config_arguments(parser, PlayConfig())
     add_topic_arguments(parser)
-    parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
-    parser.add_argument(
-        '--wait',
-        type=float,
-        default=_PLAY.wait_s,
-        metavar='S',
-        help='longest time to wait for subscribers (default: %(default)g s)',
-    )
     parser.add_argument(
         '--require',
         action='append',
@@ -186,18 +126,9 @@ def play_command(args: argparse.Namespace) -> None:
     """
     from hoid_bags.live.play import play  # needs ROS, which convert and info do not
 
-    config = PlayConfig(
-        rate=args.rate,
-        loop=args.loop,
-        start_s=args.start,
-        duration_s=args.duration,
-        clock=not args.no_clock,
-        lockstep=args.lockstep,
-        wait_s=args.wait,
-    )
     play(
         args.bag,
-        config,
+        config_from(args, PlayConfig),
         topic_names=tuple(args.topics),
         namespace=args.namespace,
         choice=chosen_topics(args),
@@ -208,7 +139,6 @@ def play_command(args: argparse.Namespace) -> None:
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of `hoid record`."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder of the new bag')
     parser.add_argument(
         '--topics',

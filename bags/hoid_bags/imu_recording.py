@@ -35,10 +35,7 @@ class ImuRecording(NamedTuple):
     accelerations: NumberTable | None = None  # (N, 3) m/s^2; None: there is no accelerometer
 
     def joined(self, other: ImuRecording) -> ImuRecording:
-        """Return a recording with the sensors of `self` and `other`.
-
-        If both have a sensor, the result has the samples of `self`.
-        """
+        """Return the sensors of both; of one that both have, the samples of `self`."""
         return ImuRecording(
             self.rates if self.rates is not None else other.rates,
             self.accelerations if self.accelerations is not None else other.accelerations,
@@ -46,13 +43,7 @@ class ImuRecording(NamedTuple):
 
 
 def read_imu(name: str, recording: Path) -> ImuRecording:
-    """Return the samples of a text file, or of a topic of the recording.
-
-    The name is that of a topic if the recording is a bag and no file has this name.
-
-    Args:
-        name: The file or the topic.
-        recording: The recording that the samples belong to.
+    """Return the samples of a text file or, if no file has this name, of a topic of a bag.
 
     Raises:
         InputError: There is no such file or topic, it has no usable sample, or it is damaged.
@@ -71,19 +62,16 @@ def read_own_imu(recording: Path) -> ImuRecording:
     Raises:
         InputError: The recording has no samples of an IMU, or they cannot be used.
     """
-    if not is_bag(recording):
-        layout = find_layout(recording) or TUM
-        if layout.read_imu is not None:
-            found = ImuRecording(*layout.read_imu(recording))
-            if found == (None, None):
-                raise InputError(f'{recording}: has no samples of an IMU')
-            return found
-        names = [str(recording / name) for name in (layout.gyro, layout.accelerometer)]
-        names = [name for name in names if Path(name).is_file()]
-    else:
+    if is_bag(recording):
         with BagReader(recording) as reader:
             own = {item.name for item in reader.topics if item.type_name == types.IMU}
         names = [name for name in (topics.IMU, topics.ACCELEROMETER) if f'/{name}' in own]
+    else:
+        layout = find_layout(recording) or TUM
+        paths = [recording / name for name in (layout.gyro, layout.accelerometer)]
+        names = [str(path) for path in paths if layout.read_imu is None and path.is_file()]
+        if layout.read_imu is not None and (found := layout.read_imu(recording)) != (None, None):
+            return ImuRecording(*found)
     if not names:
         raise InputError(f'{recording}: has no samples of an IMU')
     return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))

@@ -1,4 +1,4 @@
-"""Options shared by the commands that read TUM folders and bags."""
+"""Options of commands, and the recording that they name."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from pathlib import Path
+from typing import Any, TypeVar
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.bag_topics import TopicChoice
@@ -13,9 +14,12 @@ from hoid_bags.sequence import Sequence, open_sequence
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M, find_camera
 from hoid_common.camera_topics import CAMERA_TOPICS
+from hoid_common.config import Config
 from hoid_common.errors import ConfigError
 from hoid_common.topics import image_base
 from hoid_common.values import NS_PER_S, CameraModel
+
+C = TypeVar('C', bound=Config)
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,29 +69,44 @@ def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_recording_arguments(
-    parser: argparse.ArgumentParser, what: str = 'TUM folder or bag'
+    parser: argparse.ArgumentParser, what: str = 'folder of images, .sens file or bag'
 ) -> None:
-    """Declare the argument for a recording, and the options for its topics, camera and units.
-
-    `what` is the help text of the argument.
-    """
+    """Declare the argument for a recording, and the options for its topics, camera and units."""
     parser.add_argument('input', metavar='INPUT', type=Path, help=what)
     add_folder_arguments(parser)
     add_topic_arguments(parser)
 
 
+def add_config_arguments(parser: argparse.ArgumentParser, config: Config) -> None:
+    """Declare an option for each parameter that is not internal; `start_s` becomes `--start`."""
+    for name, value, spec in config.node_params():
+        option = name.removesuffix('_s').replace('_', '-')
+        if isinstance(value, bool):
+            parser.add_argument(f'--{option}', action='store_true', help=spec.description)
+            continue
+        parser.add_argument(
+            f'--{option}',
+            dest=name,
+            type=type(value),
+            default=value,
+            choices=spec.choices or None,
+            metavar=None if spec.choices else 'S' if name.endswith('_s') else 'N',
+            help=f'{spec.description} (default: %(default)s)',
+        )
+
+
+def config_from(args: argparse.Namespace, kind: type[C], **internal: Any) -> C:
+    """Return the configuration of the options of `add_config_arguments`; ConfigError if bad."""
+    return kind(**{p.name: getattr(args, p.name) for p in kind().node_params()}, **internal)
+
+
 def depth_offset_ns(args: argparse.Namespace) -> int:
-    """Return `--depth-offset` in ns: the time by which the stamps of depth images are too late."""
     offset_s: float = args.depth_offset
     return round(offset_s * NS_PER_S)
 
 
 def depth_units_per_m(args: argparse.Namespace) -> float | None:
-    """Return the depth units per meter of `--depth-factor`; None without this option.
-
-    Raises:
-        ConfigError: The number is not positive or not finite.
-    """
+    """Return `--depth-factor`, None without it; ConfigError unless it is positive and finite."""
     units: float | None = args.depth_factor
     if units is not None and not 0 < units < math.inf:
         raise ConfigError(f'--depth-factor: depth units per meter must be positive, got {units:g}')
@@ -95,21 +114,18 @@ def depth_units_per_m(args: argparse.Namespace) -> float | None:
 
 
 def chosen_topics(args: argparse.Namespace) -> TopicChoice:
-    """Return the topics that the options name, and the driver of `--driver`."""
     return TopicChoice(args.rgb, args.depth, args.info, args.driver)
 
 
 def open_recording(
     args: argparse.Namespace, path: Path, max_gap_ns: int = MAX_PAIR_GAP_NS
 ) -> Sequence:
-    """Open a recording with the options of the command line; print a bag's topics on stderr.
-
-    A color and a depth image make a pair only if their stamps differ by less than `max_gap_ns`.
+    """Open a recording with the options of the command line; print what was taken on stderr.
 
     Raises:
         InputError: The recording or the camera file cannot be read.
-        ConfigError: The depth units are not positive, a TUM folder lists a file with an
-            impossible name, or `--driver` is given for a TUM folder.
+        ConfigError: The depth units are not positive, a folder lists a file with an impossible
+            name, or `--driver` is given for a folder.
     """
     topics, camera = chosen_topics(args), chosen_camera(args)
     found = open_sequence(
@@ -125,7 +141,7 @@ def open_recording(
                 f'{CAMERA_TOPICS[args.driver].topics()[0]}\n'
             )
     elif args.driver:
-        raise ConfigError(f'--driver {args.driver}: {path} is a TUM folder, which has no topics')
+        raise ConfigError(f'--driver {args.driver}: {path} is no bag and has no topics')
     return found
 
 
@@ -134,9 +150,5 @@ def _is_of_driver(topic: str, driver: str) -> bool:
 
 
 def chosen_camera(args: argparse.Namespace) -> CameraModel | None:
-    """Return the camera that `--calibration` names; None without the option.
-
-    Raises:
-        InputError: The value is neither a known name nor a readable camera file.
-    """
+    """Return the camera that `--calibration` names (see `find_camera`); None without it."""
     return find_camera(args.calibration) if args.calibration else None

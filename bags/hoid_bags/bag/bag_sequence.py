@@ -6,7 +6,6 @@ import logging
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.camera_info import camera_from_info, rectification_doubt
 from hoid_common.io.depth import DepthUnitWarning
 from hoid_common.io.images import UNIT_REMEDY
-from hoid_common.io.stamps import in_order, longest_pass
+from hoid_common.io.stamps import OrderedStamps, in_order, longest_pass
 from hoid_common.messages import detections_from_msg, pose_from_msg, stamp_from_msg
 from hoid_common.values import (
     CameraModel,
@@ -69,16 +68,13 @@ class BagSequence:
             camera: The camera to use in place of the bag's own `camera_info`.
             choice: Topics that the user names; the others are found.
             max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
-            depth_offset_ns: Time by which the stamps of depth images are too late; it is
-                subtracted before pairing.
-            depth_units_per_m: Depth units per meter; 0: those of the encoding (1000 for whole
-                numbers, 1 for floats).
+            depth_offset_ns: Time by which the stamps of depth images are too late.
+            depth_units_per_m: Depth units per meter; 0: 1000 for whole numbers, 1 for floats.
 
         Raises:
-            InputError: The path is no bag, its topics cannot be chosen (see `find_topics`), it has
-                no camera_info of the color images and no camera is given, no message of an image
-                topic or of the camera_info is usable, no color and depth image make a pair, or
-                stamps are too close to each other for any camera.
+            InputError: The path is no bag, its topics cannot be chosen (see `find_topics`), no
+                camera is given or usable, no message of an image topic is usable, no color and
+                depth image make a pair, or stamps are too close to each other for any camera.
         """
         self.path = path
         self.depth_offset_ns, self.depth_units_per_m = depth_offset_ns, depth_units_per_m
@@ -87,69 +83,73 @@ class BagSequence:
             self.topics = find_topics(reader, choice)
             index = _Index(reader, self.topics, camera)
             self.fault = reader.fault
-        if index.camera is None:
-            problem = index.camera_problem or 'has no camera_info of the color images'
+        found = camera or index.cameras.camera
+        if found is None:
+            problem = index.cameras.problem or 'has no camera_info of the color images'
             raise InputError(f'{path}: {problem}; give --calibration')
-        self.camera = index.camera
+        self.camera = found
         self._aligner, self._frames = index.aligner, index.frames
         self._aligner.color = self.camera
         self.ground_truth = index.ground_truth
         self.true_detections: Mapping[int, Detections] | None = index.true_detections
-        color, depth = index.color, index.depth
-        self._last_log_ns = max(color.last_log_ns, depth.last_log_ns)
-        self._first_log_ns = min(color.first_log_ns, depth.first_log_ns)
-        pairs = pair_images(color.stamps_ns, depth.stamps_ns, max_gap_ns, depth_offset_ns, path)
-        self.depth_of_color = {
-            int(color.stamps_ns[i]): int(depth.stamps_ns[j]) for i, j in pairs.tolist()
-        }
+        self._first_log_ns, self._last_log_ns = index.first_log_ns, index.last_log_ns
+        color_ns, depth_ns = index.stamps_ns
+        pairs = pair_images(color_ns, depth_ns, max_gap_ns, depth_offset_ns, path)
+        self.depth_of_color = {int(color_ns[i]): int(depth_ns[j]) for i, j in pairs.tolist()}
         """Stamp of the depth image (ns) by the stamp of the color image, in order of time."""
 
     def __len__(self) -> int:
         return len(self.depth_of_color)
 
     def __iter__(self) -> Iterator[RgbdFrame]:
-        color_name, depth_name = self.topics.color.name, self.topics.depth.name
+        unit, told, num_frames = DepthUnitWarning(UNIT_REMEDY), '', 0
+        errors: list[InputError] = []
+        for color_ns, color, depth in self._paired_messages():
+            try:
+                frame = self._frame(color_ns, color, depth)
+            except InputError as error:
+                errors.append(error)
+                if not num_frames and len(errors) >= _MAX_BAD_AT_START:
+                    raise
+                continue
+            num_frames += 1
+            if warning := unit.warning_for(frame.depth_m):
+                _LOG.warning('%s: %s', self.path, warning)
+            if (text := self._aligner.doubt or self._aligner.note) not in ('', told):
+                _LOG.warning('%s: %s', self.path, told := text)
+            yield frame
+        if errors and not num_frames:
+            raise errors[0]
+        if errors and self.fault is None:
+            self.fault = f'{len(errors)} images left out; {errors[0]}'
+
+    def _paired_messages(self) -> Iterator[tuple[int, bytes, bytes]]:
+        """Yield the stamp (ns) of each color image that has a partner, and both messages."""
+        names = [self.topics.color.name, self.topics.depth.name]
         waiting = iter(self.depth_of_color.items())
         color_ns, depth_ns = next(waiting)
         missing = set(self.depth_of_color), set(self.depth_of_color.values())
         color: dict[int, bytes] = {}
         depth: dict[int, bytes] = {}
-        problems, unit, told = _Problems(self), DepthUnitWarning(UNIT_REMEDY), ''
         with BagReader(self.path) as reader:
-            for message in reader.messages([color_name, depth_name], self._first_log_ns):
-                if message.log_ns > self._last_log_ns:
+            for topic, log_ns, data in reader.messages(names, self._first_log_ns):
+                if log_ns > self._last_log_ns:
                     break
-                is_depth = message.topic == depth_name
+                is_depth = topic == self.topics.depth.name
                 try:
-                    stamp_ns = header_stamp_ns(message.data)
+                    stamp_ns = header_stamp_ns(data)
                 except MessageError:  # the warning at the opening of the bag counts it
                     continue
                 if stamp_ns not in missing[is_depth]:  # without partner, or repeated
                     continue
                 missing[is_depth].remove(stamp_ns)
-                (depth if is_depth else color)[stamp_ns] = message.data
+                (depth if is_depth else color)[stamp_ns] = data
                 while color_ns in color and depth_ns in depth:
-                    try:
-                        frame = self._frame(color_ns, color.pop(color_ns), depth.pop(depth_ns))
-                    except InputError as error:
-                        problems.add(error)
-                    else:
-                        problems.num_frames += 1
-                        if warning := unit.warning_for(frame.depth_m):
-                            _LOG.warning('%s: %s', self.path, warning)
-                        if (text := self._aligner.doubt or self._aligner.note) not in ('', told):
-                            _LOG.warning('%s: %s', self.path, told := text)
-                        yield frame
+                    yield color_ns, color.pop(color_ns), depth.pop(depth_ns)
                     color_ns, depth_ns = next(waiting, (-1, -1))
-        problems.finish()
 
     def _frame(self, color_ns: int, color: bytes, depth: bytes) -> RgbdFrame:
-        """Return the frame of two serialized image messages.
-
-        Raises:
-            InputError: One of them cannot be decoded, or their sizes differ from each other or
-                from that of the camera.
-        """
+        """Return the frame of two serialized messages; InputError if it cannot be used."""
         topic = self.topics.color
         try:
             image_bgr = decode_color(color, topic)
@@ -164,48 +164,13 @@ class BagSequence:
         return RgbdFrame(color_ns, image_bgr, depth_m)
 
 
-class _Problems:
-    """Pairs of images that could not be used in one iteration over a bag."""
-
-    def __init__(self, sequence: BagSequence) -> None:
-        self._sequence = sequence
-        self._errors: list[InputError] = []
-        self.num_frames = 0
-
-    def add(self, error: InputError) -> None:
-        """Store an error; raise the first error if the first 30 pairs are all unusable."""
-        self._errors.append(error)
-        if not self.num_frames and len(self._errors) >= _MAX_BAD_AT_START:
-            raise self._errors[0]
-
-    def finish(self) -> None:
-        """Set the fault of the sequence if it has none yet and pairs were unusable.
-
-        Raises:
-            InputError: Pairs were unusable and none was usable; this is the first error.
-        """
-        if self._errors and not self.num_frames:
-            raise self._errors[0]
-        if self._errors and self._sequence.fault is None:
-            self._sequence.fault = f'{len(self._errors)} images left out; {self._errors[0]}'
-
-
-class _Stream(NamedTuple):
-    """Stamps of one image topic in ascending order, and first and last log time, all in ns."""
-
-    stamps_ns: IntArray
-    first_log_ns: int
-    last_log_ns: int
-
-
 class _Index:
     """Stamps of the images, camera and ground truth, collected in one pass over a bag."""
 
     def __init__(
         self, reader: BagReader, found: RecordedTopics, given_camera: CameraModel | None
     ) -> None:
-        self._given_camera = given_camera
-        self._cameras = CameraInfoCheck(
+        self.cameras = CameraInfoCheck(
             'give the camera with --calibration, or split the recording'
         )
         self._reported: set[str] = set()  # kinds of problems of the camera that were logged
@@ -213,7 +178,7 @@ class _Index:
         self.aligner = DepthAligner(_REGISTER)
         self._frame_of: dict[str, str] = {}  # by image topic
         self._T_color_depth: FloatArray | None = None
-        self._images: dict[str, list[tuple[int, int]]] = {
+        self._images: dict[str, list[tuple[int, int]]] = {  # log times and stamps
             found.color.name: [],
             found.depth.name: [],
         }
@@ -226,15 +191,13 @@ class _Index:
                 self._add(by_name[topic], log_ns, data)
             except MessageError as error:
                 self._problems.setdefault(topic, []).append(f'{reader.path}: {topic}: {error}')
-        self._report_problems()
-        self.color, self.depth = (
-            _stream(reader.path, topic, np.array(rows, np.int64).reshape(-1, 2))
-            for topic, rows in self._images.items()
-        )
-        self.frames = (
-            self._frame_of.get(found.depth.name, ''),
-            self._frame_of.get(found.color.name, ''),
-        )
+        self._report_problems(given_camera)
+        used = [_longest(reader.path, *topic) for topic in self._images.items()]
+        self.stamps_ns = [order.stamps_ns for order, _ in used]  # of color and depth
+        self.first_log_ns = min(int(log_ns[0]) for _, log_ns in used)
+        self.last_log_ns = max(int(log_ns.max()) for _, log_ns in used)
+        depth, color = (self._frame_of.get(t.name, '') for t in (found.depth, found.color))
+        self.frames = depth, color
         if self._T_color_depth is not None and all(self.frames):
             self.aligner.frames.add(self.frames[1], self.frames[0], self._T_color_depth)
         self.true_detections = self._detections if found.true_detections else None
@@ -262,10 +225,10 @@ class _Index:
     def _add_geometry(self, topic: BagTopic, message: Message) -> None:
         """Note what a message says of the cameras and their places."""
         if topic == self._found.camera_info:
-            self._cameras.update(camera_from_info(message, self._found.color.name))
+            self.cameras.update(camera_from_info(message, self._found.color.name))
             self._warn_once('doubt', rectification_doubt(message, self._found.color.name))
-            self._warn_once('change', self._cameras.change)
-            self._warn_once('scaling', self._cameras.scaling)
+            self._warn_once('change', self.cameras.change)
+            self._warn_once('scaling', self.cameras.scaling)
         elif topic == self._found.depth_info:
             self.aligner.depth = camera_from_info(message, self._found.depth.name)
         elif topic == self._found.extrinsics:
@@ -274,29 +237,19 @@ class _Index:
             for edge in bag_messages.static_edges(message):
                 self.aligner.frames.add(*edge)
 
-    @property
-    def camera(self) -> CameraModel | None:
-        """Return the given camera or that of the recording; None: no camera_info is usable."""
-        return self._given_camera or self._cameras.camera
-
-    @property
-    def camera_problem(self) -> str:
-        """Return one line about the camera_info, if there is one that cannot be used; else ''."""
-        return self._cameras.problem
-
     def _check_size(self, color: bytes) -> None:
         """Pass the size of a color image to `CameraInfoCheck`, if its header states the size."""
         with suppress(MessageError):
             if size_px := image_head(color, self._found.color).size_px:
-                self._cameras.check_image(size_px)
-                self._warn_once('scaling', self._cameras.scaling)
+                self.cameras.check_image(size_px)
+                self._warn_once('scaling', self.cameras.scaling)
 
     def _warn_once(self, kind: str, text: str) -> None:
         if text and kind not in self._reported:
             self._reported.add(kind)
             _LOG.warning('%s', text)
 
-    def _report_problems(self) -> None:
+    def _report_problems(self, given_camera: CameraModel | None) -> None:
         """Warn of topics with unusable messages.
 
         Raises:
@@ -306,7 +259,8 @@ class _Index:
         is_empty = {
             found.color.name: not self._images[found.color.name],
             found.depth.name: not self._images[found.depth.name],
-            found.camera_info.name if found.camera_info else '': self.camera is None,
+            found.camera_info.name if found.camera_info else '': given_camera is None
+            and self.cameras.camera is None,
         }
         for topic, texts in self._problems.items():
             if is_empty.get(topic, False):
@@ -314,15 +268,15 @@ class _Index:
             _LOG.warning('%d messages left out: %s', len(texts), texts[0])
 
 
-def _stream(path: Path, topic: str, rows: IntArray) -> _Stream:
-    """Return the stamps of an image topic in ascending order, each stamp once.
+def _longest(
+    path: Path, topic: str, images: list[tuple[int, int]]
+) -> tuple[OrderedStamps, IntArray]:
+    """Return the stamps in order of time, and the log times (ns), of the images that are used.
 
     If time starts anew within the bag, as after the restart of a simulator, only the part with
     the most images is used. A warning states this, and any repeated or late stamps.
-
-    Args:
-        rows: (N, 2) log time and stamp of each message in ns, in the order of the bag.
     """
+    rows = np.array(images, np.int64).reshape(-1, 2)
     chosen = rows[longest_pass(rows[:, 1])]
     order = in_order(chosen[:, 1])
     texts = [str(order)] if str(order) else []
@@ -330,7 +284,7 @@ def _stream(path: Path, topic: str, rows: IntArray) -> _Stream:
         texts.append(f'time starts anew; only the longest part is used ({len(chosen)} images)')
     if texts:
         _LOG.warning('%s: %s: %s', path, topic, ', '.join(texts))
-    return _Stream(order.stamps_ns, int(chosen[0, 0]), int(chosen[:, 0].max()))
+    return order, chosen[:, 0]
 
 
 def _trajectory(poses: dict[int, FloatArray]) -> Trajectory | None:

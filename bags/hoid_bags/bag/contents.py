@@ -12,22 +12,15 @@ from typing import NamedTuple
 from rosbags.interfaces import Qos
 
 from hoid_bags.bag import bag_messages
-from hoid_bags.storage.bag_types import (
-    CAMERA_INFO,
-    COMPRESSED_IMAGE,
-    IMAGE,
-    RGBD,
-    deserialize,
-    serialize,
-)
+from hoid_bags.storage import bag_types as types
 from hoid_bags.storage.video import VIDEO_TYPES, DecodedImage, VideoDecoder, video_packet
 from hoid_common.errors import MessageError
 
 _OF_RGBD = {
-    'rgb': ('rgb/image_raw', IMAGE),
-    'depth': ('depth/image_raw', IMAGE),
-    'rgb_camera_info': ('rgb/camera_info', CAMERA_INFO),
-    'depth_camera_info': ('depth/camera_info', CAMERA_INFO),
+    'rgb': ('rgb/image_raw', types.IMAGE),
+    'depth': ('depth/image_raw', types.IMAGE),
+    'rgb_camera_info': ('rgb/camera_info', types.CAMERA_INFO),
+    'depth_camera_info': ('depth/camera_info', types.CAMERA_INFO),
 }
 _OF_VIDEO = 'image_raw'
 
@@ -55,7 +48,11 @@ class BagMessage(NamedTuple):
 
 def is_container(topic: BagTopic) -> bool:
     """Return whether the messages of a topic may contain messages of other topics."""
-    return topic.is_readable and topic.type_name in (RGBD, COMPRESSED_IMAGE, *VIDEO_TYPES)
+    return topic.is_readable and topic.type_name in (
+        types.RGBD,
+        types.COMPRESSED_IMAGE,
+        *VIDEO_TYPES,
+    )
 
 
 def parts_of(topic: BagTopic, first: bytes) -> tuple[BagTopic, ...]:
@@ -65,7 +62,7 @@ def parts_of(topic: BagTopic, first: bytes) -> tuple[BagTopic, ...]:
         MessageError: The data is no message of its type.
     """
     part = topic._replace(source=topic.name)
-    if topic.type_name == RGBD:
+    if topic.type_name == types.RGBD:
         return tuple(
             part._replace(name=f'{topic.name}/{name}', type_name=kind)
             for name, kind in _OF_RGBD.values()
@@ -74,7 +71,9 @@ def parts_of(topic: BagTopic, first: bytes) -> tuple[BagTopic, ...]:
     if not packet.codec:
         return ()
     name = f'{topic.name}/{_OF_VIDEO}'
-    return (part._replace(name=name, type_name=IMAGE, is_video=True, video_px=packet.size_px),)
+    return (
+        part._replace(name=name, type_name=types.IMAGE, is_video=True, video_px=packet.size_px),
+    )
 
 
 class PartReader:
@@ -92,14 +91,16 @@ class PartReader:
         """
         with suppress(MessageError):
             yield from (
-                self._rgbd(log_ns, data) if self._type_name == RGBD else self._images(log_ns, data)
+                self._rgbd(log_ns, data)
+                if self._type_name == types.RGBD
+                else self._images(log_ns, data)
             )
 
     def _rgbd(self, log_ns: int, data: bytes) -> Iterator[BagMessage]:
-        message = deserialize(data, RGBD)
+        message = types.deserialize(data, types.RGBD)
         for field, (name, kind) in _OF_RGBD.items():
             if f'{self._topic}/{name}' in self._wanted:
-                part = bytes(serialize(getattr(message, field), kind))
+                part = bytes(types.serialize(getattr(message, field), kind))
                 yield BagMessage(f'{self._topic}/{name}', log_ns, part)
 
     def _images(self, log_ns: int, data: bytes) -> Iterator[BagMessage]:
@@ -119,4 +120,4 @@ class PartReader:
         message = bag_messages.image(image.stamp_ns, image.image_bgr, 'bgr8')
         message.header.frame_id = image.frame_id
         name = f'{self._topic}/{_OF_VIDEO}'
-        return BagMessage(name, image.log_ns, bytes(serialize(message, IMAGE)))
+        return BagMessage(name, image.log_ns, bytes(types.serialize(message, types.IMAGE)))

@@ -1,8 +1,7 @@
-"""Encoding of image files as messages, without loss of depth unless the user allows it."""
+"""Encoding of images in files as messages, without loss of depth unless the user allows it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from hoid_bags.bag import bag_messages
 from hoid_bags.images import check_size, decode_color, decode_depth
 from hoid_bags.storage.bag_types import COMPRESSED_IMAGE, IMAGE, Message
-from hoid_bags.tum.listing import ListedImage
+from hoid_bags.tum.listing import Images, ListedImage
 from hoid_bags.tum.tum_folder import REGISTER_FILES
 from hoid_common import topics
 from hoid_common.errors import InputError, MessageError
@@ -30,27 +29,28 @@ _MAX_MM = np.iinfo(np.uint16).max
 
 
 @dataclass(frozen=True)
-class ColorEncoder:
-    """Encoder of color image files as messages of a bag."""
-
+class _Encoder:
     camera: CameraModel
-    encoding: str  # RAW, PNG or JPEG
-    jpeg_quality: int  # in [1, 100], for files that are no JPEG
-
-    @property
-    def topic(self) -> str:
-        """Return the name of the topic, by the convention of image_transport."""
-        raw = self.encoding == RAW
-        return topics.RGB_IMAGE if raw else topics.compressed(topics.RGB_IMAGE)
+    encoding: str  # RAW, PNG or, of color, JPEG
 
     @property
     def type_name(self) -> str:
         return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
 
-    def message(self, listed: ListedImage) -> Message:
-        """Return the message of an image file.
 
-        If the file already has the wanted encoding, its content is used unchanged.
+@dataclass(frozen=True)
+class ColorEncoder(_Encoder):
+    """Encoder of color images as messages of a bag."""
+
+    jpeg_quality: int  # in [1, 100], for files that are no JPEG
+
+    @property
+    def topic(self) -> str:
+        raw = self.encoding == RAW
+        return topics.RGB_IMAGE if raw else topics.compressed(topics.RGB_IMAGE)
+
+    def message(self, listed: ListedImage) -> Message:
+        """Return the message of an image; a file of the wanted encoding is used unchanged.
 
         Raises:
             InputError: The file cannot be read, is truncated or no image, or has another size than
@@ -71,49 +71,45 @@ class ColorEncoder:
 
 
 @dataclass(frozen=True)
-class DepthEncoder:
-    """Encoder of depth image files as 16UC1 in mm or 32FC1 in m (REP 118, decision 023)."""
+class DepthEncoder(_Encoder):
+    """Encoder of depth images as 16UC1 in mm or 32FC1 in m (REP 118, decision 023)."""
 
-    camera: CameraModel
-    encoding: str  # RAW or PNG
     units_per_m: float  # depth units per meter in the files
     in_mm: bool  # True: 16UC1 in mm; False: 32FC1 in m
 
     @property
     def topic(self) -> str:
-        """Return the name of the topic, by the convention of image_transport."""
         raw = self.encoding == RAW
         return topics.DEPTH_IMAGE if raw else topics.compressed_depth(topics.DEPTH_IMAGE)
 
-    @property
-    def type_name(self) -> str:
-        return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
-
     def message(self, listed: ListedImage) -> Message:
-        """Return the message of a depth image file.
+        """Return the message of a depth image.
 
         Raises:
-            InputError: The file cannot be read, is truncated or no 16-bit gray image, or has
-                another size than the camera.
+            InputError: The file cannot be read, is truncated or no depth image, or the size of the
+                camera is no multiple of its size.
             MessageError: The image cannot be encoded as PNG.
         """
         stored = listed.load()
         units = decode_depth(stored, listed.path)
-        size_px = units.shape[1], units.shape[0]
         try:
-            check_multiple(size_px, self.camera.size_px, REGISTER_FILES)
+            check_multiple((units.shape[1], units.shape[0]), self.camera.size_px, REGISTER_FILES)
         except MessageError as error:
             raise InputError(f'{listed.path}: {error}') from error
         if not self.in_mm:
             depth_m = images.depth_m_from_units(units, self.units_per_m)
             return bag_messages.image(listed.stamp_ns, depth_m, '32FC1')
-        if self.encoding == RAW:
-            depth_mm = mm_from_units(units, self.units_per_m)
-            return bag_messages.image(listed.stamp_ns, depth_mm, '16UC1')
-        if self.units_per_m == images.MM_PER_M and isinstance(stored, bytes):
+        if (
+            self.encoding == PNG
+            and self.units_per_m == images.MM_PER_M
+            and isinstance(stored, bytes)
+        ):
             packed = images.compressed_depth_of_png(stored)
         else:
-            packed = images.encode_compressed_depth(mm_from_units(units, self.units_per_m))
+            depth_mm = mm_from_units(units, self.units_per_m)
+            if self.encoding == RAW:
+                return bag_messages.image(listed.stamp_ns, depth_mm, '16UC1')
+            packed = images.encode_compressed_depth(depth_mm)
         return bag_messages.compressed_image(
             listed.stamp_ns, packed, images.COMPRESSED_DEPTH_FORMAT
         )
@@ -125,13 +121,10 @@ def mm_from_units(units: NDArray[Any], units_per_m: float) -> NDArray[np.uint16]
     return np.where(depth_mm <= _MAX_MM, depth_mm, 0).astype(np.uint16)
 
 
-def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Path | None:
-    """Return the first depth file that is not exact in 16-bit millimeters; None: all are exact.
+def first_not_whole_mm(listed: Images, units_per_m: float) -> Path | None:
+    """Return the first file whose depth is not exact in 16-bit millimeters; None: all are exact.
 
-    With 1000 units per meter, all files are exact, and none is read.
-
-    Raises:
-        InputError: A file cannot be read, is truncated, or is no 16-bit gray image.
+    With 1000 units per meter, all are, and none is read. InputError for files that are no depth.
     """
     if units_per_m == images.MM_PER_M:
         return None
@@ -145,25 +138,18 @@ def first_not_whole_mm(listed: Iterable[ListedImage], units_per_m: float) -> Pat
 
 
 def choose_depth_encoder(
-    listed: tuple[ListedImage, ...],
-    camera: CameraModel,
-    encoding: str,
-    units_per_m: float,
-    *,
-    round_to_mm: bool,
+    listed: Images, camera: CameraModel, encoding: str, units_per_m: float, *, round_to_mm: bool
 ) -> DepthEncoder:
-    """Return the encoder of depth files: 16-bit millimeters if this is exact, else 32-bit meters.
+    """Return the encoder of depth: 16-bit millimeters if this is exact, else 32-bit meters.
 
     Raises:
         InputError: PNG would round the depth and `round_to_mm` is False, or a file is no depth
             image.
     """
-    if round_to_mm:
-        return DepthEncoder(camera, encoding, units_per_m, in_mm=True)
-    path_not_mm = first_not_whole_mm(listed, units_per_m)
-    if path_not_mm is not None and encoding == PNG:
+    not_mm = None if round_to_mm else first_not_whole_mm(listed, units_per_m)
+    if not_mm is not None and encoding == PNG:
         raise InputError(
-            f'{path_not_mm}: not in whole millimeters, as compressed depth must be;'
+            f'{not_mm}: not in whole millimeters, as compressed depth must be;'
             ' use --depth raw, or --round-depth to lose up to 0.5 mm'
         )
-    return DepthEncoder(camera, encoding, units_per_m, in_mm=path_not_mm is None)
+    return DepthEncoder(camera, encoding, units_per_m, in_mm=not_mm is None)

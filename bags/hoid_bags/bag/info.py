@@ -52,35 +52,29 @@ class BagSummary(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """Return the time from the first to the last message, by their log times."""
         return (self.end_ns - self.start_ns) / NS_PER_S
 
 
 def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
-    """Return the summary of a bag.
-
-    Args:
-        sizes: Whether to count the bytes of each topic, which reads the whole bag.
+    """Return the summary of a bag; `sizes` counts the bytes of each topic, which reads all of it.
 
     Raises:
         InputError: The path is no bag, or the bag cannot be opened (see `BagReader`).
     """
     with BagReader(path) as reader:
-        size_of = _sizes_bytes(reader) if sizes else None
-        topics = tuple(
+        counted: Counter[str] = Counter()
+        for topic, _, data in reader.messages() if sizes else ():
+            counted[topic] += len(data)
+        summaries = tuple(
             TopicSummary(
-                t.name,
-                t.type_name,
-                t.num_messages,
-                _rate_hz(reader, t),
-                None if size_of is None else size_of[t.name],
+                t.name, t.type_name, t.num_messages, _rate_hz(reader, t),
+                counted[t.name] if sizes else None,
             )
             for t in sorted(reader.topics)
-        )
-        start_ns, end_ns = reader.span_ns
+        )  # fmt: skip
         files = list(path.iterdir()) if path.is_dir() else [path]
-        size = sum(file.stat().st_size for file in files if file.is_file())
-        return BagSummary(path, size, start_ns, end_ns, topics, reader.fault)
+        size_bytes = sum(file.stat().st_size for file in files if file.is_file())
+        return BagSummary(path, size_bytes, *reader.span_ns, summaries, reader.fault)
 
 
 def describe(summary: BagSummary) -> str:
@@ -93,9 +87,10 @@ def describe(summary: BagSummary) -> str:
         f'messages  {summary.num_messages}',
     ]
     rows: list[tuple[str, ...]] = [('topic', 'type', 'messages', 'rate', 'bandwidth')]
-    rows += [
-        (t.name, t.type_name, str(t.num_messages), _rate(t), _bandwidth(t)) for t in summary.topics
-    ]
+    for t in summary.topics:
+        rate = f'{t.rate_hz:.2f} Hz' if t.rate_hz else '-'
+        bandwidth = '-' if t.bytes_per_s is None else f'{t.bytes_per_s / _MB:.3f} MB/s'
+        rows.append((t.name, t.type_name, str(t.num_messages), rate, bandwidth))
     if all(t.size_bytes is None for t in summary.topics):
         rows = [row[:-1] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -103,22 +98,6 @@ def describe(summary: BagSummary) -> str:
         right = '  '.join(f'{n:>{w}}' for n, w in zip(numbers, widths[2:], strict=True))
         lines.append(f'{name:<{widths[0]}}  {kind:<{widths[1]}}  {right}')
     return '\n'.join(lines)
-
-
-def _rate(topic: TopicSummary) -> str:
-    return f'{topic.rate_hz:.2f} Hz' if topic.rate_hz else '-'
-
-
-def _bandwidth(topic: TopicSummary) -> str:
-    rate = topic.bytes_per_s
-    return '-' if rate is None else f'{rate / _MB:.3f} MB/s'
-
-
-def _sizes_bytes(reader: BagReader) -> Counter[str]:
-    sizes: Counter[str] = Counter()
-    for topic, _, data in reader.messages():
-        sizes[topic] += len(data)
-    return sizes
 
 
 def _rate_hz(reader: BagReader, topic: BagTopic) -> float:

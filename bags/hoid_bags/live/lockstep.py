@@ -24,11 +24,7 @@ class LockstepGate:
         self.num_unanswered = 0
 
     def blocks(self, message: ScheduledMessage) -> bool:
-        """Return whether a message must wait for the odometry of the previous frame.
-
-        It must if it is a color image of a pair, and both images of the previous pair have been
-        published and have neither been answered nor given up.
-        """
+        """Return whether a message is a color image that must wait for the previous odometry."""
         is_out = self._pending_ns is not None and self._last_depth_ns >= self._pending_depth_ns
         return is_out and self._partner_ns(message) is not None
 
@@ -40,25 +36,17 @@ class LockstepGate:
             self._last_depth_ns = header_stamp_ns(message.data)
 
     def note_answer(self, stamp_ns: int) -> None:
-        """Record that odometry or SLAM status for the image of this stamp (ns) has arrived.
-
-        A stamp later than that of the frame without odometry counts as an answer too.
-        """
+        """Record that odometry or status for an image of this stamp (ns), or later, has come."""
         if self._pending_ns is not None and stamp_ns >= self._pending_ns:
             self._pending_ns = None
             self.num_answered += 1
 
     def give_up(self) -> None:
-        """Let the next pair of images pass without waiting any longer, and count this."""
         self._pending_ns = None
         self.num_unanswered += 1
 
     def _partner_ns(self, message: ScheduledMessage) -> int | None:
-        """Return the stamp (ns) of the depth image that is paired with a color image.
-
-        The message's `offset_ns` is included, as in published stamps. The result is None for other
-        messages, and for a color image without a depth image.
-        """
+        """Return the published stamp (ns) of the depth image of a color image; None: no pair."""
         if message.topic != self._color:
             return None
         depth_ns = self._depth_of_color.get(header_stamp_ns(message.data) - message.offset_ns)

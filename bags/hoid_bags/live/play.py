@@ -62,7 +62,7 @@ def play(
         depth_offset_ns: Time by which the stamps of depth images are too late. Only lockstep uses
             it, to pair images; published stamps stay as they are.
         namespace: Prefix of every topic except /clock and /diagnostics.
-        show_progress: Whether to draw a progress bar on stderr, if that is a terminal.
+        min_subscribers: Least number of subscribers by topic before playing.
 
     Raises:
         InputError: The bag can be played only in part or not at all, a message type is unknown, or
@@ -91,7 +91,6 @@ class Player:
     """Publishes the messages of a bag when they are due, and /clock in between if configured.
 
     Args:
-        keys: Pressed keys; the space bar pauses and continues.
         gate: Holds images back in lockstep; None: no lockstep.
     """
 
@@ -115,7 +114,7 @@ class Player:
             for topic in plan.topics
         }
         self._clock = (
-            node.create_publisher(Clock, topics.CLOCK, qos.CLOCK) if config.clock else None
+            None if config.no_clock else node.create_publisher(Clock, topics.CLOCK, qos.CLOCK)
         )
         self._odometry_subscriptions: tuple[Subscription, ...] = ()
         if gate is not None:
@@ -139,11 +138,10 @@ class Player:
             minimum: Least number of subscribers by topic; empty: one subscriber of any topic.
 
         Raises:
-            InputError: A minimum is given, and after `wait_s` seconds, subscribers (or in lockstep
-                a publisher of odometry) are still missing.
+            InputError: A minimum is given, and is still missing after `wait_s` seconds.
         """
         now_s = time.monotonic()
-        deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, 0
+        deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, (0, 0)
         settle_s = _SETTLE_LOCKSTEP_S if self._odometry_subscriptions else _SETTLE_S
         while now_s < deadline_s:
             if self._num_peers() != count:
@@ -152,25 +150,18 @@ class Player:
                 return
             time.sleep(_TICK_S)
             now_s = time.monotonic()
-        missing = self._missing(minimum)
-        if missing is not None and minimum:
-            raise InputError(f'{missing} after {self._config.wait_s:g} s; are the nodes running?')
-        if missing is not None:
+        if missing := self._missing(minimum):
+            if minimum:
+                raise InputError(
+                    f'{missing} after {self._config.wait_s:g} s; are the nodes running?'
+                )
             _LOG.warning('%s after %g s; playing without', missing, self._config.wait_s)
 
     def run(self, *, show_progress: bool) -> None:
         """Publish all messages, each when it is due, and wait until they are received.
 
         The wait is at most two seconds for each topic. With the option `loop`, there is no end.
-
-        Args:
-            show_progress: Whether to draw a progress bar on stderr, if that is a terminal.
-
-        Raises:
-            InputError: The bag is damaged (see `PlaybackPlan.messages`), or in lockstep there has
-                been no odometry at all.
-            MessageError: A message is too short for the header of its type (with `loop` or
-                lockstep).
+        Errors are those of `play`.
         """
         plan, config = self._plan, self._config
         span_s = (plan.end_ns - plan.start_ns) / NS_PER_S
@@ -186,22 +177,21 @@ class Player:
             for message in messages:
                 self._wait_for(message)
                 self._publish(message)
-                self._show(bar, (message.time_ns - plan.start_ns) / NS_PER_S)
+                bar.set_postfix_str('paused' if self._is_paused else '', refresh=False)
+                bar.update((message.time_ns - plan.start_ns) / NS_PER_S - bar.n)
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(_ACK_LIMIT)
 
     def _wait_for(self, message: ScheduledMessage) -> None:
         """Wait until a message is due; meanwhile publish the clock and read keys and odometry.
 
-        In lockstep, the wait for odometry ends at a time limit.
-
-        Raises:
-            InputError: The time limit has passed, and there has been no odometry at all.
+        In lockstep, the wait for odometry ends at a time limit (see `_give_up`).
         """
         limit_s = self._config.lockstep_timeout_s
         give_up_s = time.monotonic() + limit_s
         while True:
-            self._read_keys()
+            if self._keys.read().count(PAUSE_KEY) % 2:
+                self._is_paused = not self._is_paused
             remaining_s = self._pacer.remaining_s(message.time_ns)
             if self._is_paused:
                 self._pacer.hold()
@@ -239,20 +229,12 @@ class Player:
             self._clock_ns = time_ns
             self._clock.publish(Clock(clock=stamp_to_msg(time_ns)))
 
-    def _read_keys(self) -> None:
-        if self._keys.read().count(PAUSE_KEY) % 2:
-            self._is_paused = not self._is_paused
-
     def _on_odometry(self, message: Any) -> None:
         if self._gate is not None:
             self._gate.note_answer(stamp_from_msg(message.header.stamp))
 
     def _give_up(self, gate: LockstepGate) -> None:
-        """Let the next frame pass without odometry for the last one.
-
-        Raises:
-            InputError: There has been no odometry at all.
-        """
+        """Let the next frame pass without odometry; InputError if there has been none at all."""
         if not gate.num_answered:
             raise InputError(
                 f'topic "{topics.ODOM}": no odometry for the first frame after'
@@ -260,26 +242,19 @@ class Player:
             )
         gate.give_up()
 
-    def _num_subscribers(self) -> int:
-        return sum(p.get_subscription_count() for p in self._publishers.values())
-
-    def _num_odometry_publishers(self) -> int:
-        return sum(self._count_publishers(s.topic_name) for s in self._odometry_subscriptions)
-
-    def _num_peers(self) -> int:
-        return self._num_subscribers() + self._num_odometry_publishers()
+    def _num_peers(self) -> tuple[int, int]:
+        """Return the numbers of subscribers and, in lockstep, of publishers of odometry."""
+        subscribers = sum(p.get_subscription_count() for p in self._publishers.values())
+        names = (subscription.topic_name for subscription in self._odometry_subscriptions)
+        return subscribers, sum(map(self._count_publishers, names))
 
     def _missing(self, minimum: Mapping[str, int]) -> str | None:
-        """Return a text about the first topic that lacks subscribers or publishers, or None."""
         for name, wanted in minimum.items():
             publisher = self._publishers.get(f'/{name.lstrip("/")}')
             count = publisher.get_subscription_count() if publisher else 0
             if count < wanted:
                 return f'topic "{name}": {count} of {wanted} subscribers'
-        if self._odometry_subscriptions and not self._num_odometry_publishers():
+        num_subscribers, num_publishers = self._num_peers()
+        if self._odometry_subscriptions and not num_publishers:
             return f'topic "{topics.ODOM}": no publisher'
-        return None if self._num_subscribers() else 'no topic of the bag has a subscriber'
-
-    def _show(self, bar: tqdm[Any], played_s: float) -> None:
-        bar.set_postfix_str('paused' if self._is_paused else '', refresh=False)
-        bar.update(played_s - bar.n)
+        return None if num_subscribers else 'no topic of the bag has a subscriber'

@@ -24,35 +24,14 @@ LOOP_GAP_NS = 100_000_000
 class PlayConfig(Config):
     """Options of a playback."""
 
-    rate: float = param(
-        1.0,
-        'Speed as a multiple of real time. Lower it for a slow computer.',
-        minimum=1e-3,
-        maximum=1e3,
-    )
-    loop: bool = param(
-        False, 'Whether to play the bag again and again, with stamps that keep increasing.'
-    )
-    start_s: float = param(
-        0.0, 'Time to skip after the first message of the played topics (s).', minimum=0.0
-    )
-    duration_s: float = param(0.0, 'Time of the bag to play (s); 0 means to the end.', minimum=0.0)
-    clock: bool = param(
-        True,
-        'Whether to publish the time of the bag on /clock. Set it to false if no node uses '
-        'simulated time.',
-    )
-    lockstep: bool = param(
-        False,
-        'Whether to publish each pair of images only after the odometry of the previous pair. Set '
-        'it to true so that a slow computer loses no image.',
-    )
-    lockstep_timeout_s: float = param(
-        10.0, 'Longest time to wait for odometry in lockstep (s).', minimum=0.0
-    )
-    wait_s: float = param(
-        5.0, 'Longest time to wait for subscribers before playing (s).', minimum=0.0
-    )
+    rate: float = param(1.0, 'speed as a multiple of real time', minimum=1e-3, maximum=1e3)
+    loop: bool = param(False, 'restart at the end, with stamps that keep increasing')
+    start_s: float = param(0.0, 'time to skip at the start', minimum=0.0)
+    duration_s: float = param(0.0, 'time to play; 0 plays to the end', minimum=0.0)
+    lockstep: bool = param(False, 'publish each frame only after the odometry of the one before')
+    no_clock: bool = param(False, 'do not publish /clock')
+    wait_s: float = param(5.0, 'longest time to wait for subscribers', minimum=0.0)
+    lockstep_timeout_s: float = param(10.0, minimum=0.0, internal=True)
 
 
 class ScheduledMessage(NamedTuple):
@@ -76,21 +55,17 @@ class PlaybackPlan:
 
     @property
     def period_ns(self) -> int:
-        """Return the time (ns) from the start of one round of a loop to the start of the next."""
         return self.end_ns - self.start_ns + LOOP_GAP_NS
 
     def messages(self, *, loop: bool) -> Iterator[ScheduledMessage]:
         """Yield the messages in order of time; with `loop`, the bag is repeated without end.
-
-        In an MCAP file without chunks, the order is that of the file.
 
         In each repetition, an offset is added to the log times, and to the stamp of each message
         whose type begins with a header. Stamps inside other messages, such as those of /tf, stay
         as they are.
 
         Raises:
-            InputError: The bag has damage that `fault` does not name. This is raised after the
-                last readable message.
+            InputError: After the last message, if the bag has damage that `fault` does not name.
             MessageError: In a repetition, a message is too short for the header of its type.
         """
         with_header = {t.name for t in self.topics if begins_with_header(t.type_name)}
@@ -113,10 +88,7 @@ class PlaybackPlan:
 
 
 def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> PlaybackPlan:
-    """Return the plan by which a bag is played.
-
-    Args:
-        topics: Names of topics, with or without leading slash; empty means all but /clock.
+    """Return the plan by which a bag is played; without names, all topics but /clock.
 
     Raises:
         InputError: The path is no readable bag, the bag lacks a topic or has no messages to play,
@@ -138,12 +110,7 @@ def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> P
 
 
 class Pacer:
-    """Clock of the playback, which shows the time of the bag and can be paused.
-
-    Args:
-        rate: Speed as a multiple of real time.
-        now_s: Function that returns the time of a steady clock in seconds.
-    """
+    """Clock of the playback, which shows the time of the bag and can be paused."""
 
     def __init__(
         self, start_ns: int, rate: float, now_s: Callable[[], float] = time.monotonic
@@ -165,7 +132,6 @@ class Pacer:
             self._held_s = self._now_s()
 
     def release(self) -> None:
-        """Continue from the time at which the clock was paused."""
         if self._held_s is not None:
             self._start_s += self._now_s() - self._held_s
             self._held_s = None

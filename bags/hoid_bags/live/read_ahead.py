@@ -52,9 +52,7 @@ class ReadAhead:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with self._changed:
-            self._is_done = True
-            self._changed.notify_all()
+        self._end()
         self._thread.join()
 
     def __iter__(self) -> Iterator[ScheduledMessage]:
@@ -80,21 +78,18 @@ class ReadAhead:
     def _read(self) -> None:
         try:
             for message in self._messages:
-                if not self._put(message):
-                    return
+                with self._changed:
+                    self._changed.wait_for(lambda: self._is_done or self._has_space)
+                    if self._is_done:
+                        return
+                    self._waiting.append(message)
+                    self._waiting_bytes += len(message.data)
+                    self._changed.notify_all()
         except Exception as error:  # noqa: BLE001 - handed to the thread that iterates
             self._error = error
+        self._end()
+
+    def _end(self) -> None:
         with self._changed:
             self._is_done = True
             self._changed.notify_all()
-
-    def _put(self, message: ScheduledMessage) -> bool:
-        """Append a message when the buffer has space; return False if the context was left."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._is_done or self._has_space)
-            if self._is_done:
-                return False
-            self._waiting.append(message)
-            self._waiting_bytes += len(message.data)
-            self._changed.notify_all()
-        return True

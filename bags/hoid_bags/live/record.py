@@ -55,11 +55,11 @@ def record(
 ) -> int:
     """Record topics for a time or until a KeyboardInterrupt; return the number of messages.
 
-    If the process is killed, a hidden folder remains with all messages except those of about the
-    last half second; `repair` turns it into a bag.
+    Each topic is subscribed to when its first publisher appears. If the process is killed, a
+    hidden folder remains with all messages except those of about the last half second; `repair`
+    turns it into a bag.
 
     Args:
-        topic_names: Topics to record. Each is subscribed to when its first publisher appears.
         duration_s: Time to record after the first message, in s of real time; 0 = until
             interrupted.
         use_sim_time: Whether log times are those of /clock instead of the wall clock. Messages
@@ -99,17 +99,10 @@ class Recorder:
         self.num_messages = 0
 
     def run(self, duration_s: float, on_messages: Callable[[int], object]) -> None:
-        """Record messages, and flush the bag twice per second.
+        """Record messages until `duration_s` after the first one, and flush the bag now and then.
 
-        Args:
-            duration_s: Time to record after the first message, in s; 0 = until an exception such
-                as KeyboardInterrupt.
-            on_messages: Function that is called after each pass of the executor, at least about
-                ten times per second, with the number of messages recorded in this pass, which may
-                be 0.
-
-        Raises:
-            InputError: A message type is unknown, or the bag cannot be written.
+        `on_messages` is called about ten times per second with the number of new messages.
+        InputError: a message type is unknown, or the bag cannot be written.
         """
         look_s = end_s = flush_s = 0.0
         while not end_s or time.monotonic() < end_s:
@@ -127,11 +120,10 @@ class Recorder:
 
     def _subscribe_new(self) -> None:
         for name, types in self._node.get_topic_names_and_types():
-            if name in self._awaited:
-                publishers = self._node.get_publishers_info_by_topic(name)
-                if publishers:
-                    self._subscribe(name, types[0], _matching_qos(publishers))
-                    self._awaited.remove(name)
+            publishers = self._node.get_publishers_info_by_topic(name)
+            if name in self._awaited and publishers:
+                self._subscribe(name, types[0], _matching_qos(publishers))
+                self._awaited.remove(name)
 
     def _subscribe(self, name: str, type_name: str, qos: QoSProfile) -> None:
         kind = message_class(name, type_name)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import rclpy
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Qos, QosDurability, QosReliability
 
@@ -54,28 +54,19 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 
 
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
-    """Return the QoS profile with which to publish a topic of a bag.
-
-    Reliability, durability and depth are those of the profile in the bag.
-
-    Args:
-        qos: Profile in the bag; None: a reliable and volatile profile is returned.
-    """
-    best_effort = qos is not None and qos.reliability == QosReliability.BEST_EFFORT
-    latched = qos is not None and qos.durability == QosDurability.TRANSIENT_LOCAL
+    """Return reliability, durability and depth of a profile in a bag; None: the usual ones."""
+    qos = qos or reliable_qos()
+    is_weak = qos.reliability == QosReliability.BEST_EFFORT
+    latched = qos.durability == QosDurability.TRANSIENT_LOCAL
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=(qos.depth if qos is not None else 0) or _DEFAULT_DEPTH,
-        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
-        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+        depth=qos.depth or _DEFAULT_DEPTH,
+        reliability=ReliabilityPolicy.BEST_EFFORT if is_weak else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 
 def from_rclpy_qos(qos: QoSProfile) -> Qos:
-    """Return a QoS profile in the form in which it is written into a bag.
-
-    Reliability and durability are kept; all else is that of `reliable_qos`.
-    """
+    """Return reliability and durability of a profile in the form in which a bag has them."""
     noted = reliable_qos(latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
     if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
         noted = noted._replace(reliability=QosReliability.BEST_EFFORT)
@@ -85,7 +76,6 @@ def from_rclpy_qos(qos: QoSProfile) -> Qos:
 def live_name(topic: str) -> str:
     """Return the name under which a topic of a bag is published: relative to the namespace.
 
-    /clock and /diagnostics stay absolute, because all nodes share them. /tf becomes relative,
-    because each namespace has a frame tree of its own.
+    All nodes share /clock and /diagnostics; each namespace has a frame tree of its own.
     """
     return topic if topic in _SHARED_TOPICS else topic.lstrip('/')

@@ -15,12 +15,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, MessageIndex, Schema
 from mcap.stream_reader import StreamReader
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinition,
-    MessageDefinitionFormat,
-)
+from rosbags import interfaces
+from rosbags.interfaces import Connection
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
@@ -40,7 +36,7 @@ from hoid_bags.storage.qos_profiles import stored_qos
 # the content; length of the name of the compression.
 _HEAD = struct.Struct('<BQQQQII')
 _MAX_TIME_NS = 2**63
-_NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, '')
+_NO_DEFINITION = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.NONE, '')
 
 
 class _Item(NamedTuple):
@@ -215,7 +211,7 @@ class McapFile(McapReader):
                 _NO_DEFINITION,
                 '',
                 scan.counts[channel.id],
-                ConnectionExtRosbag2(
+                interfaces.ConnectionExtRosbag2(
                     channel.message_encoding,
                     stored_qos(channel.metadata.get('offered_qos_profiles', '')),
                 ),

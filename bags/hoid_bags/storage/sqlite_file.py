@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import sys
 
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinition,
-    MessageDefinitionFormat,
-)
+from rosbags import interfaces
+from rosbags.interfaces import Connection
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from hoid_bags.storage.qos_profiles import stored_qos
 
-_NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, '')
+_NO_DEFINITION = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.NONE, '')
 _TIMES = 'SELECT ifnull(min(timestamp), ?), ifnull(max(timestamp) + 1, 0), count(*) FROM messages'
 
 
@@ -36,7 +32,7 @@ class SqliteFile(Sqlite3Reader):
         self.connections = [
             Connection(
                 topic_id, name, type_name, _NO_DEFINITION, '', number,
-                ConnectionExtRosbag2(encoding, stored_qos(qos)), self,
+                interfaces.ConnectionExtRosbag2(encoding, stored_qos(qos)), self,
             )
             for topic_id, name, type_name, encoding, qos, number in rows
         ]  # fmt: skip

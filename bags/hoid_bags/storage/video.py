@@ -10,18 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hoid_bags.storage.bag_types import (
-    COMPRESSED_IMAGE,
-    COMPRESSED_VIDEO,
-    FFMPEG_PACKET,
-    deserialize,
-)
+from hoid_bags.storage import bag_types as types
 from hoid_common.errors import InputError
 from hoid_common.io.untrusted import open_regular
 from hoid_common.messages import stamp_from_msg
 from hoid_common.values import ByteArray
 
-VIDEO_TYPES = (FFMPEG_PACKET, COMPRESSED_VIDEO)
+VIDEO_TYPES = (types.FFMPEG_PACKET, types.COMPRESSED_VIDEO)
 """Message types that always carry video. A CompressedImage does so if its format says it."""
 # FFmpeg's decoder by a part of the names that encoders and messages use.
 _CODECS = {'264': 'h264', 'avc': 'h264', '265': 'hevc', 'hevc': 'hevc', 'av1': 'av1', 'vp9': 'vp9'}
@@ -45,16 +40,16 @@ def video_packet(data: bytes, type_name: str) -> Packet:
     Raises:
         MessageError: The data is no message of this type.
     """
-    message = deserialize(data, type_name)
-    if type_name == COMPRESSED_VIDEO:
+    message = types.deserialize(data, type_name)
+    if type_name == types.COMPRESSED_VIDEO:
         stamp, frame, name, size = message.timestamp, message.frame_id, message.format, None
     else:
         stamp, frame = message.header.stamp, message.header.frame_id
-        is_ffmpeg = type_name == FFMPEG_PACKET
+        is_ffmpeg = type_name == types.FFMPEG_PACKET
         name = message.encoding.partition(';')[0] if is_ffmpeg else message.format
         size = (message.width, message.height) if is_ffmpeg else None
     known = [codec for part, codec in _CODECS.items() if part in name.lower()]
-    is_image = type_name == COMPRESSED_IMAGE and not known
+    is_image = type_name == types.COMPRESSED_IMAGE and not known
     codec = '' if is_image else known[0] if known else name
     return Packet(stamp_from_msg(stamp), frame, codec, size, message.data.tobytes())
 

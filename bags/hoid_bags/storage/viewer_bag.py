@@ -14,16 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from rosbags.serde.errors import SerdeError
 
-from hoid_bags.storage.bag_types import (
-    CAMERA_INFO,
-    IMAGE,
-    IMU,
-    TF_MESSAGE,
-    Message,
-    deserialize,
-    serialize,
-    shared_typestore,
-)
+from hoid_bags.storage import bag_types as types
+from hoid_bags.storage.bag_types import Message
 from hoid_bags.storage.static_transforms import static_transforms
 from hoid_common import se3, topics
 
@@ -47,7 +39,7 @@ class ViewerTopic(NamedTuple):
 def viewer_topic(topic: str, type_name: str) -> ViewerTopic | None:
     """Return what a topic of librealsense becomes; None for other topics, which stay as they are.
 
-    Images, IMU and camera_info get a frame, and the places of the streams become /tf_static.
+    Images, types.IMU and camera_info get a frame, and the places of the streams become /tf_static.
     """
     stream = _STREAM.fullmatch(topic)
     if stream is None:
@@ -57,35 +49,35 @@ def viewer_topic(topic: str, type_name: str) -> ViewerTopic | None:
     if place is not None and type_name == _TRANSFORM:
         parent = f'{stream["device"]}_{place["group"]}'
         return ViewerTopic(
-            topics.TF_STATIC, TF_MESSAGE, lambda data: _static_transform(data, parent, frame)
+            topics.TF_STATIC, types.TF_MESSAGE, lambda data: _static_transform(data, parent, frame)
         )
-    if type_name == IMAGE:
-        return ViewerTopic(topic, IMAGE, lambda data: _image(data, frame))
-    if type_name in (CAMERA_INFO, IMU):
+    if type_name == types.IMAGE:
+        return ViewerTopic(topic, types.IMAGE, lambda data: _image(data, frame))
+    if type_name in (types.CAMERA_INFO, types.IMU):
         return ViewerTopic(topic, type_name, lambda data: _with_frame(data, type_name, frame))
     return None
 
 
 def _from_ros1(data: bytes, type_name: str) -> Message:
-    return deserialize(shared_typestore().ros1_to_cdr(data, type_name), type_name)
+    return types.deserialize(types.shared_typestore().ros1_to_cdr(data, type_name), type_name)
 
 
 def _with_frame(data: bytes, type_name: str, frame: str) -> memoryview:
     message = _from_ros1(data, type_name)
     message.header.frame_id = frame
     # "Brown Conrady", "Inverse Brown Conrady", ...: the driver of ROS calls all of them so.
-    if type_name == CAMERA_INFO and 'Brown Conrady' in message.distortion_model:
+    if type_name == types.CAMERA_INFO and 'Brown Conrady' in message.distortion_model:
         message.distortion_model = 'plumb_bob'
-    return serialize(message, type_name)
+    return types.serialize(message, type_name)
 
 
 def _image(data: bytes, frame: str) -> memoryview:
     """Return the image with a frame; depth in another unit than millimeters becomes 32FC1 (m)."""
     unit_m = 0.0
     try:
-        message = _from_ros1(data, IMAGE)
+        message = _from_ros1(data, types.IMAGE)
     except SerdeError:
-        message = _from_ros1(data[: -_DEPTH_UNIT.size], IMAGE)
+        message = _from_ros1(data[: -_DEPTH_UNIT.size], types.IMAGE)
         (unit_m,) = _DEPTH_UNIT.unpack(data[-_DEPTH_UNIT.size :])
     message.header.frame_id = frame
     is_mm = not 0 < unit_m < 1 or abs(unit_m - _MM) < 1e-3 * _MM
@@ -93,7 +85,7 @@ def _image(data: bytes, frame: str) -> memoryview:
         depth_m = message.data.view('<u2').astype(np.float32) * np.float32(unit_m)
         message.encoding, message.step = '32FC1', 2 * message.step
         message.data = depth_m.view(np.uint8)
-    return serialize(message, IMAGE)
+    return types.serialize(message, types.IMAGE)
 
 
 def _static_transform(data: bytes, parent: str, child: str) -> memoryview:
@@ -106,4 +98,4 @@ def _static_transform(data: bytes, parent: str, child: str) -> memoryview:
     T_parent_child = se3.inverse(
         se3.from_quat_translation(np.array([q.x, q.y, q.z, q.w]), np.array([t.x, t.y, t.z]))
     )
-    return serialize(static_transforms((parent, child, T_parent_child)), TF_MESSAGE)
+    return types.serialize(static_transforms((parent, child, T_parent_child)), types.TF_MESSAGE)

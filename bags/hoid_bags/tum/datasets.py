@@ -10,21 +10,9 @@ import cv2
 import numpy as np
 
 from hoid_bags.images import read_image_bytes
+from hoid_bags.tum import listing
 from hoid_bags.tum.cameras import camera_from_name
-from hoid_bags.tum.listing import (
-    FolderCamera,
-    Images,
-    ListedImage,
-    json_matrix,
-    json_number,
-    listed_images,
-    matrix_camera,
-    numbered_images,
-    numbered_stamp_ns,
-    pinhole,
-    read_json,
-    read_table,
-)
+from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.image_size import image_size_px
 from hoid_common.io.trajectory_io import read_tum
@@ -45,11 +33,11 @@ _ICL_VECTOR = re.compile(r'cam_(right|up|dir|pos)\s*=\s*\[([^\]]*)\]')
 
 
 def listed(folder: Path, color: str, depth: str) -> tuple[Images, Images]:
-    return listed_images(folder, color), listed_images(folder, depth)
+    return listing.listed_images(folder, color), listing.listed_images(folder, depth)
 
 
 def numbered(folder: Path, color: str, depth: str) -> tuple[Images, Images]:
-    return numbered_images(folder, color), numbered_images(folder, depth)
+    return listing.numbered_images(folder, color), listing.numbered_images(folder, depth)
 
 
 def camera_in_name(folder: Path) -> FolderCamera:
@@ -81,7 +69,7 @@ def openloris_camera(folder: Path) -> FolderCamera:
     except (AttributeError, ValueError, cv2.error) as error:
         raise InputError(f'{path}: has no intrinsics of d400_color_optical_frame') from error
     size = [camera.getNode(name).real() for name in ('width', 'height')]
-    return FolderCamera(pinhole(path, [*size, fx, fy, cx, cy]))
+    return FolderCamera(listing.pinhole(path, [*size, fx, fy, cx, cy]))
 
 
 def openloris_truth(path: Path) -> Trajectory:
@@ -111,16 +99,17 @@ def replica_camera(folder: Path) -> FolderCamera:
     """Return the camera of NICE-SLAM's cam_params.json, in the folder or beside it."""
     for path in (folder / 'cam_params.json', folder.parent / 'cam_params.json'):
         if path.exists():
-            found = read_json(path).get('camera')
+            found = listing.read_json(path).get('camera')
             names = ('w', 'h', 'fx', 'fy', 'cx', 'cy')
-            values = [json_number(path, found, name) for name in names]
-            return FolderCamera(pinhole(path, values), json_number(path, found, 'scale'))
+            values = [listing.json_number(path, found, name) for name in names]
+            units_per_m = listing.json_number(path, found, 'scale')
+            return FolderCamera(listing.pinhole(path, values), units_per_m)
     return FolderCamera(None)
 
 
 def replica_truth(path: Path) -> Trajectory:
     """Return the poses of a file with a 4x4 matrix T_world_camera in each line, row by row."""
-    T = read_table(path, 16).reshape(-1, 4, 4)
+    T = listing.read_table(path, 16).reshape(-1, 4, 4)
     return Trajectory(_numbered_stamps(range(len(T))), T)
 
 
@@ -128,11 +117,13 @@ def open3d_camera(folder: Path) -> FolderCamera:
     """Return the camera of Open3D's intrinsic.json: its matrix is stored column by column."""
     names = ('intrinsic.json', 'camera_intrinsic.json')
     path = next(path for name in names if (path := folder / name).exists())
-    found = read_json(path)
-    K = json_matrix(path, found, 'intrinsic_matrix')
-    size_px = [json_number(path, found, name) for name in ('width', 'height')]
-    units_per_m = json_number(path, found, 'depth_scale') if 'depth_scale' in found else 0.0
-    return FolderCamera(matrix_camera(path, size_px, K), units_per_m)
+    found = listing.read_json(path)
+    K = listing.json_matrix(path, found, 'intrinsic_matrix')
+    size_px = [listing.json_number(path, found, name) for name in ('width', 'height')]
+    units_per_m = (
+        listing.json_number(path, found, 'depth_scale') if 'depth_scale' in found else 0.0
+    )
+    return FolderCamera(listing.matrix_camera(path, size_px, K), units_per_m)
 
 
 def icl_camera(_folder: Path) -> FolderCamera:
@@ -149,7 +140,7 @@ def icl_images(folder: Path, associations: str, _depth: str) -> tuple[Images, Im
         for number, name in zip(words[::2], words[1::2], strict=False):
             if not number.isdecimal() or not (folder / name).is_file():
                 raise InputError(f'{path}: "{line}": expected a number and a file, twice')
-            image = ListedImage(numbered_stamp_ns(int(number)), folder / name)
+            image = ListedImage(listing.numbered_stamp_ns(int(number)), folder / name)
             (depths if name.startswith('depth') else colors).append(image)
     return tuple(colors), tuple(depths)
 
@@ -201,4 +192,4 @@ def _without_y_up(numbers: list[int], T: FloatArray) -> Trajectory:
 
 
 def _numbered_stamps(numbers: list[int] | range) -> IntArray:
-    return np.array([numbered_stamp_ns(number) for number in numbers], np.int64)
+    return np.array([listing.numbered_stamp_ns(number) for number in numbers], np.int64)

@@ -80,21 +80,21 @@ def numbered_stamp_ns(number: int) -> int:
     return NS_PER_S + round(number * NS_PER_S / _RATE_HZ)
 
 
-def shrunk_size_px(color_px: tuple[int, int], depth_px: tuple[int, int]) -> tuple[int, int]:
-    """Return a size for color images that is a whole multiple of depth of the same view.
-
-    Phones record color at 7.5 times the size of depth.
-    """
-    repeats = max(1, min(color_px[0] // depth_px[0], _MAX_REPEATS))
-    return repeats * depth_px[0], repeats * depth_px[1]
-
-
 def resized_camera(camera: CameraModel, size_px: tuple[int, int]) -> CameraModel:
     """Return the camera of the same images at another size, which may stretch them."""
     x, y = size_px[0] / camera.width_px, size_px[1] / camera.height_px
     # The center of the first pixel is at 0, so that the image begins at -0.5.
     center_px = x * (camera.cx_px + 0.5) - 0.5, y * (camera.cy_px + 0.5) - 0.5
     return CameraModel(*size_px, x * camera.fx_px, y * camera.fy_px, *center_px)
+
+
+def shrunk_camera(camera: CameraModel, depth_px: tuple[int, int]) -> CameraModel:
+    """Return the camera of color images at a whole multiple of the size of depth.
+
+    Phones record color at 7.5 times the size of depth, with the same view.
+    """
+    repeats = max(1, min(camera.width_px // depth_px[0], _MAX_REPEATS))
+    return resized_camera(camera, (repeats * depth_px[0], repeats * depth_px[1]))
 
 
 def resized_color(image: ListedImage, size_px: tuple[int, int]) -> ListedImage:

@@ -13,21 +13,9 @@ import numpy as np
 
 from hoid_bags.images import ImageData, decode_color, decode_depth, read_image_bytes
 from hoid_bags.storage.video import VideoFile
+from hoid_bags.tum import listing
 from hoid_bags.tum.exr import decode_exr, exr_size_px
-from hoid_bags.tum.listing import (
-    FolderCamera,
-    Images,
-    ListedImage,
-    json_matrix,
-    json_number,
-    json_table,
-    matrix_camera,
-    read_json,
-    read_table,
-    resized_camera,
-    resized_color,
-    shrunk_size_px,
-)
+from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.io.image_size import image_size_px
@@ -46,12 +34,12 @@ _STRAY_POSE_COLUMNS, _STRAY_IMU_COLUMNS = 9, 7
 def record3d_camera(folder: Path) -> FolderCamera:
     """Return the camera of metadata.json (K column by column) for color at a multiple of depth."""
     path = folder / 'metadata.json'
-    found = read_json(path)
-    size_px = [json_number(path, found, name) for name in ('w', 'h')]
-    camera = matrix_camera(path, size_px, json_matrix(path, found, 'K'))
+    found = listing.read_json(path)
+    size_px = [listing.json_number(path, found, name) for name in ('w', 'h')]
+    camera = listing.matrix_camera(path, size_px, listing.json_matrix(path, found, 'K'))
     first = folder / 'depth' / '0.exr'
     depth_px = exr_size_px(read_image_bytes(first), first)
-    return FolderCamera(resized_camera(camera, shrunk_size_px(camera.size_px, depth_px)))
+    return FolderCamera(listing.shrunk_camera(camera, depth_px))
 
 
 def record3d_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Images]:
@@ -64,7 +52,7 @@ def record3d_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Ima
         depth = folder / 'depth' / f'{i}.exr'
         if color is None or not depth.is_file():
             raise InputError(f'{folder}: lacks image {i} of metadata.json')
-        colors.append(resized_color(ListedImage(stamp_ns, color), camera.size_px))
+        colors.append(listing.resized_color(ListedImage(stamp_ns, color), camera.size_px))
         depths.append(ListedImage(stamp_ns, depth, partial(_exr_m, depth)))
     return tuple(colors), tuple(depths)
 
@@ -80,12 +68,12 @@ def _exr_m(path: Path) -> Float32Array:
 def _record3d_poses(folder: Path) -> Trajectory:
     """Return the poses qx qy qz qw tx ty tz of the images, with stamps by the rate if without."""
     path = folder / 'metadata.json'
-    found = read_json(path)
-    rows = json_table(path, found, 'poses', 7)
+    found = listing.read_json(path)
+    rows = listing.json_table(path, found, 'poses', 7)
     if 'frameTimestamps' in found:
-        stamps_s = json_table(path, found, 'frameTimestamps', 1).ravel()
+        stamps_s = listing.json_table(path, found, 'frameTimestamps', 1).ravel()
     else:
-        stamps_s = 1 + np.arange(len(rows)) / json_number(path, found, 'fps')
+        stamps_s = 1 + np.arange(len(rows)) / listing.json_number(path, found, 'fps')
     if len(stamps_s) != len(rows):
         raise InputError(f'{path}: {len(rows)} poses, but {len(stamps_s)} stamps')
     T_world_arkit = se3.from_quat_translation(rows[:, :4], rows[:, 4:])
@@ -95,15 +83,15 @@ def _record3d_poses(folder: Path) -> Trajectory:
 def stray_camera(folder: Path) -> FolderCamera:
     """Return the camera of camera_matrix.csv for color at a multiple of depth."""
     path = folder / 'camera_matrix.csv'
-    K = read_table(path, 3, separator=',')
+    K = listing.read_table(path, 3, separator=',')
     if K.shape != (3, 3):
         raise InputError(f'{path}: expected three lines of three numbers')
-    camera = matrix_camera(path, VideoFile(folder / 'rgb.mp4').size_px, K)
+    camera = listing.matrix_camera(path, VideoFile(folder / 'rgb.mp4').size_px, K)
     first = min((folder / 'depth').glob('*.png'), default=folder / 'depth')
     depth_px = image_size_px(read_image_bytes(first))
     if depth_px is None:
         raise InputError(f'{first}: is no PNG')
-    return FolderCamera(resized_camera(camera, shrunk_size_px(camera.size_px, depth_px)))
+    return FolderCamera(listing.shrunk_camera(camera, depth_px))
 
 
 def stray_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Images]:
@@ -111,13 +99,13 @@ def stray_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Images
     camera, video = stray_camera(folder).camera, VideoFile(folder / 'rgb.mp4')
     assert camera is not None
     path = folder / 'odometry.csv'
-    rows = read_table(path, _STRAY_POSE_COLUMNS, separator=',', num_titles=1)
+    rows = listing.read_table(path, _STRAY_POSE_COLUMNS, separator=',', num_titles=1)
     colors, depths = [], []
     for i, (stamp_ns, number) in enumerate(
         zip(_stamps_ns(path, rows[:, 0]).tolist(), rows[:, 1].astype(int).tolist(), strict=True)
     ):
         color = ListedImage(stamp_ns, video.path, partial(video.image, i))
-        colors.append(resized_color(color, camera.size_px))
+        colors.append(listing.resized_color(color, camera.size_px))
         depth = folder / 'depth' / f'{number:06}.png'
         if depth.is_file():
             depths.append(ListedImage(stamp_ns, depth, partial(_trusted_depth, depth)))
@@ -136,7 +124,7 @@ def _trusted_depth(path: Path) -> ImageData:
 
 def stray_truth(path: Path) -> Trajectory:
     """Return the poses of odometry.csv, whose cameras have y down and z forward."""
-    rows = read_table(path, _STRAY_POSE_COLUMNS, separator=',', num_titles=1)
+    rows = listing.read_table(path, _STRAY_POSE_COLUMNS, separator=',', num_titles=1)
     T = se3.from_quat_translation(rows[:, 5:], rows[:, 2:5])
     return Trajectory(_stamps_ns(path, rows[:, 0]), T)
 
@@ -150,7 +138,7 @@ def stray_imu(folder: Path) -> tuple[NumberTable | None, NumberTable | None]:
     path = folder / 'imu.csv'
     if not path.is_file():
         return None, None
-    rows = read_table(path, _STRAY_IMU_COLUMNS, separator=',', num_titles=1)
+    rows = listing.read_table(path, _STRAY_IMU_COLUMNS, separator=',', num_titles=1)
     order = in_order(_stamps_ns(path, rows[:, 0]))
     values = rows[order.positions]
     rates = NumberTable(order.stamps_ns, values[:, 4:])

@@ -16,15 +16,8 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from hoid_bags.tum.listing import (
-    FolderCamera,
-    Images,
-    ListedImage,
-    matrix_camera,
-    numbered_stamp_ns,
-    resized_camera,
-    resized_color,
-)
+from hoid_bags.tum import listing
+from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
 from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.inputs.registration import Registration
@@ -85,11 +78,12 @@ class SensFile:
         if color not in _JPEG_OR_PNG or depth not in (_RAW_DEPTH, _ZLIB_DEPTH):
             raise InputError(f'{self.path}: color {color} or depth {depth} is of an unknown kind')
         self.is_packed = depth == _ZLIB_DEPTH
-        self.depth_camera = matrix_camera(self.path, sizes[2:], matrices[2])
-        full = matrix_camera(self.path, sizes[:2], matrices[0])
+        self.depth_camera = listing.matrix_camera(self.path, sizes[2:], matrices[2])
+        full = listing.matrix_camera(self.path, sizes[:2], matrices[0])
         # Color has about twice the size of depth, but is cropped differently.
         halves = max(1, round(full.width_px / self.depth_camera.width_px))
-        self.camera = resized_camera(full, (full.width_px // halves, full.height_px // halves))
+        size_px = full.width_px // halves, full.height_px // halves
+        self.camera = listing.resized_camera(full, size_px)
         self.T_color_depth = se3.inverse(matrices[1]) @ matrices[3]
         (num_frames,) = struct.unpack('<Q', file.read(8))
         return int(num_frames)
@@ -121,7 +115,7 @@ class SensFile:
         stamps_ns = [frame.stamp_us * _NS_PER_US for frame in self.frames]
         is_time = all(a < b < END_STAMP_NS for a, b in pairwise(stamps_ns))
         if not is_time or not any(stamps_ns):
-            stamps_ns = [numbered_stamp_ns(i) for i in range(len(stamps_ns))]
+            stamps_ns = [listing.numbered_stamp_ns(i) for i in range(len(stamps_ns))]
         return np.array(stamps_ns, np.int64)
 
     def part(self, offset: int, size: int) -> bytes:
@@ -129,26 +123,17 @@ class SensFile:
             file.seek(offset)
             return file.read(size)
 
-
-class _Depth:
-    """Reads depth images and maps them to color."""
-
-    def __init__(self, source: SensFile) -> None:
-        self._source = source
-        self._register = Registration(source.depth_camera, source.camera, source.T_color_depth)
-
-    def read(self, frame: _Frame) -> Float32Array:
-        """Return the (H, W) depth in m at the pixels of color."""
-        source = self._source
-        data = source.part(frame.color_at + frame.color_bytes, frame.depth_bytes)
-        width, height = source.depth_camera.size_px
+    def depth_m(self, frame: _Frame, register: Registration) -> Float32Array:
+        """Return the (H, W) depth of a frame in m at the pixels of color."""
+        data = self.part(frame.color_at + frame.color_bytes, frame.depth_bytes)
+        width, height = self.depth_camera.size_px
         try:
-            if source.is_packed:
+            if self.is_packed:
                 data = zlib.decompressobj().decompress(data, 2 * width * height)
             units = np.frombuffer(data, '<u2').reshape(height, width)
         except (zlib.error, ValueError) as error:
-            raise InputError(f'{source.path}: damaged depth image') from error
-        return self._register(depth_m_from_units(units, source.units_per_m))
+            raise InputError(f'{self.path}: damaged depth image') from error
+        return register(depth_m_from_units(units, self.units_per_m))
 
 
 def sens_camera(path: Path) -> FolderCamera:
@@ -158,15 +143,16 @@ def sens_camera(path: Path) -> FolderCamera:
 def sens_images(path: Path, _color: str, _depth: str) -> tuple[Images, Images]:
     """Return the color images, at about the size of depth, and depth mapped to them."""
     source = SensFile(path)
-    depth, stamps_ns = _Depth(source), source.stamps_ns.tolist()
+    stamps_ns = source.stamps_ns.tolist()
+    register = Registration(source.depth_camera, source.camera, source.T_color_depth)
     if not stamps_ns:
         raise InputError(f'{source.path}: has no frames')
     colors, depths = [], []
     for stamp_ns, frame in zip(stamps_ns, source.frames, strict=True):
         read = partial(source.part, frame.color_at, frame.color_bytes)
         color = ListedImage(stamp_ns, source.path, read)
-        colors.append(resized_color(color, source.camera.size_px))
-        depths.append(ListedImage(stamp_ns, source.path, partial(depth.read, frame)))
+        colors.append(listing.resized_color(color, source.camera.size_px))
+        depths.append(ListedImage(stamp_ns, source.path, partial(source.depth_m, frame, register)))
     return tuple(colors), tuple(depths)
 
 
