@@ -27,6 +27,7 @@ from visualization_msgs.msg import MarkerArray
 
 from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
 from hoid_benchmarks.rooms.object_truth import true_objects
+from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_common.se3 import T_BODY_OPTICAL
@@ -171,7 +172,8 @@ def check_labels(peer: Peer) -> None:
     assert 0.01 < np.mean(cloud.labels > 0) < 0.5
     on_object = np.zeros(len(cloud.labels), np.bool_)
     for item in map(found_object, peer.object_maps[-1].detections):
-        near = np.abs(cloud.points_m - item.center_m) < item.size_m / 2 + 0.1
+        in_box_m = se3.transform(se3.inverse(item.box.T_map_box), cloud.points_m.astype(float))
+        near = np.abs(in_box_m) < item.box.size_m / 2 + 0.1
         number = {name: n for n, name in names.items()}.get(item.class_name, 0)
         on_object |= near.all(axis=1) & (cloud.labels == number)
     assert np.mean(on_object[cloud.labels > 0]) > 0.8
@@ -243,11 +245,9 @@ def find_objects(peer: Peer, **request: Any) -> list[MappedObject]:
 
 
 def found_object(detection: Detection3D) -> FoundObject:
-    center, size = detection.bbox.center.position, detection.bbox.size
+    T_map_box, size = conversions.pose_from_msg(detection.bbox.center), detection.bbox.size
     name = max(detection.results, key=lambda result: result.hypothesis.score).hypothesis.class_id
-    return FoundObject(
-        name, np.array([center.x, center.y, center.z]), np.array([size.x, size.y, size.z])
-    )
+    return FoundObject(name, PlacedBox(T_map_box, np.array([size.x, size.y, size.z])))
 
 
 def check_patches(peer: Peer) -> None:

@@ -13,6 +13,7 @@ from hoid_benchmarks.rooms.carries import TrueCarry, score_carries, true_carries
 from hoid_benchmarks.rooms.carry_table import count_filled
 from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
 from hoid_benchmarks.rooms.object_truth import TrueObject, true_objects
+from hoid_benchmarks.rooms.placed_box import PlacedBox, least_area_axes
 from hoid_benchmarks.rooms.room_ghost import Ghost, cylinder_depth_m
 from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory, Tracks
 from hoid_benchmarks.rooms.room_scores import score
@@ -164,21 +165,22 @@ def test_true_objects_have_whole_boxes_and_seen_parts(truth: RoomTruth) -> None:
     assert sum(item.is_expected for item in found) > 5
     for item in found:
         assert item.class_name != 'person'
-        assert (item.low_m - 0.01 < item.seen_low_m).all()
-        assert (item.seen_high_m < item.high_m + 0.01).all()
+        np.testing.assert_array_equal(item.seen.T_map_box[:3, :3], item.whole.T_map_box[:3, :3])
+        offset_m = (item.seen.center_m - item.whole.center_m) @ item.whole.T_map_box[:3, :3]
+        assert (np.abs(offset_m) + item.seen.size_m / 2 < item.whole.size_m / 2 + 0.01).all()
 
 
 def test_found_objects_are_scored() -> None:
     def true(x_m: float) -> TrueObject:
-        low, high = np.array([x_m, 0.0, 0.0]), np.array([x_m + 0.4, 0.4, 0.4])
+        box = PlacedBox.along_map(np.array([x_m + 0.2, 0.2, 0.2]), np.full(3, 0.4))
         none = np.empty((0, 3))
-        return TrueObject('cup', low, high, low, high, none, is_expected=True, was_carried=False)
+        return TrueObject('cup', box, box, none, is_expected=True, was_carried=False)
 
-    found = [
-        FoundObject('cup', np.array([0.23, 0.2, 0.2]), np.array([0.4, 0.4, 0.46])),
-        FoundObject('book', np.array([0.3, 0.2, 0.2]), np.array([0.4, 0.4, 0.4])),
-        FoundObject('cup', np.array([9.0, 0.2, 0.2]), np.array([0.4, 0.4, 0.4])),
-    ]
+    def item(name: str, x_m: float, height_m: float) -> FoundObject:
+        center_m, size_m = np.array([x_m, 0.2, 0.2]), np.array([0.4, 0.4, height_m])
+        return FoundObject(name, PlacedBox.along_map(center_m, size_m))
+
+    found = [item('cup', 0.23, 0.46), item('book', 0.3, 0.4), item('cup', 9.0, 0.4)]
     scores = score_objects(found, [true(0.0), true(2.0)])
     assert scores.num_expected == 2
     assert scores.num_recalled == scores.num_right == scores.num_class_right == 1
@@ -186,6 +188,22 @@ def test_found_objects_are_scored() -> None:
     assert scores.center_m == pytest.approx([0.03])
     assert scores.small_center_m == pytest.approx([0.03])
     assert scores.size_m == pytest.approx([0.02])
+    assert scores.area == pytest.approx([0.0])
+
+
+def test_turned_boxes_are_compared_as_they_stand() -> None:
+    T = np.eye(4)
+    T[:2, :2] = np.sqrt(0.5) * np.array([[1, -1], [1, 1]])
+    cube, along = PlacedBox(T, np.ones(3)), PlacedBox.along_map(np.zeros(3), np.ones(3))
+    assert along.iou(cube) == pytest.approx(np.sqrt(0.5))  # they share a regular octagon
+    along = PlacedBox.along_map(np.zeros(3), np.array([1.6, 0.8, 0.7]))
+    quarter = PlacedBox(T @ T, np.array([0.8, 1.6, 0.7]))
+    assert along.iou(quarter) == pytest.approx(1.0)
+    assert along.size_error_m(quarter) == pytest.approx(0.0)
+    corners_m = np.array([[x, y, 0.0] for x in (-0.8, 0.8) for y in (-0.4, 0.4)]) @ T[:3, :3].T
+    axes = least_area_axes(corners_m)[:3, :3]
+    sides_m = np.ptp(corners_m @ axes, axis=0)
+    assert sorted(sides_m) == pytest.approx([0.0, 0.8, 1.6], abs=1e-6)
 
 
 def test_carries_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:
@@ -235,7 +253,7 @@ def mapped(number: int, name: str, place_m: FloatArray, state: ObjectState) -> M
 
 def test_a_filled_place_has_points_on_most_of_its_surface() -> None:
     surface_m = np.linspace((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 50)
-    none = np.zeros(3)
-    item = TrueObject('cup', none, none, none, none, surface_m, is_expected=True, was_carried=True)
+    box = PlacedBox.along_map(np.zeros(3), np.ones(3))
+    item = TrueObject('cup', box, box, surface_m, is_expected=True, was_carried=True)
     assert count_filled([item], surface_m[:30] + 0.01) == (1, 1)
     assert count_filled([item], surface_m[:20] + 0.01) == (0, 1)

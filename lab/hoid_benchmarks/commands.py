@@ -22,6 +22,7 @@ from hoid_benchmarks.jobs.pairs import pair_report
 from hoid_benchmarks.jobs.results import Result
 from hoid_benchmarks.jobs.speed import STAGES, time_stage
 from hoid_benchmarks.live.cases import CASES, PUBLISHING
+from hoid_benchmarks.objects.list_report import object_report
 from hoid_benchmarks.plan.official import packed_official
 from hoid_benchmarks.plan.plan import Job, Plan, experiment_ids, load_plan, plan_names
 from hoid_benchmarks.plan.sequences import Store
@@ -43,7 +44,8 @@ from hoid_common.errors import ConfigError, HoidError
 _MASKS, _PAIRS, _ROOMS = 'masks', 'pairs', 'rooms'
 _FAULTS, _COVARIANCES = 'faults', 'covariances'
 _BUILDING, _LIVE, _PLANNER = 'building', 'live', 'planner'
-REPORTS = (_MASKS, _PAIRS, _ROOMS, _FAULTS, _COVARIANCES, _BUILDING, _LIVE, _PLANNER)
+_OBJECTS = 'objects'
+REPORTS = (_MASKS, _PAIRS, _ROOMS, _OBJECTS, _FAULTS, _COVARIANCES, _BUILDING, _LIVE, _PLANNER)
 """Reports that `hoid bench` can write besides experiments and the times of stages."""
 _ROOT = Path(__file__).resolve().parents[2]
 _OUT = Path('out/bench')
@@ -72,6 +74,7 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
         f'a stage to time ({", ".join(STAGES)}); '
         f'{_MASKS}: dynamic masks, evaluated at corners; {_PAIRS}: dynamic masks of image pairs; '
         f'{_ROOMS}: dense map, grid and object tracks of rendered rooms; '
+        f'{_OBJECTS}: object maps of real recordings, compared with lists of what is there; '
         f'{_COVARIANCES}: published covariances compared with the errors; '
         f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)}); '
         f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)}); '
@@ -204,6 +207,8 @@ def bench_command(args: argparse.Namespace) -> None:
         sys.stdout.write(pair_report(args.only, store))
     elif args.what == _COVARIANCES and not args.quick:
         sys.stdout.write(covariance_report(args.only, store))
+    elif args.what == _OBJECTS and not args.quick:
+        sys.stdout.write(object_report(args.only, store, args.detector, args.out / _OBJECTS))
     elif args.what == _ROOMS and not args.quick:
         text = room_report(args.only, store, args.detector)
         sys.stdout.write(text)

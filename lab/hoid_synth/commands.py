@@ -16,6 +16,7 @@ _FIELDS = {
     '--frames': 'num_frames',
     '--path': 'path',
     '--layout': 'layout',
+    '--turned': 'turned',
     '--people': 'num_people',
     '--near': 'near_m',
     '--together': 'together',

@@ -48,6 +48,7 @@ class SceneConfig(Config):
     layout: str = param(
         'home', 'furniture: a home, or rows of identical pieces (repeated)', choices=LAYOUTS
     )
+    turned: bool = param(False, 'furniture and screens stand at random angles')
     num_people: int = param(
         2, 'number of people who walk and handle objects', minimum=0, maximum=6
     )
@@ -134,6 +135,10 @@ class SceneConfig(Config):
             raise ConfigError(
                 f'SceneConfig.speed_mps needs a passing object: event must be one of '
                 f'{", ".join(PASSING_MPS)}, got "{self.event}"'
+            )
+        if self.turned and (self.together or self.path in ('loop', FLOOR)):
+            raise ConfigError(
+                f'SceneConfig.turned is not possible with the path "{self.path}" or with together'
             )
         if self.away_seed and self.path == FLOOR:
             raise ConfigError(f'SceneConfig.away_seed is not possible with the path "{FLOOR}"')

@@ -4,11 +4,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from hoid_benchmarks.rooms.placed_box import least_area_axes
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from hoid_synth.acting.camera_path import loop_line
 from hoid_synth.acting.stage import set_stage
 from hoid_synth.config import SceneConfig
+from hoid_synth.room.world import World
 from hoid_synth.scene import SceneRenderer, SynthFrame
 from hoid_synth.static_model import StaticModel
 from hoid_synth.truth import object_states
@@ -49,6 +51,25 @@ def test_another_seed_is_another_room() -> None:
     assert other.world.class_names != one.world.class_names
     assert np.linalg.norm(other.T_world_camera[0] - one.T_world_camera[0]) > 0.05
     assert other.world.wardrobes[0].build != one.world.wardrobes[0].build
+
+
+@pytest.mark.slow
+def test_a_turned_room_has_the_same_furniture_at_other_angles() -> None:
+    config = SceneConfig(num_frames=2, width_px=64)
+    world, turned = (set_stage(replace(config, turned=is_on)).world for is_on in (False, True))
+    for name in ('dining table', 'chair', 'couch', 'tv'):
+        one, other = (angle_deg(each, name) for each in (world, turned))
+        assert 1 < abs(one - other) < 89  # a quarter turn is none
+    for corner in (np.min, np.max):  # all of it is in the room
+        one, other = (corner(each.static.vertices_m, axis=0) for each in (world, turned))
+        np.testing.assert_allclose(one, other, atol=0.005)
+
+
+def angle_deg(world: World, class_name: str) -> float:
+    """Return the angle of the first object of a class, up to quarter turns."""
+    faces = world.static.faces[world.static.instance == world.class_names.index(class_name)]
+    axes = least_area_axes(world.static.vertices_m[faces].reshape(-1, 3))
+    return float(np.degrees(np.arctan2(axes[1, 0], axes[0, 0])))
 
 
 @pytest.mark.slow

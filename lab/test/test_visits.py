@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hoid_benchmarks.rooms.object_truth import TrueObject
+from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_benchmarks.rooms.visits.change_scores import (
     ChangeScores,
@@ -29,10 +30,8 @@ SIDE_M = 0.3
 
 def true(instance: int, name: str, x_m: float, *, is_expected: bool = True) -> TrueObject:
     low, high = np.array([x_m, 0.0, 0.0]), np.array([x_m + SIDE_M, SIDE_M, SIDE_M])
-    seen_m = np.stack([low, high])
-    return TrueObject(
-        name, low, high, low, high, seen_m, is_expected, was_carried=False, instance=instance
-    )
+    box, seen_m = PlacedBox.along_map((low + high) / 2, high - low), np.stack([low, high])
+    return TrueObject(name, box, box, seen_m, is_expected, was_carried=False, instance=instance)
 
 
 def mapped(number: int, name: str, x_m: float) -> MapObject:

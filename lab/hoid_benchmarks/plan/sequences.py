@@ -24,7 +24,7 @@ IMU_SUFFIX = '_imu'
 _SYNTH = 'synth-'
 # Recordings whose name does not tell the camera, which `camera.yaml` in the folder has: depth
 # units per meter.
-_OF_OWN_CAMERA = {'d435_office': 1000}
+_OF_OWN_CAMERA = {'d435_office': 1000, 'd435_desk': 1000}
 _PEOPLE_DEPTH_SCALE = 0.36  # the default of the script: people about a meter from the camera
 _MAKE_PEOPLE = 'tools/make_people_sequence.py'
 _SCENES = Path(__file__).parent / 'experiments' / 'scenes.yaml'

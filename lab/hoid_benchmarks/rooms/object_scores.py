@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_benchmarks.rooms.object_truth import TrueObject
+from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_common.values import FloatArray
 
 # A found object is compared with the true one that it overlaps most, or whose center is near.
@@ -16,11 +17,10 @@ _SMALL_M = 0.6  # largest side of a small object
 
 
 class FoundObject(NamedTuple):
-    """An object of a map, along the axes of the map frame."""
+    """An object of a map."""
 
     class_name: str
-    center_m: FloatArray  # (3,)
-    size_m: FloatArray  # (3,)
+    box: PlacedBox
 
 
 class ObjectScores(NamedTuple):
@@ -37,6 +37,7 @@ class ObjectScores(NamedTuple):
     small_center_m: FloatArray  # (S,) the same of small objects
     seen_center_m: FloatArray  # (M,) errors of the center of the seen part
     size_m: FloatArray  # (M,) mean error per axis of the size of the seen part
+    area: FloatArray  # (M,) relative error of the area of the footprint of the seen part
 
 
 def all_scores(scores: Iterable[ObjectScores]) -> ObjectScores:
@@ -62,10 +63,9 @@ def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> O
         else:
             best[t] = ratings[t], f
     pairs = [(found[f], true[t]) for t, (_, f) in best.items()]
-    small = [max(t.high_m - t.low_m) <= _SMALL_M for _, t in pairs]
-    whole = _norms([f.center_m - (t.low_m + t.high_m) / 2 for f, t in pairs])
-    seen = _norms([f.center_m - (t.seen_low_m + t.seen_high_m) / 2 for f, t in pairs])
-    sizes = [np.abs(f.size_m - (t.seen_high_m - t.seen_low_m)).mean() for f, t in pairs]
+    small = [max(t.whole.size_m) <= _SMALL_M for _, t in pairs]
+    whole = _norms([f.box.center_m - t.whole.center_m for f, t in pairs])
+    seen = _norms([f.box.center_m - t.seen.center_m for f, t in pairs])
     return ObjectScores(
         sum(t.is_expected for t in true),
         sum(true[t].is_expected for t in best),
@@ -77,19 +77,17 @@ def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> O
         whole,
         whole[np.array(small, bool)],
         seen,
-        np.array(sizes),
+        np.array([t.seen.size_error_m(f.box) for f, t in pairs]),
+        np.array([abs(f.box.area_m2 / max(t.seen.area_m2, 1e-6) - 1) for f, t in pairs]),
     )
 
 
 def rating(found: FoundObject, true: TrueObject) -> float:
     """Return how well an object fits a true one; 0: it does not."""
-    low, high = found.center_m - found.size_m / 2, found.center_m + found.size_m / 2
     best = 0.0
-    for true_low, true_high in ((true.low_m, true.high_m), (true.seen_low_m, true.seen_high_m)):
-        shared = np.maximum(np.minimum(high, true_high) - np.maximum(low, true_low), 0).prod()
-        total = (high - low).prod() + (true_high - true_low).prod() - shared
-        iou = float(shared / max(total, 1e-9))
-        gap_m = float(np.linalg.norm(found.center_m - (true_low + true_high) / 2))
+    for box in (true.whole, true.seen):
+        iou = found.box.iou(box)
+        gap_m = float(np.linalg.norm(found.box.center_m - box.center_m))
         near = (1 - gap_m / _NEAR_M) * _MIN_IOU
         best = max(best, iou if iou >= _MIN_IOU else max(near, 0.0))
     return best

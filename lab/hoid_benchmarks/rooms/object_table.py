@@ -13,12 +13,14 @@ from hoid_benchmarks.rooms.object_scores import (
     score_objects,
 )
 from hoid_benchmarks.rooms.object_truth import TrueObject
+from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_common.values import FloatArray
 
 HEADER = (
     'room', 'objects of', 'recall', 'precision', 'class right', 'doubles per object',
     'center cm', 'small: center cm', 'seen part: center cm', 'seen part: size cm',
+    'seen part: area %',
 )  # fmt: skip
 _TRACKS, _MAP = '`tracked_objects`', '`object_map`'
 
@@ -33,12 +35,12 @@ class ObjectTable:
         """Score the objects of a room at its end."""
         tracks = room.tracks[max(room.tracks)] if room.tracks else ()
         at_rest = [
-            FoundObject(track.class_name, track.position_map_m, track.size_m)
+            FoundObject(track.class_name, PlacedBox.along_map(track.position_map_m, track.size_m))
             for track in tracks
             if track.state.is_at_rest
         ]
         mapped = [
-            FoundObject(item.class_name, item.center_map_m, item.size_m)
+            FoundObject(item.class_name, PlacedBox(item.T_map_object, item.size_m))
             for item in room.objects
             if item.is_present
         ]
@@ -61,10 +63,11 @@ def _cells(scores: ObjectScores) -> Sequence[str]:
         _share(scores.num_right, scores.num_found),
         _share(scores.num_class_right, scores.num_right),
         f'{scores.num_double / max(scores.num_right, 1):.2f}',
-        _errors_cm(scores.center_m),
-        _errors_cm(scores.small_center_m),
-        _errors_cm(scores.seen_center_m),
-        _errors_cm(scores.size_m),
+        _errors(scores.center_m),
+        _errors(scores.small_center_m),
+        _errors(scores.seen_center_m),
+        _errors(scores.size_m),
+        _errors(scores.area),
     )
 
 
@@ -72,9 +75,9 @@ def _share(part: int, total: int) -> str:
     return f'{100 * part / total:.1f} % of {total}' if total else '-'
 
 
-def _errors_cm(errors_m: FloatArray) -> str:
-    """Return the median and the 90th percentile."""
-    if len(errors_m) == 0:
+def _errors(errors: FloatArray) -> str:
+    """Return the median and the 90th percentile, in hundredths."""
+    if len(errors) == 0:
         return '-'
-    median, high = 100 * np.percentile(errors_m, (50, 90))
+    median, high = 100 * np.percentile(errors, (50, 90))
     return f'{median:.1f} / {high:.0f}'

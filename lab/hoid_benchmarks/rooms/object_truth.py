@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hoid_benchmarks.rooms.placed_box import PlacedBox, least_area_axes
 from hoid_common import se3
 from hoid_common.values import PERSON, FloatArray, IntArray
 from hoid_synth.acting.stage import Stage
@@ -21,13 +22,11 @@ _PERCENTILES = (1, 99)  # of the points of the seen part
 
 
 class TrueObject(NamedTuple):
-    """An object at its place at the end, along the axes of the map frame."""
+    """An object at its place at the end, in the map frame."""
 
     class_name: str
-    low_m: FloatArray  # (3,) of the whole object
-    high_m: FloatArray
-    seen_low_m: FloatArray  # (3,) of the part that the images showed
-    seen_high_m: FloatArray
+    whole: PlacedBox  # the upright box with the least footprint around the whole object
+    seen: PlacedBox  # the box along the same axes around the part that the images showed
     seen_m: FloatArray  # (N, 3) points of this part
     is_expected: bool  # shown large, near and long enough to be found
     was_carried: bool
@@ -46,22 +45,21 @@ def true_objects(truth: RoomTruth) -> list[TrueObject]:
         if instance not in points or name in ('', PERSON):
             continue
         used = mesh.vertices_m[np.unique(mesh.faces)].astype(np.float64)
-        whole = se3.transform(T_map_world, used)
-        seen = se3.transform(T_map_world, points[instance])
-        low, high = np.percentile(seen, _PERCENTILES, axis=0)
-        is_expected = frames[instance] * _EVERY >= _EXPECTED_FRAMES
-        was_carried = since[instance] > 0
+        T_world_axes = least_area_axes(used)
+        T_map_axes = T_map_world @ T_world_axes
+        along, seen_along = (
+            se3.transform(se3.inverse(T_world_axes), p) for p in (used, points[instance])
+        )
+        low, high = np.percentile(seen_along, _PERCENTILES, axis=0)
         out.append(
             TrueObject(
                 name,
-                whole.min(0),
-                whole.max(0),
-                low,
-                high,
-                seen,
-                is_expected,
-                was_carried,
-                instance,
+                PlacedBox.around(along.min(0), along.max(0), T_map_axes),
+                PlacedBox.around(low, high, T_map_axes),
+                se3.transform(T_map_world, points[instance]),
+                is_expected=frames[instance] * _EVERY >= _EXPECTED_FRAMES,
+                was_carried=since[instance] > 0,
+                instance=instance,
             )
         )
     return out

@@ -84,7 +84,7 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
         (NUMBER_HEADER, tables.numbers.rows()),
         (CHANGE_HEADER, changes.rows()),
     ]
-    text = '\n'.join(_table(header, part) for header, part in parts if part)
+    text = '\n'.join(table(header, part) for header, part in parts if part)
     made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
     return f'{text}\n{made}, with {detector or "ground-truth boxes"}.\n'
 
@@ -96,7 +96,8 @@ def _scene(name: str) -> SceneConfig:
     return scene
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table."""
     lines = [header, ('---',) * len(header), *rows]
     return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
 

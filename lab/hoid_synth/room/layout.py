@@ -48,7 +48,10 @@ def build_world(config: SceneConfig) -> World:
     studio = Studio(textures, rng, _TEXELS_PER_M * min(config.scale, 1.0))
     two = config.path == 'loop'
     x0s = (0.0, WIDTHS_M[0] + PARTITION_M)[: 1 + two]
-    furnishers = [Furnisher(studio, builder, x0, w) for x0, w in zip(x0s, WIDTHS_M, strict=False)]
+    turns = np.random.default_rng([config.seed, 7]) if config.turned else None
+    furnishers = [
+        Furnisher(studio, builder, x0, w, turns) for x0, w in zip(x0s, WIDTHS_M, strict=False)
+    ]
     for k, furnisher in enumerate(furnishers):
         _furnish(furnisher, k, config)
     rooms = tuple((x0, 0.0, x0 + w, DEPTH_M) for x0, w in zip(x0s, WIDTHS_M, strict=False))
@@ -122,7 +125,7 @@ def _furnish(f: Furnisher, k: int, config: SceneConfig) -> None:
         f.table_group(
             middle,
             2.72 if two else 3.15,
-            0.0 if two else np.pi / 2 + float(f.rng.uniform(-0.1, 0.1)),
+            0.0 if two else np.pi / 2 + float(f.rng.uniform(-0.1, 0.1)) + f.turn_rad(np.pi / 2),
         )
     near = 0.45 if sides[0] == 'left' else f.width_m - 0.45
     f.standing(furniture.floor_lamp(f.studio, f.palette), near, 4.7, '', 0.16)

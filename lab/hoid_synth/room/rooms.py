@@ -8,6 +8,7 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 from hoid_synth.mesh import Mesh, Surface, box, merged, quad
+from hoid_synth.noise import Rng
 from hoid_synth.room import furniture
 from hoid_synth.room.world import Lamp, WorldBuilder, pose
 from hoid_synth.texture import pictures, prints
@@ -15,18 +16,39 @@ from hoid_synth.texture.palette import Studio, make_palette, picture
 
 HEIGHT_M = 2.6
 DEPTH_M = 5.6
+_SCREEN_TURN_RAD, _COUCH_TURN_RAD = 0.4, 0.6  # limited by what stands behind and beside
 
 # Width in m, and the function that places it.
 Slot = tuple[float, Callable[[WorldBuilder, FloatArray], None]]
 
 
 class Furnisher:
-    """Places furniture, pictures and walls of one room."""
+    """Places furniture, pictures and walls of one room.
 
-    def __init__(self, studio: Studio, builder: WorldBuilder, x0: float, width_m: float) -> None:
+    Args:
+        studio: Makes the pictures, with the random numbers of the room.
+        builder: Receives what is placed.
+        x0: Position of the left wall.
+        width_m: Width of the room.
+        turns: Random numbers of the angles by which furniture is turned; None: it is not turned.
+    """
+
+    def __init__(
+        self,
+        studio: Studio,
+        builder: WorldBuilder,
+        x0: float,
+        width_m: float,
+        turns: Rng | None = None,
+    ) -> None:
         self.studio, self.rng, self.builder = studio, studio.rng, builder
         self.palette = make_palette(studio)
         self.x0, self.width_m = x0, width_m
+        self._turns = turns
+
+    def turn_rad(self, most_rad: float) -> float:
+        """Return a random angle by which a piece of furniture is turned, or 0."""
+        return 0.0 if self._turns is None else float(self._turns.uniform(-most_rad, most_rad))
 
     def wall_pose(self, wall: str, along_m: float) -> FloatArray:
         """Return the pose (4, 4) of furniture at a wall, `along_m` from the wall's left end."""
@@ -122,7 +144,8 @@ class Furnisher:
         builder.add(furniture.desk(p, width_m), T, '', (-w, -0.62, w, 0))
         side = -1.0 if self.rng.random() < 0.5 else 1.0
         x = 0.28 * side
-        builder.add(furniture.monitor(self.studio, p), T @ pose(x, -0.17, h, 0), 'tv')
+        screen_at = T @ pose(x, -0.17, h, self.turn_rad(_SCREEN_TURN_RAD))
+        builder.add(furniture.monitor(self.studio, p), screen_at, 'tv')
         keys = self.studio.sheet(
             prints.keyboard(self.studio.paint(), self.studio.shape(0.42, 0.15, 2.0))
         )
@@ -141,7 +164,8 @@ class Furnisher:
             )
             builder.add(flat, T @ at)
         builder.add_spot(T, (-0.42 * side, -0.36, h), (-0.42 * side, -1.0))
-        chair_at = pose(x, -0.86, 0, np.pi + float(self.rng.uniform(-0.35, 0.35)))
+        yaw_rad = np.pi + float(self.rng.uniform(-0.35, 0.35)) + self.turn_rad(np.pi)
+        chair_at = pose(x, -0.86, 0, yaw_rad)
         builder.add(
             furniture.chair(self.studio, p), T @ chair_at, 'chair', (-0.25, -0.25, 0.25, 0.25)
         )
@@ -164,12 +188,15 @@ class Furnisher:
         """Place a sideboard with a television and spots for objects."""
         p, h, w = self.palette, furniture.SIDEBOARD_HEIGHT_M, width_m / 2
         builder.add(furniture.sideboard(self.studio, p, width_m), T, '', (-w, -0.38, w, 0))
-        builder.add(furniture.monitor(self.studio, p, 0.8), T @ pose(-w + 0.48, -0.18, h, 0), 'tv')
+        screen_at = T @ pose(-w + 0.48, -0.18, h, self.turn_rad(_SCREEN_TURN_RAD))
+        builder.add(furniture.monitor(self.studio, p, 0.8), screen_at, 'tv')
         for x in (0.3, 0.58):
             builder.add_spot(T, (x, -0.19, h), (x, -0.78))
 
     def couch(self, builder: WorldBuilder, T: FloatArray) -> None:
         """Place a sofa."""
+        yaw_rad = self.turn_rad(_COUCH_TURN_RAD)
+        T = T @ pose(0, -0.95 * abs(np.sin(yaw_rad)), 0, yaw_rad)  # its corner is at the wall
         builder.add(furniture.couch(self.palette), T, 'couch', (-0.95, -0.9, 0.95, 0))
 
     def standing(self, mesh: Mesh, x: float, y: float, class_name: str, half_m: float) -> None:
@@ -194,7 +221,7 @@ class Furnisher:
                 side * 0.98,
                 float(self.rng.uniform(-0.1, 0.1)),
                 0,
-                -side * np.pi / 2 + self.rng.uniform(-0.4, 0.4),
+                -side * np.pi / 2 + self.rng.uniform(-0.4, 0.4) + self.turn_rad(np.pi),
             )
             b.add(furniture.chair(self.studio, p), T @ at, 'chair', (-0.25, -0.25, 0.25, 0.25))
             for dx in (-0.48, 0.0, 0.48):

@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from hoid_benchmarks.rooms.object_scores import FoundObject, rating, score_objects
 from hoid_benchmarks.rooms.object_truth import TrueObject
+from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_benchmarks.rooms.visits.true_changes import ChangeKind, TrueChange, TrueVisits
 from hoid_common.values import ObjectState
 from hoid_scene.objects.mapped_object import MapObject
@@ -213,4 +214,4 @@ def fits(item: MapObject, true: TrueObject) -> bool:
 
 
 def _found(item: MapObject) -> FoundObject:
-    return FoundObject(item.class_name, np.asarray(item.center_map_m), item.size_m)
+    return FoundObject(item.class_name, PlacedBox(item.T_map_object, item.size_m))

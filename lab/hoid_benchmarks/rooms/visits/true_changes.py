@@ -83,8 +83,7 @@ def true_visits(
 
 
 def _is_moved(old: TrueObject, new: TrueObject) -> bool:
-    offset_m = (new.low_m + new.high_m - old.low_m - old.high_m) / 2
-    return bool(np.linalg.norm(offset_m) >= _MOVED_M)
+    return bool(np.linalg.norm(new.whole.center_m - old.whole.center_m) >= _MOVED_M)
 
 
 class _Views:

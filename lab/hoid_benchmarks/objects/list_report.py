@@ -1,0 +1,131 @@
+"""`hoid bench objects`: the object maps of real recordings, compared with lists of what is there.
+
+Each recording is mapped with each detector. The pictures show the boxes of the map, with numbers,
+classes and states, in the images of the list: green is right, orange double, red wrong, gray
+unsure; dashed boxes are listed objects, yellow if they were not found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from hoid_bags.sequence import open_sequence
+from hoid_benchmarks.objects.list_picture import write_picture
+from hoid_benchmarks.objects.list_scores import (
+    FoundBoxes,
+    ListScores,
+    Verdict,
+    box_in_image,
+    score_list,
+)
+from hoid_benchmarks.objects.object_list import ListedObject, listed_recordings, read_list
+from hoid_benchmarks.plan.sequences import Store
+from hoid_benchmarks.rooms.room_run import map_room
+from hoid_benchmarks.rooms.rooms import table
+from hoid_bringup.run.run_config import RunConfig
+from hoid_scene.objects.mapped_object import MapObject
+
+_DETECTORS = ('yolox_nano', 'yolov8n_int8')
+_HEADER = (
+    'recording', 'detector', 'listed', 'found', 'right', 'double', 'wrong', 'unsure',
+    'precision', 'recall', 'doubles per object',
+)  # fmt: skip
+_ERROR_HEADER = (
+    'recording', 'detector', 'error', 'object of the map', 'nearest listed object',
+    'sum of scores, images', 'size m',
+)  # fmt: skip
+_BAR = ('bar', *[''] * 7, '>= 85 %', '>= 75 %', '< 0.05')
+
+
+class _Row(NamedTuple):
+    recording: str
+    detector: str
+    scores: ListScores
+    objects: tuple[MapObject, ...]
+
+
+def object_report(only: Sequence[str], store: Store, detector: str | None, out: Path) -> str:
+    """Return Markdown tables of the scores, and of what is wrong or missed; write the pictures.
+
+    Args:
+        only: Names of recordings; empty: all that have a list and are there.
+        store: Folders of the recordings.
+        detector: Detector model; None: YOLOX-nano, then YOLOv8n.
+        out: Folder for the pictures.
+
+    Raises:
+        InputError: A recording has no list, or is missing.
+    """
+    names = only or [name for name in listed_recordings() if store.locate(name) is not None]
+    lists = {name: read_list(name) for name in names}
+    out.mkdir(parents=True, exist_ok=True)
+    rows = [
+        _evaluated(name, lists[name], store, model, out)
+        for model in ([detector] if detector else _DETECTORS)
+        for name in names
+    ]
+    parts = [(_HEADER, [_BAR, *_score_rows(rows)]), (_ERROR_HEADER, list(_error_rows(rows)))]
+    return '\n'.join(table(header, cells) for header, cells in parts if cells)
+
+
+def _evaluated(name: str, listed: list[ListedObject], store: Store, model: str, out: Path) -> _Row:
+    sequence = open_sequence(store.find(name))
+    camera = sequence.camera
+    config = RunConfig().updated({'detector.model': model, 'object_map.enabled': True})
+    room = map_room(sequence, config)
+    present = tuple(item for item in room.objects if item.is_present)
+    stamps_ns = {stamp_ns for item in listed for stamp_ns in item.boxes_px}
+    trajectory = room.trajectory
+    all_poses = zip(trajectory.stamps_ns.tolist(), trajectory.T_world_camera, strict=True)
+    poses = {stamp_ns: T for stamp_ns, T in all_poses if stamp_ns in stamps_ns}
+    found = [
+        FoundBoxes(item.class_name, {k: box_in_image(item, T, camera) for k, T in poses.items()})
+        for item in present
+    ]
+    scores = score_list(found, listed)
+    images = {f.stamp_ns: f.image_bgr for f in sequence if f.stamp_ns in stamps_ns}
+    path = out / f'{name}_{Path(model).stem}.jpg'
+    write_picture(path, images, poses, camera, listed, present, scores)
+    return _Row(name, model, scores, present)
+
+
+def _score_rows(rows: Sequence[_Row]) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of each recording, and of all recordings together, by detector."""
+    for model in dict.fromkeys(row.detector for row in rows):
+        own = [row for row in rows if row.detector == model]
+        for row in own:
+            yield f'`{row.recording}`', f'`{model}`', *_cells([row.scores])
+        if len(own) > 1:
+            yield 'all', f'`{model}`', *_cells([row.scores for row in own])
+
+
+def _cells(scores: Sequence[ListScores]) -> tuple[str, ...]:
+    counts = {v: sum(score.count(v) for score in scores) for v in Verdict}
+    num_listed = sum(score.num_listed for score in scores)
+    right, num_found = counts[Verdict.RIGHT], sum(counts.values())
+    num_judged = num_found - counts[Verdict.UNSURE]
+    return (
+        str(num_listed),
+        str(num_found),
+        *(str(counts[v]) for v in Verdict),
+        f'{100 * right / num_judged:.0f} %' if num_judged else '-',
+        f'{100 * right / num_listed:.0f} %',
+        f'{counts[Verdict.DOUBLE] / max(right, 1):.2f}',
+    )
+
+
+def _error_rows(rows: Sequence[_Row]) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each object that is wrong or double, and for each one that was missed."""
+    for row in rows:
+        for item, verdict, match in zip(
+            row.objects, row.scores.verdicts, row.scores.matches, strict=True
+        ):
+            if verdict in (Verdict.WRONG, Verdict.DOUBLE):
+                size = ' x '.join(f'{side_m:.2f}' for side_m in item.size_m)
+                number = f'{item.object_id} {item.class_name}'
+                seen = f'{item.class_scores[0][1]:.1f} in {item.num_sightings}'
+                yield row.recording, row.detector, verdict.value, number, match, seen, size
+        for name in row.scores.missed:
+            yield row.recording, row.detector, 'missed', '', name, '', ''
