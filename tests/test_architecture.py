@@ -61,8 +61,9 @@ LAYERS = {
         arguments evaluate < run < live view maps < commands cli < __main__
     """,
     'hoid_benchmarks': """
-        animation captions consistency plan < jobs < rooms faults planner < building < live
-        < report < publish demo_picture map_animation object_picture < pictures < commands demo
+        animation captions consistency markdown plan < jobs < rooms faults planner < building
+        < live < report < publish demo_picture map_animation objects < object_picture < pictures
+        < commands demo
     """,
 }
 ROS = re.compile(r'rclpy|launch(_ros)?|tf2_ros|rosgraph_msgs|.*_(msgs|srvs|interfaces)')

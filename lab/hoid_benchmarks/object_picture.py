@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
+from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from hoid_benchmarks.markdown import markdown_table
+from hoid_benchmarks.objects.image_boxes import draw_box
 from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray, RgbdFrame
@@ -22,14 +25,8 @@ _CLOUD = '#8fa3b8'
 _COLORS = (
     '#d1495b', '#2563a8', '#2a9d4a', '#c27b13', '#7b3fa0', '#00838f', '#8d5524', '#e0559b',
 )  # fmt: skip
-_NEAR_M = 0.2  # a box is drawn if all of it is farther in front of the camera
-# Corners of a box, as signs along its axes, and the pairs of them that are edges.
-_SIGNS = np.array(list(product((-0.5, 0.5), repeat=3)))
-_EDGES = [
-    (a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_SIGNS[a] - _SIGNS[b]).sum() == 1
-]
-_FLOOR_CORNERS = (0, 2, 6, 4)  # around the box, as seen from above
-
+# Corners around a box, as seen from above, as shares of its size.
+_CORNERS = np.array([(-0.5, -0.5, 0), (-0.5, 0.5, 0), (0.5, 0.5, 0), (0.5, -0.5, 0)])
 
 _HEADER = ('id', 'class', 'sightings', 'size m', 'jitter cm', 'in the second half cm')
 
@@ -63,12 +60,12 @@ def _deviation_m(centers_m: FloatArray) -> float:
 
 def object_table(rows: Sequence[ObjectRow]) -> str:
     """Return a Markdown table of objects."""
-    lines = [_HEADER, ('---',) * len(_HEADER)]
+    lines = []
     for item, *jitter_m in rows:
         size = ' x '.join(f'{side_m:.2f}' for side_m in item.size_m)
         names = str(item.object_id), item.class_name, str(item.num_sightings), size
         lines.append((*names, *(f'{100 * each_m:.1f}' for each_m in jitter_m)))
-    return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
+    return markdown_table(_HEADER, lines)
 
 
 def draw_objects(path: Path, room: MappedRoom, frame: RgbdFrame, camera: CameraModel) -> None:
@@ -86,47 +83,24 @@ def draw_objects(path: Path, room: MappedRoom, frame: RgbdFrame, camera: CameraM
     shown = [item for item in room.objects if item.is_present]
     row = int(np.searchsorted(room.trajectory.stamps_ns, frame.stamp_ns))
     T_map_camera = room.trajectory.T_world_camera[min(row, len(room.trajectory) - 1)]
-    left.imshow(frame.image_bgr[..., ::-1])
-    left.set(xlim=(0, camera.width_px), ylim=(camera.height_px, 0))
+    image_bgr = frame.image_bgr.copy()
+    for item, color in zip(shown, cycle(_COLORS)):
+        rgb = np.multiply(to_rgb(color), 255).astype(int).tolist()
+        draw_box(image_bgr, item, T_map_camera, camera, rgb[::-1])
+        _draw_from_above(right, item, color)
+    left.imshow(image_bgr[..., ::-1])
     left.set_axis_off()
     points_m = room.cloud.points_m
     right.plot(*points_m[:, :2].T, '.', color=_CLOUD, ms=0.6)
-    for k, item in enumerate(shown):
-        color = _COLORS[k % len(_COLORS)]
-        _draw_in_image(left, item, T_map_camera, camera, color)
-        _draw_from_above(right, item, color)
     right.set(xlabel='x [m]', ylabel='y [m]', aspect='equal')
     figure.savefig(path, format='jpeg', pil_kwargs={'quality': _QUALITY})
 
 
-def _corners_m(item: MapObject) -> FloatArray:
-    """Return the corners (8, 3) of the box of an object in the map frame."""
-    return se3.transform(item.T_map_object, _SIGNS * item.size_m)
-
-
-def _draw_in_image(
-    axes: Axes, item: MapObject, T_map_camera: FloatArray, camera: CameraModel, color: str
-) -> None:
-    corners_m = se3.transform(se3.inverse(T_map_camera), _corners_m(item))
-    if corners_m[:, 2].min() < _NEAR_M:
-        return
-    uv = camera.project_px(corners_m)
-    size_px = np.array([camera.width_px, camera.height_px])
-    middle = uv.mean(axis=0)
-    if not ((middle > 0) & (middle < size_px)).all():
-        return
-    for a, b in _EDGES:
-        axes.plot(*uv[[a, b]].T, color=color, lw=1.4)
-    _label(axes, item, uv.min(axis=0), color)
-
-
 def _draw_from_above(axes: Axes, item: MapObject, color: str) -> None:
-    floor = _corners_m(item)[list(_FLOOR_CORNERS), :2]
+    floor = se3.transform(item.T_map_object, _CORNERS * item.size_m)[:, :2]
     axes.fill(*floor.T, facecolor=color, edgecolor=color, alpha=0.45, lw=1.4)
-    _label(axes, item, floor.max(axis=0), color)
-
-
-def _label(axes: Axes, item: MapObject, at: FloatArray, color: str) -> None:
     box = {'facecolor': 'white', 'edgecolor': 'none', 'alpha': 0.7, 'pad': 0.6}
     text = f'{item.object_id} {item.class_name}'
-    axes.text(at[0], at[1], text, color=color, fontsize=8, bbox=box, clip_on=True)
+    axes.text(
+        floor[:, 0].max(), floor[:, 1].max(), text, color=color, fontsize=8, bbox=box, clip_on=True
+    )

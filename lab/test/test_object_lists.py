@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hoid_benchmarks.objects.list_scores import FoundBoxes, Verdict, box_in_image, score_list
+from hoid_benchmarks.objects.image_boxes import box_in_image
+from hoid_benchmarks.objects.list_scores import FoundBoxes, Verdict, score_list
 from hoid_benchmarks.objects.object_list import ListedObject, listed_recordings, read_list
 from hoid_common.coco import COCO
 from hoid_common.errors import InputError
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, Float32Array
-from hoid_scene.objects.mapped_object import MapObject, PlaceState
+from hoid_common.values import CameraModel, Float32Array, ObjectState
+from hoid_scene.objects.mapped_object import MapObject
 
 CAMERA = CameraModel(320, 240, 250.0, 250.0, 160.0, 120.0)
 
@@ -88,7 +89,7 @@ def test_a_box_is_cut_at_the_border_of_the_image() -> None:
         T = np.eye(4)
         T[:3, 3] = center_m
         size_m = np.full(3, 0.2)
-        item = MapObject(1, 'cup', (('cup', 1.0),), PlaceState.AT_REST, T, size_m, 9, 0, 0, 1.0)
+        item = MapObject(1, 'cup', (('cup', 1.0),), ObjectState.AT_REST, T, size_m, 9, 0, 0, 1.0)
         return box_in_image(item, T_BODY_OPTICAL, CAMERA)
 
     half_px = 0.1 / 0.9 * 250  # the camera looks along x; the near side is the largest

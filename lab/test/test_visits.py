@@ -10,13 +10,13 @@ import pytest
 from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_benchmarks.rooms.room_run import MappedRoom
+from hoid_benchmarks.rooms.score_table import total
 from hoid_benchmarks.rooms.visits.change_scores import (
     ChangeScores,
-    all_changes,
     claimed_changes,
     score_changes,
 )
-from hoid_benchmarks.rooms.visits.number_table import NumberScores, score_numbers
+from hoid_benchmarks.rooms.visits.numbers import NumberScores, score_numbers
 from hoid_benchmarks.rooms.visits.second_visit import first_name, first_scene, truth_of
 from hoid_benchmarks.rooms.visits.true_changes import ChangeKind, TrueChange, TrueVisits
 from hoid_common.values import ObjectState, Trajectory
@@ -95,7 +95,7 @@ def test_a_map_that_notices_nothing_claims_nothing() -> None:
     assert claimed_changes(SAVED, SAVED) == []
     scores = score_changes(SAVED, SAVED, VISITS)
     assert (scores.num_expected, scores.num_claims, scores.f1) == (3, 0, 0)
-    twice = all_changes([scores, scores])
+    twice = total([scores, scores])
     assert (twice.num_expected, twice.num_same) == (6, 2)
 
 

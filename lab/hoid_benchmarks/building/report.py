@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hoid_benchmarks.jobs.code import Code
+from hoid_benchmarks.markdown import markdown_table
 from hoid_bringup.run.provenance import machine
 
 _ROOT = Path(__file__).parents[3]
@@ -33,10 +34,8 @@ class Outcome:
 
     def table(self) -> str:
         """Return the table in Markdown."""
-        lines = [list(self.columns), ['---'] * len(self.columns)]
-        lines += [[_text(row[name], of) for name, of in self.columns.items()] for row in self.rows]
-        body = ''.join(f'| {" | ".join(cells)} |\n' for cells in lines)
-        return f'{self.title}\n\n{body}'
+        rows = [[_text(row[name], of) for name, of in self.columns.items()] for row in self.rows]
+        return f'{self.title}\n\n{markdown_table(list(self.columns), rows)}'
 
     def write(self, folder: Path, seed: int) -> Path:
         """Write all values as JSON, with the code and machine that they come from."""

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_benchmarks.jobs.labeled import Labeled, pasted_people, rendered_people
+from hoid_benchmarks.markdown import markdown_table
 from hoid_benchmarks.plan.perturb import perturb_detections
 from hoid_benchmarks.plan.plan import Job, Perturbation
 from hoid_benchmarks.plan.sequences import PEOPLE_SUFFIX, Store
@@ -145,16 +146,11 @@ def variants() -> dict[str, FilterConfig]:
 
 
 def _table(name: str, case: MaskCase, store: Store) -> str:
-    lines = [
-        _title(name, case),
-        '',
-        f'| {" | ".join(_COLUMNS)} |',
-        '|---' * len(_COLUMNS) + '|',
+    rows = [
+        (variant, str(n.frames_that_differ), *(f'{100 * share:.1f} %' for share in n.shares()))
+        for variant, n in evaluate_masks(case, variants(), store).items()
     ]
-    for variant, n in evaluate_masks(case, variants(), store).items():
-        cells = ' | '.join(f'{100 * share:.1f} %' for share in n.shares())
-        lines.append(f'| {variant} | {n.frames_that_differ} | {cells} |')
-    return '\n'.join([*lines, ''])
+    return f'{_title(name, case)}\n\n{markdown_table(_COLUMNS, rows)}'
 
 
 def _title(name: str, case: MaskCase) -> str:

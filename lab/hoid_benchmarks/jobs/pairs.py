@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from hoid_bags.images import decode_color, decode_depth, read_image_bytes
+from hoid_benchmarks.markdown import markdown_table
 from hoid_benchmarks.plan.sequences import Store
 from hoid_common.errors import InputError
 from hoid_common.io.images import depth_m_from_units
@@ -50,16 +51,14 @@ def pair_report(only: Sequence[str], store: Store) -> str:
     outlines = read_yaml(_OUTLINES)
     if unknown := set(only) - set(outlines):
         raise InputError(f'no pair {min(unknown)}: {", ".join(outlines)}')
-    heads = ' | '.join(f'{presentation.label}: found / lost' for presentation in PRESENTATIONS)
-    lines = [f'| pair | {heads} |', '|---' * (len(PRESENTATIONS) + 1) + '|']
+    header = ['pair', *(f'{each.label}: found / lost' for each in PRESENTATIONS)]
+    rows = []
     for name in only or outlines:
         folder = store.shared / 'data' / 'movers' / name
-        shares = [
-            evaluate_pair(folder, outlines[name], presentation) for presentation in PRESENTATIONS
-        ]
-        cells = ' | '.join(f'{found:.2f} / {lost:.2f}' for found, lost in shares)
-        lines.append(f'| {name.replace("_", " ")} | {cells} |')
-    return '\n'.join([*lines, ''])
+        shares = [evaluate_pair(folder, outlines[name], each) for each in PRESENTATIONS]
+        cells = (f'{found:.2f} / {lost:.2f}' for found, lost in shares)
+        rows.append((name.replace('_', ' '), *cells))
+    return markdown_table(header, rows)
 
 
 def evaluate_pair(

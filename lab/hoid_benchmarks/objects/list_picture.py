@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from hoid_benchmarks.objects.list_scores import ListScores, Verdict, box_in_image, visible_px
+from hoid_benchmarks.objects.image_boxes import draw_box, write_text
+from hoid_benchmarks.objects.list_scores import ListScores, Verdict
 from hoid_benchmarks.objects.object_list import ListedObject
 from hoid_common.io.files import write_error
 from hoid_common.values import ByteArray, CameraModel, FloatArray
@@ -23,20 +23,6 @@ _COLORS_BGR = {
     Verdict.UNSURE: (190, 190, 190),
 }
 _LISTED_BGR, _MISSED_BGR = (255, 255, 255), (0, 255, 255)
-_FONT, _TEXT_SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
-
-
-def _edges() -> FloatArray:
-    """Return points (N, 3) on the edges of a box, from -0.5 to 0.5 along each axis."""
-    along = np.linspace(-0.5, 0.5, 80)
-    parts = []
-    for axis, ends in product(range(3), product((-0.5, 0.5), repeat=2)):
-        points = np.insert(np.tile(ends, (len(along), 1)), axis, along, axis=1)
-        parts.append(points)
-    return np.concatenate(parts)
-
-
-_EDGES = _edges()
 
 
 def write_picture(
@@ -72,12 +58,12 @@ def write_picture(
                 low, high = item.boxes_px[stamp_ns].astype(int).reshape(2, 2).tolist()
                 cv2.rectangle(picture, low, high, color, 1)
                 if is_missed:
-                    _write(picture, item.name, (low[0], high[1] - 4), color)
+                    write_text(picture, item.name, (low[0], high[1] - 4), color)
         if stamp_ns in poses:
             for found, verdict in zip(objects, scores.verdicts, strict=True):
-                _draw(picture, found, poses[stamp_ns], camera, _COLORS_BGR[verdict])
+                draw_box(picture, found, poses[stamp_ns], camera, _COLORS_BGR[verdict])
         else:
-            _write(picture, 'no pose in the main map', (5, 20), _MISSED_BGR)
+            write_text(picture, 'no pose in the main map', (5, 20), _MISSED_BGR)
         drawn.append(picture)
     drawn += [np.zeros_like(drawn[0])] * (-len(drawn) % _COLUMNS)
     rows = [np.hstack(drawn[k : k + _COLUMNS]) for k in range(0, len(drawn), _COLUMNS)]
@@ -86,26 +72,3 @@ def write_picture(
         path.write_bytes(data.tobytes())
     except OSError as error:
         raise write_error(path, error) from error
-
-
-def _draw(
-    picture: ByteArray,
-    item: MapObject,
-    T_map_camera: FloatArray,
-    camera: CameraModel,
-    color: tuple[int, int, int],
-) -> None:
-    for point in visible_px(item, _EDGES, T_map_camera, camera).astype(int).tolist():
-        cv2.circle(picture, point, 1, color, -1)
-    box_px = box_in_image(item, T_map_camera, camera)
-    if box_px.any():
-        text = f'{item.object_id} {item.class_name} {item.state.name.lower()}'
-        _write(picture, text, (int(box_px[0]) + 2, max(int(box_px[1]), 12) + 12), color)
-
-
-def _write(
-    picture: ByteArray, text: str, at: tuple[int, int], color: tuple[int, int, int]
-) -> None:
-    """Write a text with a dark rim."""
-    for rim, thickness in (((0, 0, 0), 3), (color, 1)):
-        cv2.putText(picture, text, at, _FONT, _TEXT_SCALE, rim, thickness, cv2.LINE_AA)

@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_bags.sequence import open_sequence
+from hoid_benchmarks.markdown import markdown_table
+from hoid_benchmarks.objects.image_boxes import box_in_image
 from hoid_benchmarks.objects.list_picture import write_picture
 from hoid_benchmarks.objects.list_scores import (
     FoundBoxes,
     ListScores,
     Verdict,
-    box_in_image,
     score_list,
 )
 from hoid_benchmarks.objects.object_list import ListedObject, listed_recordings, read_list
 from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.rooms.room_run import map_room
-from hoid_benchmarks.rooms.rooms import table
 from hoid_bringup.run.run_config import RunConfig
 from hoid_scene.objects.mapped_object import MapObject
 
@@ -67,7 +67,7 @@ def object_report(only: Sequence[str], store: Store, detector: str | None, out: 
         for name in names
     ]
     parts = [(_HEADER, [_BAR, *_score_rows(rows)]), (_ERROR_HEADER, list(_error_rows(rows)))]
-    return '\n'.join(table(header, cells) for header, cells in parts if cells)
+    return '\n'.join(markdown_table(header, cells) for header, cells in parts if cells)
 
 
 def _evaluated(name: str, listed: list[ListedObject], store: Store, model: str, out: Path) -> _Row:

@@ -10,18 +10,13 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from hoid_benchmarks.objects.object_list import ListedObject
-from hoid_common import se3
-from hoid_common.values import CameraModel, Float32Array, FloatArray
-from hoid_scene.objects.mapped_object import MapObject
+from hoid_common.values import Float32Array
 from hoid_synth.truth import box_iou
 
 # A found object is a listed one if the mean overlap (IoU) of their boxes in the images is at least
 # this, the limit of ScanNet's benchmark of 3-D boxes. An unsure object is treated as a crowd in
 # COCO: a found object belongs to it if most of its box is inside.
 _MIN_IOU, _MIN_INSIDE = 0.25, 0.5
-_STEPS = 12  # points of a box along each axis, which are projected
-_NEAR_M = 0.05  # points nearer to the camera are not projected
-_BORDER_SHARE = 0.2  # points farther outside the image are not distorted, but left out
 
 
 class Verdict(Enum):
@@ -98,35 +93,3 @@ def _is_in(found: FoundBoxes, unsure: ListedObject) -> bool:
         total_px += (box[2:] - box[:2]).prod()
     is_class = found.class_name in unsure.classes
     return is_class and shared_px >= _MIN_INSIDE * max(total_px, 1.0)
-
-
-def box_in_image(item: MapObject, T_map_camera: FloatArray, camera: CameraModel) -> Float32Array:
-    """Return the box (4,) px around what an image shows of an object's box; zeros for nothing."""
-    steps = np.linspace(-0.5, 0.5, _STEPS)
-    inside = np.stack(np.meshgrid(steps, steps, steps), -1).reshape(-1, 3)
-    uv = visible_px(item, inside, T_map_camera, camera)
-    corners = (uv.min(axis=0), uv.max(axis=0)) if len(uv) else (np.zeros(4),)
-    return np.concatenate(corners).astype(np.float32)
-
-
-def visible_px(
-    item: MapObject, inside: FloatArray, T_map_camera: FloatArray, camera: CameraModel
-) -> FloatArray:
-    """Return the pixels (M, 2) of those points of an object's box that are in an image.
-
-    Args:
-        item: The object.
-        inside: (N, 3) points, from -0.5 to 0.5 along each axis of the box.
-        T_map_camera: (4, 4) pose of the image.
-        camera: Camera of the image.
-    """
-    T_camera_object = se3.inverse(T_map_camera) @ item.T_map_object
-    points_m = se3.transform(T_camera_object, inside * item.size_m)
-    points_m = points_m[points_m[:, 2] > _NEAR_M]
-    size_px = np.array([camera.width_px, camera.height_px])
-    focal_px, center_px = (camera.fx_px, camera.fy_px), (camera.cx_px, camera.cy_px)
-    straight_px = points_m[:, :2] / points_m[:, 2:] * focal_px + center_px
-    border_px = _BORDER_SHARE * size_px
-    is_near = ((straight_px > -border_px) & (straight_px < size_px + border_px)).all(axis=1)
-    uv = camera.project_px(points_m[is_near])
-    return np.asarray(uv[((uv >= 0) & (uv < size_px)).all(axis=1)])

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from tqdm import tqdm
 
+from hoid_benchmarks.markdown import markdown_table
 from hoid_benchmarks.planner.costmap import CELL_M, Costmap, cell_of, centers_m
 from hoid_benchmarks.planner.drive import Drive, Layers, drive
 from hoid_common.values import BoolArray, FloatArray
@@ -39,8 +40,7 @@ def planner_report(seeds: Sequence[int]) -> str:
     for seed in tqdm(seeds, 'rooms', unit=' rooms'):
         for layers, done in _room(seed):
             drives[layers].append(done)
-    rows = [_HEADER, ('---',) * len(_HEADER), *(_cells(k.value, v) for k, v in drives.items())]
-    return ''.join(f'| {" | ".join(row)} |\n' for row in rows)
+    return markdown_table(_HEADER, (_cells(k.value, v) for k, v in drives.items()))
 
 
 def _room(seed: int) -> Iterator[tuple[Layers, Drive]]:

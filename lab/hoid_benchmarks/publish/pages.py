@@ -11,12 +11,13 @@ values.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hoid_benchmarks.faults.cases import merged
+from hoid_benchmarks.markdown import markdown_table
 from hoid_benchmarks.plan.kinds import kinds_text
 from hoid_benchmarks.publish.error_table import error_table
 from hoid_benchmarks.publish.figures import Mark, figures, save_figures
@@ -152,7 +153,7 @@ def _table(kept: Sequence[Kept]) -> str:
     at = columns.index('sequence')
     table = error_table(columns, written)
     kinds = kinds_text((row.cells[at] for row in rows), '`')
-    return f'{kinds} {table.caption}\n\n{_markdown(table.heads, table.rows)}\n{_made(rows)}'
+    return f'{kinds} {table.caption}\n\n{markdown_table(table.heads, table.rows)}\n{_made(rows)}'
 
 
 def _table_without_constants(columns: Sequence[str], rows: Sequence[Row]) -> str:
@@ -164,7 +165,7 @@ def _table_without_constants(columns: Sequence[str], rows: Sequence[Row]) -> str
     ]
     kept = [k for k, is_same in enumerate(same) if not is_same]
     heads = [columns[k] for k in kept]
-    table = _markdown(heads, [[row[k] for k in kept] for row in cells])
+    table = markdown_table(heads, [[row[k] for k in kept] for row in cells])
     return (f'In all rows: {", ".join(said)}.\n\n' if said else '') + table
 
 
@@ -181,11 +182,6 @@ def _made(rows: Sequence[Row], verb: str = 'Made') -> str:
     return f'{verb} {of}, on {machines}.' if machines else f'{verb} {of}.'
 
 
-def _markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [columns, ['---'] * len(columns), *rows]
-    return ''.join('| ' + ' | '.join(cells) + ' |\n' for cells in lines)
-
-
 def _summary(kept: dict[str, Kept]) -> str:
     """Return the table of README without the rows that have no results."""
     table = read_yaml(_SUMMARY_ROWS)
@@ -200,7 +196,7 @@ def _summary(kept: dict[str, Kept]) -> str:
             (wanted['words'], wanted['orb_slam3'], *errors, _DETECTORS[wanted['detector']])
         )
     heads = ('sequence', 'ORB-SLAM3', *table['filters'].values(), 'detector')
-    return f'{_markdown(heads, rows)}\n{_made(shown, "Ours made")}\n'
+    return f'{markdown_table(heads, rows)}\n{_made(shown, "Ours made")}\n'
 
 
 def _found(kept: dict[str, Kept], wanted: dict[str, Any], name: str) -> Any:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from hoid_bags.bag.bag_sequence import BagSequence
+from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.room_run import ObjectHistory
 from hoid_common import se3
 from hoid_common.values import Detections, FloatArray, ObjectState
@@ -21,6 +23,9 @@ from hoid_synth.room_truth import RoomTruth
 # which the dense map must show the object (`RoomTruth`).
 _BEFORE_S, _AFTER_S, _MIN_BOX_PX, _RANGE_M = 1.0, 2.0, 400, 5.0
 _MOVED_M = 0.15  # an object that was put down nearer to its old place was not carried
+# A place is filled if the dense map has points within this distance of this share of the surface
+# that was seen there.
+_NEAR_M, _FILLED_SHARE = 0.03, 0.5
 _SAME_M = 0.35  # an object of the map farther from a true place is another object
 # A person may hide the object for this long before the grip: an object that left its place in the
 # map is searched among those that people took up to this long before its last sighting.
@@ -48,6 +53,8 @@ class CarryScores(NamedTuple):
     put_down_m: FloatArray  # (M,) errors of the centers of objects found at the new place
     num_handled: int  # times that the map called an object handled or moved
     num_false: int  # of these, nobody had touched the object
+    num_filled: int = 0  # last places of carried objects that the dense map shows
+    num_places: int = 0  # all of them (`count_filled`)
 
 
 def true_carries(truth: RoomTruth, sequence: BagSequence) -> list[TrueCarry]:
@@ -174,3 +181,21 @@ def _is_true(departure: _Departure, carries: list[TrueCarry], truth: RoomTruth) 
         and stamp_of(carry.end) >= departure.last_ns - _HIDDEN_S * 1e9
         for carry in carries
     )
+
+
+def count_filled(true: Sequence[TrueObject], points_map_m: FloatArray) -> tuple[int, int]:
+    """Return how many carried objects the dense map shows at their last place, and of how many.
+
+    Args:
+        true: The true objects, of which those that were carried and shown long enough count.
+        points_map_m: (N, 3) points of the dense map.
+    """
+    carried = [item for item in true if item.was_carried and item.is_expected]
+    if not carried or len(points_map_m) == 0:
+        return 0, len(carried)
+    tree = cKDTree(points_map_m)
+    shares = [
+        np.isfinite(tree.query(item.seen_m, distance_upper_bound=_NEAR_M)[0]).mean()
+        for item in carried
+    ]
+    return sum(bool(share >= _FILLED_SHARE) for share in shares), len(carried)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,14 +38,6 @@ class ObjectScores(NamedTuple):
     seen_center_m: FloatArray  # (M,) errors of the center of the seen part
     size_m: FloatArray  # (M,) mean error per axis of the size of the seen part
     area: FloatArray  # (M,) relative error of the area of the footprint of the seen part
-
-
-def all_scores(scores: Iterable[ObjectScores]) -> ObjectScores:
-    """Return the scores of several rooms together."""
-    columns = list(zip(*scores, strict=True))
-    counts = [sum(column) for column in columns[:7]]
-    errors = [np.concatenate(column) for column in columns[7:]]
-    return ObjectScores(*counts, *errors)
 
 
 def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> ObjectScores:

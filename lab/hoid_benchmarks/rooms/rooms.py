@@ -11,24 +11,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.jobs.code import Code
+from hoid_benchmarks.markdown import markdown_table
 from hoid_benchmarks.plan.sequences import Store, scene_of
-from hoid_benchmarks.rooms.carry_table import HEADER as CARRY_HEADER
-from hoid_benchmarks.rooms.carry_table import CarryTable
-from hoid_benchmarks.rooms.object_table import HEADER as OBJECT_HEADER
-from hoid_benchmarks.rooms.object_table import ObjectTable
-from hoid_benchmarks.rooms.object_truth import true_objects
+from hoid_benchmarks.rooms.carries import CarryScores, count_filled, score_carries, true_carries
+from hoid_benchmarks.rooms.object_scores import FoundObject, ObjectScores, score_objects
+from hoid_benchmarks.rooms.object_truth import TrueObject, true_objects
+from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_benchmarks.rooms.room_ghost import Ghost
-from hoid_benchmarks.rooms.room_run import map_room
+from hoid_benchmarks.rooms.room_run import MappedRoom, map_room
 from hoid_benchmarks.rooms.room_scores import Carried, RoomScores, score
-from hoid_benchmarks.rooms.visits.change_table import HEADER as CHANGE_HEADER
-from hoid_benchmarks.rooms.visits.change_table import ChangeTable
-from hoid_benchmarks.rooms.visits.number_table import HEADER as NUMBER_HEADER
-from hoid_benchmarks.rooms.visits.number_table import NumberTable
+from hoid_benchmarks.rooms.score_table import (
+    ScoreTable,
+    carry_table,
+    change_table,
+    number_table,
+    object_table,
+)
+from hoid_benchmarks.rooms.visits.change_scores import ChangeScores, score_changes
+from hoid_benchmarks.rooms.visits.numbers import NumberScores, score_numbers
 from hoid_benchmarks.rooms.visits.second_visit import first_name, map_visits, truth_of
 from hoid_bringup.run.provenance import machine
 from hoid_bringup.run.run_config import TRUTH, RunConfig
@@ -50,11 +56,13 @@ _WANTED = (
 )  # fmt: skip
 
 
-class Tables:
-    """The tables of the objects at rest, of those that people carry, and of their numbers."""
+class Tables(NamedTuple):
+    """The tables of objects at rest, carried objects, numbers and changes."""
 
-    def __init__(self) -> None:
-        self.objects, self.carries, self.numbers = ObjectTable(), CarryTable(), NumberTable()
+    objects: ScoreTable[ObjectScores]
+    carries: ScoreTable[CarryScores]
+    numbers: ScoreTable[NumberScores]
+    changes: ScoreTable[ChangeScores]
 
 
 def room_report(names: Sequence[str], store: Store, detector: str | None = None) -> str:
@@ -69,23 +77,17 @@ def room_report(names: Sequence[str], store: Store, detector: str | None = None)
         InputError: A name is not that of a rendered recording.
     """
     rows: list[tuple[str, ...]] = [_WANTED]
-    tables, changes = Tables(), ChangeTable()
+    tables = Tables(object_table(), carry_table(), number_table(), change_table())
     model = detector or TRUTH
     for name in names or ROOMS:
         scene = _scene(name)
         if scene.away_seed:
-            _add_visits(name, scene, store, model, changes)
+            _add_visits(name, scene, store, model, tables.changes)
         else:
             rows += _rows(name, scene, store, model, tables)
-    parts = [
-        (_HEADER, rows if len(rows) > 1 else []),
-        (OBJECT_HEADER, tables.objects.rows()),
-        (CARRY_HEADER, tables.carries.rows()),
-        (NUMBER_HEADER, tables.numbers.rows()),
-        (CHANGE_HEADER, changes.rows()),
-    ]
-    text = '\n'.join(table(header, part) for header, part in parts if part)
+    texts = [markdown_table(_HEADER, rows) if len(rows) > 1 else '', *(t.text() for t in tables)]
     made = f'Made at commit {Code.of(_ROOT).commit}, on {machine()}'
+    text = '\n'.join(filter(None, texts))
     return f'{text}\n{made}, with {detector or "ground-truth boxes"}.\n'
 
 
@@ -96,19 +98,15 @@ def _scene(name: str) -> SceneConfig:
     return scene
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table."""
-    lines = [header, ('---',) * len(header), *rows]
-    return ''.join(f'| {" | ".join(line)} |\n' for line in lines)
-
-
 def _add_visits(
-    name: str, scene: SceneConfig, store: Store, model: str, changes: ChangeTable
+    name: str, scene: SceneConfig, store: Store, model: str, table: ScoreTable[ChangeScores]
 ) -> None:
     """Map a room before and after it was rearranged, and score what the object map says."""
     config = RunConfig().updated({'detector.model': model, 'object_map.enabled': True})
     visits = map_visits(store.find(first_name(name)), store.find(name), config)
-    changes.add(name, visits, truth_of(scene))
+    true = truth_of(scene)
+    for mode, now in visits.now.items():
+        table.add(name, score_changes(visits.saved, now, true), mode)
 
 
 def _rows(
@@ -129,10 +127,31 @@ def _rows(
         room = map_room(sequence, config)
         if strategy == _STRATEGIES[0]:
             true = true_objects(truth)
-            tables.objects.add(name, room, true)
-            tables.carries.add(name, room, truth, sequence, true)
-            tables.numbers.add(name, room, true)
+            _add_objects(name, room, true, tables.objects)
+            num_filled, num_places = count_filled(true, room.cloud.points_m.astype(np.float64))
+            carried = score_carries(room.history, true_carries(truth, sequence), truth)
+            carried = carried._replace(num_filled=num_filled, num_places=num_places)
+            tables.carries.add(name, carried)
+            tables.numbers.add(name, score_numbers(room, true))
         yield f'`{name}`', f'`{strategy}`', *_cells(score(room, truth, sequence)), ghost
+
+
+def _add_objects(
+    name: str, room: MappedRoom, true: Sequence[TrueObject], table: ScoreTable[ObjectScores]
+) -> None:
+    """Score the objects at rest at the end: those of `tracked_objects`, and of the object map."""
+    tracks = [
+        FoundObject(track.class_name, PlacedBox.along_map(track.position_map_m, track.size_m))
+        for track in (room.tracks[max(room.tracks)] if room.tracks else ())
+        if track.state.is_at_rest
+    ]
+    mapped = [
+        FoundObject(item.class_name, PlacedBox(item.T_map_object, item.size_m))
+        for item in room.objects
+        if item.is_present
+    ]
+    table.add(name, score_objects(tracks, true), '`tracked_objects`')
+    table.add(name, score_objects(mapped, true), '`object_map`')
 
 
 def _ghost(name: str, seed: int, store: Store) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -63,11 +63,6 @@ def _f1(num_expected: int, num_found: int, num_claims: int, num_wrong: int) -> f
     recall = num_found / max(num_expected, 1)
     precision = 1 - num_wrong / max(num_claims, 1)
     return 2 * recall * precision / max(recall + precision, 1e-9)
-
-
-def all_changes(scores: Iterable[ChangeScores]) -> ChangeScores:
-    """Return the scores of several rooms together."""
-    return ChangeScores(*(sum(column) for column in zip(*scores, strict=True)))
 
 
 def claimed_changes(saved: Sequence[MapObject], now: Sequence[MapObject]) -> list[Claim]:

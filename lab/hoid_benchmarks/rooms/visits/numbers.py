@@ -1,4 +1,4 @@
-"""The table of numbers: whether objects still have their number later, and when seen again."""
+"""Whether objects still have their number later, and when they are seen again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from hoid_benchmarks.rooms.object_truth import TrueObject
 from hoid_benchmarks.rooms.room_run import MappedRoom
 from hoid_benchmarks.rooms.visits.change_scores import assigned
 
-HEADER = ('room', 'loops closed', 'known early', 'same number', 'seen again', 'same number')
 # An object is seen again if it is known after the first of these shares of the time, and was seen
 # after the second one. On the path "loop", the camera looks at other rooms meanwhile.
 _KNOWN_SHARE, _AGAIN_SHARE = 0.5, 0.8
@@ -41,22 +40,3 @@ def score_numbers(room: MappedRoom, true: Sequence[TrueObject]) -> NumberScores:
     same = {k for k in known if before[k].object_id == after[k].object_id}
     again = {k for k in known if after[k].last_ns >= again_ns}
     return NumberScores(num_loops, len(known), len(same), len(again), len(same & again))
-
-
-class NumberTable:
-    """Collects the scores of rooms."""
-
-    def __init__(self) -> None:
-        self._scores: dict[str, NumberScores] = {}
-
-    def add(self, name: str, room: MappedRoom, true: Sequence[TrueObject]) -> None:
-        """Score a room by its object map."""
-        self._scores[name] = score_numbers(room, true)
-
-    def rows(self) -> list[tuple[str, ...]]:
-        """Return the cells of all rooms, and of all together."""
-        out = [(f'`{name}`', *map(str, scores)) for name, scores in self._scores.items()]
-        if len(out) > 1:
-            total = (sum(column) for column in zip(*self._scores.values(), strict=True))
-            out.append(('all', *map(str, total)))
-        return out
