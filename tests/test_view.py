@@ -15,9 +15,10 @@ import pytest
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bringup import cli
 from hoid_bringup.run.outputs import write_outputs
-from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult
+from hoid_bringup.run.summary import FilterCounts, RunResult
 from hoid_bringup.view import view
 from hoid_common import se3
+from hoid_common.slam_status import SlamState, SlamStatus
 from hoid_common.values import FloatArray, Trajectory
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_synth.bag import write_bag
@@ -59,7 +60,7 @@ def run(bag: Path, tmp_path: Path) -> Path:
         keyframes=Trajectory(final.stamps_ns[::4], final.T_world_camera[::4]),
         map_points_m=POINTS_M.astype(np.float64),
         ground_truth=truth,
-        map_counts=MapCounts(2, 10),
+        status=SlamStatus(SlamState.TRACKING, keyframes=2, map_points=10),
         filter_counts=FilterCounts(),
         stage_ms={},
         peak_rss_mb=1.0,

@@ -110,7 +110,7 @@ def run(sequence: Sequence, config: RunConfig) -> Outcome:
         evaluate(result.final, truth).ate_rmse_m,
         evaluate(result.online, truth).ate_rmse_m,
         len(result.final) / len(sequence),
-        result.map_counts.keyframes,
+        result.status.keyframes,
         [checked(join, truth) for join in joins],
     )
 

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from hoid_bags.sequence import Sequence as Recording
 from hoid_bringup.run.detection_source import detection_source
-from hoid_bringup.run.map_files import MapFiles
+from hoid_bringup.run.offline import MapFiles
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import DynamicObject, RgbdFrame, Trajectory

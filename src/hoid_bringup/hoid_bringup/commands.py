@@ -14,9 +14,8 @@ from hoid_bags.imu_recording import ImuRecording, read_imu
 from hoid_bags.options import add_recording_arguments
 from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
 from hoid_bringup.live.replay_plan import ReplayConfig
-from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, STRATEGY, lacks_model
-from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.offline import MapFiles, run_offline
 from hoid_bringup.run.options import (
     add_method_arguments,
     given_parameters,

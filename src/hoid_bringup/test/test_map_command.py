@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from hoid_bringup.cli import main
-from hoid_bringup.run.map_files import MapFiles
-from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.offline import MapFiles, run_offline
 from hoid_bringup.run.run_config import RunConfig
 from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.store import map_file

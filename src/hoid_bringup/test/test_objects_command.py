@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from hoid_bringup.cli import main
-from hoid_bringup.run.map_files import MapFiles
-from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.offline import MapFiles, run_offline
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.values import Detections, RgbdFrame
 from hoid_scene.store import scene_file

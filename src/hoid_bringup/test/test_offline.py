@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from hoid_bringup.run.map_files import MapFiles
-from hoid_bringup.run.offline import run_offline
+from hoid_bringup.run.offline import MapFiles, run_offline
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel, Detections, RgbdFrame, Trajectory

@@ -14,9 +14,10 @@ from hoid_bringup import cli
 from hoid_bringup.commands import dropped_frames, run_report
 from hoid_bringup.run.outputs import staged, write_outputs
 from hoid_bringup.run.provenance import Provenance, commit
-from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Spread, summarize
+from hoid_bringup.run.summary import FilterCounts, RunResult, Spread, summarize
 from hoid_common.errors import InputError
 from hoid_common.io.trajectory_io import read_tum, write_tum
+from hoid_common.slam_status import SlamState, SlamStatus
 from hoid_common.values import Trajectory
 
 CONTRACT = """frames_total frames_processed frames_tracked coverage ate_rmse_m ate_online_rmse_m
@@ -43,7 +44,7 @@ def result(final: Trajectory, truth: Trajectory | None) -> RunResult:
         keyframes=Trajectory(final.stamps_ns[::10], final.T_world_camera[::10]),
         map_points_m=np.array([[1.0, 2, 3], [4, 5, 6]]),
         ground_truth=truth,
-        map_counts=MapCounts(9, 2, maps=1, loops=1),
+        status=SlamStatus(SlamState.TRACKING, keyframes=9, map_points=2, maps=1, loops=1),
         filter_counts=FilterCounts(100_000, 20, 3),
         stage_ms={'frame': [1.0, 2, 3], 'rest': [4.0]},
         peak_rss_mb=321.04,

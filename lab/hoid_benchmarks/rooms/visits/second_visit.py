@@ -13,7 +13,7 @@ from hoid_bags.sequence import Sequence
 from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_benchmarks.rooms.room_run import map_room
 from hoid_benchmarks.rooms.visits.true_changes import TrueVisits, true_visits
-from hoid_bringup.run.map_files import MapFiles
+from hoid_bringup.run.offline import MapFiles
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import NS_PER_S, Detections, RgbdFrame, Trajectory

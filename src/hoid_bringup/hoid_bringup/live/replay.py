@@ -19,7 +19,7 @@ from hoid_bringup.live.replay_plan import BagNames, ReplayConfig, node_options, 
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import ProcessExit, Supervisor, last_line
 from hoid_bringup.run.outputs import write_outputs
-from hoid_bringup.run.summary import MapCounts, RunResult, Summary
+from hoid_bringup.run.summary import RunResult, Summary
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder
 from hoid_common.process.shared_memory import check_shared_memory, clean_shared_memory
@@ -166,14 +166,7 @@ class _LiveRun:
             keyframes=keyframes,
             map_points_m=points_m,
             ground_truth=self._bag.ground_truth,
-            map_counts=MapCounts(
-                len(keyframes),
-                len(points_m),
-                status.maps,
-                status.loops,
-                status.merges,
-                status.relocalizations,
-            ),
+            status=dataclasses.replace(status, keyframes=len(keyframes), map_points=len(points_m)),
             filter_counts=metrics.filter_counts(),
             stage_ms=metrics.stage_ms(),
             peak_rss_mb=sum(nodes.peak_rss_mb().values()),

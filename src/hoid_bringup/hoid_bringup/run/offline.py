@@ -8,17 +8,17 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hoid_bags.imu_recording import ImuRecording
 from hoid_bags.progress import progress
 from hoid_bags.sequence import Sequence
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
 from hoid_bringup.run.imu_feed import ImuFeed
-from hoid_bringup.run.map_files import MapFiles
 from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.run_config import RunConfig
-from hoid_bringup.run.summary import FilterCounts, MapCounts, RunResult, Summary
+from hoid_bringup.run.summary import FilterCounts, RunResult, Summary
+from hoid_common.errors import ConfigError
 from hoid_common.io.files import check_writable
 from hoid_common.slam_status import SlamMode
 from hoid_common.values import Detections, DynamicObject, FilterResult, FloatArray, RgbdFrame
@@ -30,12 +30,28 @@ from hoid_scene.store import scene_file
 from rgbd_slam.inertial.report import ImuReport, report_of
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import Processed, SlamSession
-from rgbd_slam.slam_map import SlamStats
 from rgbd_slam.store import map_file
 
 _LOG = logging.getLogger(__name__)
 _MS_PER_S = 1e3
 _KIB_PER_MB = 1024
+
+
+class MapFiles(NamedTuple):
+    """The map files that a run loads and saves."""
+
+    load: Path | None = None  # map to start with; None: an empty map
+    localize: bool = False  # whether the loaded map stays unchanged
+    save: Path | None = None  # file in which to save the map at the end; None: it is not saved
+
+    def check(self) -> None:
+        """Refuse options that contradict each other, or a file that cannot be saved."""
+        if self.localize and self.load is None:
+            raise ConfigError('--localize needs --map FILE')
+        if self.save is not None:
+            if self.save.is_dir():  # `--save-map ''` is the current folder
+                raise ConfigError(f'--save-map {self.save}: is a folder; name a file')
+            check_writable(self.save.parent)
 
 
 class OfflinePipeline:
@@ -183,7 +199,7 @@ class OfflinePipeline:
             cloud=cloud,
             grid=grid,
             ground_truth=sequence.ground_truth,
-            map_counts=_map_counts(session.slam.stats),
+            status=session.status(),
             filter_counts=FilterCounts(
                 self._features_in, self._features_removed, self._objects_dynamic
             ),
@@ -199,17 +215,6 @@ def _scheduler(config: RunConfig, *, dense: bool) -> SceneScheduler:
     rates = (scene.objects.rate_hz, scene.object_map.rate_hz)
     of_objects = rates if scene.object_map.enabled else (None, None)
     return SceneScheduler(scene.dense.rate_hz if dense else None, *of_objects)
-
-
-def _map_counts(stats: SlamStats) -> MapCounts:
-    return MapCounts(
-        keyframes=stats.num_keyframes,
-        map_points=stats.num_map_points,
-        maps=stats.num_maps,
-        loops=stats.num_loops,
-        merges=stats.num_merges,
-        relocalizations=stats.num_relocalizations,
-    )
 
 
 def run_offline(

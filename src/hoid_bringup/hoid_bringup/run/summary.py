@@ -17,6 +17,7 @@ import numpy as np
 from hoid_bringup.evaluate.evaluation import evaluate
 from hoid_bringup.run.provenance import Provenance
 from hoid_common.errors import InputError
+from hoid_common.slam_status import SlamStatus
 from hoid_common.values import FloatArray, Trajectory
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
@@ -26,6 +27,7 @@ _LOG = logging.getLogger(__name__)
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')
 # Stages that every summary lists, whether they were timed or not.
 _STAGES = ('detect', 'extract', 'filter', 'track', 'map', 'frame')
+_MAP_COUNTS = ('keyframes', 'map_points', 'maps', 'loops', 'merges', 'relocalizations')
 
 
 @dataclass(frozen=True)
@@ -52,18 +54,6 @@ class FilterCounts:
     objects_dynamic: int = 0  # objects that were classified as dynamic
 
 
-@dataclass(frozen=True)
-class MapCounts:
-    """Counts of SLAM at the end of a run."""
-
-    keyframes: int = 0  # in the main map
-    map_points: int = 0  # in the main map
-    maps: int = 0  # number of maps, the main map included; more than 1: they are not merged
-    loops: int = 0  # closed during the run
-    merges: int = 0  # of two maps, during the run
-    relocalizations: int = 0  # during the run
-
-
 @dataclass(frozen=True, eq=False)
 class RunResult:
     """Results of an offline or live run, with poses and points in the z-up map frame."""
@@ -77,7 +67,7 @@ class RunResult:
     keyframes: Trajectory  # poses of the keyframes in the final main map
     map_points_m: FloatArray  # (N, 3)
     ground_truth: Trajectory | None  # in the frame of the ground truth; None: there is none
-    map_counts: MapCounts
+    status: SlamStatus  # at the end, with the counts of the main map
     filter_counts: FilterCounts
     # Times in ms by stage, one per frame: processor time of the thread, wall time for `detect`.
     stage_ms: Mapping[str, Sequence[float]]
@@ -109,11 +99,11 @@ class Summary:
     ate_online_rmse_m: float | None
     rpe_trans_1s_rmse_m: float | None
     rpe_rot_1s_rmse_deg: float | None
-    keyframes: int
-    map_points: int
-    maps: int
+    keyframes: int  # in the main map
+    map_points: int  # in the main map
+    maps: int  # number of maps, the main map included; more than 1: they are not merged
     loops: int
-    merges: int
+    merges: int  # of two maps
     relocalizations: int
     stage_ms: Mapping[str, Spread | None]  # None for a stage that was not timed
     latency_ms: Spread | None
@@ -147,7 +137,7 @@ def summarize(result: RunResult) -> Summary:
         ate_online_rmse_m=online['ate_rmse_m'],
         rpe_trans_1s_rmse_m=errors['rpe_trans_1s_rmse_m'],
         rpe_rot_1s_rmse_deg=errors['rpe_rot_1s_rmse_deg'],
-        **asdict(result.map_counts),
+        **{name: getattr(result.status, name) for name in _MAP_COUNTS},
         stage_ms={
             name: Spread.of(result.stage_ms.get(name, ()))
             for name in dict.fromkeys((*_STAGES, *result.stage_ms))
