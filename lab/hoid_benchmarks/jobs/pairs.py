@@ -19,7 +19,7 @@ from hoid_common.values import BoolArray, CameraModel
 from hoid_filter.config import ExtractionConfig, MotionConfig
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.motion.downscaled_view import MotionView
-from hoid_filter.motion.moving_regions import MotionDetector
+from hoid_filter.motion.motion_segmentation import MotionDetector
 
 _OUTLINES = Path(__file__).with_name('pairs.yaml')
 _CAMERA = CameraModel(640, 480, 527.0, 533.0, 319.5, 239.5)

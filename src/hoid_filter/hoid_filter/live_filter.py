@@ -5,19 +5,20 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from hoid_common.errors import MessageError
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import (
     NS_PER_S,
+    CameraModel,
     Detections,
     Features,
+    FilterResult,
     Float32Array,
     RgbdFrame,
 )
-from hoid_filter.feature_filter import DetectedCorners, FeatureFilter
-from hoid_filter.live_interfaces import LiveDiagnostics, LiveOutputs
+from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalVerdict
 from hoid_filter.node_config import STOP, DetectionInputConfig
 
 # Chosen: at 30 images/s on a busy processor, motion is still segmented in 7 of them per second
@@ -29,6 +30,44 @@ _MAX_QUEUED = 30  # chosen: one second of images or detections
 # before their image when its depth image is late.
 _MAX_LEAD_S = 1.0
 _DETECTOR_LOST = 'detector lost'
+
+
+class LiveOutputs(Protocol):
+    """Publishes the results for an image, with the header of its color image message."""
+
+    @property
+    def wants_picture(self) -> bool: ...
+
+    @property
+    def wants_masks(self) -> bool: ...
+
+    def publish(
+        self, frame: RgbdFrame, result: FilterResult, header: Any, *, provisional: bool
+    ) -> None:
+        """Publish features and objects; if `provisional`, `publish_final` may follow."""
+
+    def publish_final(
+        self, final: FinalVerdict, header: Any, size_px: tuple[int, int]
+    ) -> None: ...
+
+    def publish_masks(
+        self, final: FinalVerdict, depth_m: Float32Array, header: Any, camera: CameraModel | None
+    ) -> None:
+        """Publish masked images, and point clouds if `camera` is of the images' size."""
+
+
+class LiveDiagnostics(Protocol):
+    """Counters and problems that the node shows on /diagnostics."""
+
+    def count(self, name: str, number: int = 1) -> None: ...
+
+    def set_count(self, name: str, number: int) -> None: ...
+
+    def note(self, text: str, what: str) -> None: ...
+
+    def set_problem(self, name: str, text: str, *, severe: bool) -> None: ...
+
+    def clear_problem(self, name: str) -> None: ...
 
 
 class _Held(NamedTuple):

@@ -7,6 +7,7 @@ there before, or when the points tracked on it contradict the camera motion
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +17,6 @@ from hoid_common import se3
 from hoid_common.values import (
     BoolArray,
     CameraModel,
-    Float32Array,
     FloatArray,
     IntArray,
 )
@@ -26,9 +26,9 @@ from hoid_filter.motion.depth_history import DepthHistory
 from hoid_filter.motion.downscaled_camera import DownscaledCamera, depths_at, nearest_pixels
 from hoid_filter.motion.downscaled_view import DownscaledView, MotionView, downscale
 from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, PointObservations
-from hoid_filter.motion.motion_log_odds import LabeledRegions, MotionLogOdds
+from hoid_filter.motion.motion_log_odds import LabeledRegions, MotionLogOdds, dilate_labels
+from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS, MovingRegions
 from hoid_filter.motion.point_tracks import PointTracks, predict_px, track
-from hoid_filter.motion.region_velocity import PointDisplacements
 from hoid_filter.motion.shutter_shift import shift_px
 from hoid_native import strongest_corners_per_cell
 
@@ -49,6 +49,10 @@ _MAX_DEPTH_CHANGE, _MAX_SPEED_MPS = 0.05, 3.0
 # Chosen: points that are nearer than this, or have no depth reading, are weighted as if they were
 # at this depth.
 _MIN_WEIGHT_DEPTH_M = 0.3
+# Chosen, for the velocity of a region: over a shorter time the depth noise of a point exceeds its
+# displacement; the median of fewer points does not ignore an outlier.
+_MIN_ELAPSED_S, _MIN_REGION_POINTS = 0.1, 3
+_MAX_RESULTS = 60  # chosen: two seconds at 30 Hz, more than the live filter re-evaluates
 _UNSEGMENTED_AREA_PX = 2.0  # chosen: area that a point on a depth edge, in no segment, represents
 
 
@@ -93,9 +97,8 @@ class MotionSegmentation:
         self._T_world_camera = self._T_camera_world = np.eye(4)
         self._T_previous_current = np.eye(4)
         self._turn_radps = np.zeros(3)  # of the camera, in the last view
-        self.displacements = PointDisplacements.none()  # of the points in the last view
 
-    def segment(self, view: MotionView) -> LabeledRegions:
+    def segment(self, view: MotionView) -> MovingRegions:
         small = downscale(view, self.camera)
         if self._view is not None and not 0 < small.stamp_s - self._view.stamp_s < _MAX_GAP_S:
             self._restart()
@@ -111,27 +114,12 @@ class MotionSegmentation:
             turn_rad = se3.log(self._T_previous_current)[:3]
             self._turn_radps = turn_rad / (small.stamp_s - self._view.stamp_s)
         self._log_odds.update(small, self._T_previous_current, self._evidence(tracked, small))
-        regions = self._log_odds.moving_regions()
-        self.displacements = (
-            self._displacements(tracked, small.stamp_s)
-            if regions.num_regions
-            else PointDisplacements.none()
-        )
+        regions = self._described(self._log_odds.moving_regions(), tracked, small)
         self._history.add(small, self._T_world_camera, self._turn_radps)
         occupied = self._renew_anchors(tracked, small.stamp_s)
         self._add_points(view, small, occupied)
         self._view = small
-        return regions
-
-    @property
-    def turn_radps(self) -> float:
-        """Return how fast the camera turned between the last two views; 0 after a restart."""
-        return float(np.linalg.norm(self._turn_radps))
-
-    @property
-    def depth_m(self) -> Float32Array:
-        assert self._view is not None
-        return self._view.depth_m
+        return regions._replace(camera_turn_radps=float(np.linalg.norm(self._turn_radps)))
 
     def _track_points(
         self, view: MotionView, small: DownscaledView, T_next_world: FloatArray
@@ -214,15 +202,41 @@ class MotionSegmentation:
             evidence += self._point_evidence(tracked, small)
         return evidence
 
-    def _displacements(self, tracked: SegmentedPoints, now_s: float) -> PointDisplacements:
+    def _described(
+        self, regions: LabeledRegions, tracked: SegmentedPoints, small: DownscaledView
+    ) -> MovingRegions:
+        if not regions.num_regions:
+            return NO_MOVING_REGIONS
+        labels = range(1, regions.num_regions + 1)
+        depths_m = [np.median(small.depth_m[regions.label == label]) for label in labels]
+        return MovingRegions(
+            self.camera.boxes_px(regions.boxes_xywh_px).astype(np.float32),
+            np.array(depths_m, np.float64),
+            self._velocities_mps(regions, tracked, small.stamp_s),
+            dilate_labels(regions.label),
+            self.camera,
+        )
+
+    def _velocities_mps(
+        self, regions: LabeledRegions, tracked: SegmentedPoints, now_s: float
+    ) -> FloatArray:
+        """Return the velocities (R, 3) of regions in the world, along camera axes; or NaN."""
+        velocities_mps = np.full((regions.num_regions, 3), np.nan)
         if not len(self._tracks):
-            return PointDisplacements.none()
+            return velocities_mps
         has_depth = tracked.points.has_depth
         world_m = se3.transform(self._T_world_camera, tracked.points.camera_m[has_depth])
         world_m -= tracked.points.world_m[has_depth]
         in_camera_axes_m = world_m @ self._T_world_camera[:3, :3]
         elapsed_s = now_s - self._tracks.anchored_s[has_depth]
-        return PointDisplacements(tracked.downscaled_pixel[has_depth], in_camera_axes_m, elapsed_s)
+        is_long = elapsed_s >= _MIN_ELAPSED_S
+        point_mps = in_camera_axes_m[is_long] / elapsed_s[is_long, None]
+        label = regions.label.ravel()[tracked.downscaled_pixel[has_depth][is_long]]
+        for n in range(regions.num_regions):
+            inside_mps = point_mps[label == n + 1]
+            if len(inside_mps) >= _MIN_REGION_POINTS:
+                velocities_mps[n] = np.median(inside_mps, axis=0)
+        return velocities_mps
 
     def _point_evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
         """Return the log-odds (S,) that segments move, from errors of their tracked points."""
@@ -299,6 +313,28 @@ class MotionSegmentation:
             occupied,
         )[: max(missing, 0)]
         return view.corner_pixels[strongest]
+
+
+class MotionDetector:
+    """Segments motion in the views of one camera, and stores the results of the last 60 views."""
+
+    def __init__(self, config: MotionConfig) -> None:
+        self._config = config
+        self._segmentation: MotionSegmentation | None = None
+        self._results: deque[tuple[int, MovingRegions]] = deque(maxlen=_MAX_RESULTS)
+
+    def detect(self, view: MotionView) -> None:
+        if self._segmentation is None or self._segmentation.camera.camera != view.camera:
+            self._segmentation = MotionSegmentation(self._config, view.camera)
+        self._results.append((view.stamp_ns, self._segmentation.segment(view)))
+
+    def has_result(self, stamp_ns: int) -> bool:
+        return any(result_ns == stamp_ns for result_ns, _ in self._results)
+
+    def regions_at(self, stamp_ns: int) -> MovingRegions:
+        """Return the moving regions of the newest view up to a stamp, or no regions."""
+        past = (moving for result_ns, moving in reversed(self._results) if result_ns <= stamp_ns)
+        return next(past, NO_MOVING_REGIONS)
 
 
 def _area_per_point(area_px: Int32Array, segment: Int32Array) -> FloatArray:

@@ -9,8 +9,13 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.detections.overlap import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, TrackLimits
 from hoid_filter.motion.moving_regions import MovingRegions
-from hoid_filter.strategies.depth_regions import STRIDE_PX, subsample, subsampled_pixels
-from hoid_filter.strategies.dynamic_mask import dilate_mask, mask_objects
+from hoid_filter.strategies.dynamic_mask import (
+    STRIDE_PX,
+    dilate_mask,
+    mask_objects,
+    subsample,
+    subsampled_pixels,
+)
 from hoid_filter.strategies.interaction import (
     Interactions,
     TrackSnapshot,

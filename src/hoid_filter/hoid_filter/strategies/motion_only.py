@@ -7,8 +7,7 @@ import numpy as np
 from hoid_common.values import UNKNOWN, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.motion.moving_regions import MovingRegions
-from hoid_filter.strategies.depth_regions import subsampled_pixels
-from hoid_filter.strategies.dynamic_mask import dilate_mask
+from hoid_filter.strategies.dynamic_mask import dilate_mask, subsampled_pixels
 from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 
 
