@@ -159,7 +159,8 @@ def with_virtual_mapper(session: SlamSession, config: SlamConfig, delay: Delay) 
     """Replace the mapper of a session that has not started yet."""
     camera = StereoCamera.from_model(session.camera, config.camera)
     worker = VirtualWorker(camera, config, delay)
+    child: Any = worker
     session.map.mapper = MapperProcess(
-        camera, session.map.atlas, config, worker=worker, clock=lambda: worker.now_s
+        camera, session.map.atlas, config, worker=child, clock=lambda: worker.now_s
     )
     return worker

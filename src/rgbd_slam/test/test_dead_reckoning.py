@@ -49,7 +49,7 @@ def track(
         now = image_pose(k + 1) @ se3.exp(noise)
         source.start(START_NS + k * IMAGE_NS)
         source.advance(START_NS + (k + 1) * IMAGE_NS)
-        source.observe(se3.inverse(before) @ now, np.zeros(6))
+        source.observe(se3.inverse(before) @ now)
         before = now
 
 

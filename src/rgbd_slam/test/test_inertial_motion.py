@@ -13,13 +13,12 @@ from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import Mounting, kalibr_mounting, read_kalibr, snapped
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.motion_sources import ExternalOdometry
 from rgbd_slam.tracking.odometry import Odometry
 
 from .shaken_imu import IMAGE_NS, START_NS, ShakenImu, pose
+from .world import tracked_at
 
 
 def followed(duration_s: float, seed: int = 0) -> tuple[InertialMotion, ShakenImu, int]:
@@ -32,20 +31,10 @@ def followed(duration_s: float, seed: int = 0) -> tuple[InertialMotion, ShakenIm
         source.start(START_NS + k * IMAGE_NS)
         source.advance(START_NS + (k + 1) * IMAGE_NS)
         T = se3.inverse(image_pose(k)) @ image_pose(k + 1)
-        source.observe(T, se3.log(se3.inverse(T)) * 30)
+        source.observe(T)
     shaken.sample(num * IMAGE_NS + 4 * NS_PER_S)
     source.start(START_NS + num * IMAGE_NS)
     return source, shaken, num
-
-
-def tracked(T_map_camera: FloatArray, stamp_ns: int = START_NS) -> TrackedFrame:
-    """Return a frame without features at a pose (4, 4)."""
-    none = np.empty(0, np.int64)
-    frame = Frame(
-        stamp_ns, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
-        np.empty(0, np.float32), np.empty((0, 32), np.uint8), np.empty(0, np.bool_),
-    )  # fmt: skip
-    return TrackedFrame(frame, T_map_camera, none, none, 0, T_map_camera)
 
 
 def rotated(R: FloatArray) -> FloatArray:
@@ -98,7 +87,7 @@ def test_a_prior_of_the_rotation_is_near_the_truth_and_can_be_switched_off() -> 
     assert 0.2 < np.rad2deg(prior.sigma_rad) < 0.5
     odometry = Odometry(Atlas(1.2, 8), gyro=source)
     assert odometry.prior() is None  # nothing has been tracked
-    odometry.last = tracked(image_pose(num))
+    odometry.last = tracked_at(image_pose(num), START_NS)
     found = odometry.prior()
     assert found is not None
     error = se3.log(found.T_camera_map @ image_pose(num + 1))[:3]
@@ -154,7 +143,7 @@ def test_a_pose_with_few_inliers_is_accepted_where_the_gyro_agrees() -> None:
     T_before, T_now = image_pose(num), image_pose(num + 1)
     enough = TrackingConfig.min_inliers
     assert odometry.min_inliers(se3.inverse(T_now)) == enough  # nothing has been tracked
-    odometry.last = tracked(T_before)
+    odometry.last = tracked_at(T_before, START_NS)
     source.start(START_NS + num * IMAGE_NS)
     odometry.follow(START_NS + (num + 1) * IMAGE_NS)
     turned = se3.exp(np.array([0.0, np.deg2rad(2.0), 0, 0, 0, 0])) @ se3.inverse(T_now)
@@ -168,7 +157,7 @@ def test_a_pose_with_few_inliers_is_accepted_where_the_gyro_agrees() -> None:
     T_camera_map = se3.inverse(T_before @ bridge.T_last_camera)
     assert odometry.min_inliers(T_camera_map) == enough
     without = Odometry(Atlas(1.2, 8))
-    without.last = tracked(T_before)
+    without.last = tracked_at(T_before, START_NS)
     assert without.min_inliers(se3.inverse(T_now)) == enough
 
 
@@ -178,7 +167,7 @@ def test_wheels_bridge_before_the_gyro() -> None:
     wheels = ExternalOdometry(lambda *_: step)
     for sources, note in (([wheels], 'the wheel odometry'), ([], 'the gyro')):
         odometry = Odometry(Atlas(1.2, 8), source, sources)
-        odometry.restart_from(tracked(np.eye(4), START_NS + num * IMAGE_NS))
+        odometry.restart_from(tracked_at(np.eye(4), START_NS + num * IMAGE_NS))
         odometry.follow(START_NS + (num + 1) * IMAGE_NS)
         bridge = odometry.bridge()
         assert bridge is not None

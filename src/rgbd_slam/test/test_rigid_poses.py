@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.mapper import KeyframeRequest, Mapper
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_change import Move
 from rgbd_slam.model.points import PointCounts
 from rgbd_slam.model.pose_guard import PoseGuard
@@ -24,7 +25,7 @@ from rgbd_slam.processes.mapper_worker import MapperReport, Ready, Request
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
 
-from .world import CAMERA, PERIOD_NS, World, sway
+from .world import CAMERA, PERIOD_NS, World, empty_frame, sway
 
 CONFIG = SlamConfig()
 STEREO = StereoCamera.from_model(CAMERA, CONFIG.camera)
@@ -58,14 +59,6 @@ class SilentWorker:
         return ''
 
 
-def frame(stamp_ns: int = 0) -> Frame:
-    """Return a frame without features."""
-    return Frame(
-        stamp_ns, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
-        np.empty(0, np.float32), np.empty((0, 32), np.uint8), np.empty(0, np.bool_),
-    )  # fmt: skip
-
-
 def request(uid: int, tracked: TrackedFrame) -> KeyframeRequest:
     """Return the request to make a frame a keyframe."""
     return KeyframeRequest(
@@ -84,24 +77,25 @@ def rigid_error(T: FloatArray) -> float:
 def fixture_atlas() -> Atlas:
     """Return a map of two keyframes without points."""
     atlas = Atlas(1.2, 8)
-    first = atlas.add_keyframe(frame(), np.eye(4), 0)
-    atlas.add_keyframe(frame(1), se3.exp(np.full(6, 0.1)), 0, first)
+    first = atlas.add_keyframe(empty_frame(), np.eye(4), 0)
+    atlas.add_keyframe(empty_frame(1), se3.exp(np.full(6, 0.1)), 0, first)
     return atlas
 
 
 @pytest.mark.parametrize('count', [40, 100])  # more than 64 wait: some of them are removed again
 def test_a_chain_of_pending_keyframes_keeps_exact_rigid_poses(count: int) -> None:
     atlas = Atlas(1.2, 8)
-    mapper = MapperProcess(STEREO, atlas, CONFIG, worker=SilentWorker())
+    worker: Any = SilentWorker()
+    mapper = MapperProcess(STEREO, atlas, CONFIG, worker=worker)
     steps = se3.exp(np.random.default_rng(0).normal(0, 0.2, (count, 6)))
     first = se3.exp(np.linspace(0.3, 1.0, 6))
     truth = [first]
-    mapper.start_map(0, frame(), first, 0)
+    mapper.start_map(0, empty_frame(), first, 0)
     for uid, step in enumerate(steps, 1):
         truth.append(se3.orthonormalized(truth[-1] @ step))
         last = atlas.pose(uid - 1)
         assert last is not None
-        tracked = tracked_frame(frame(uid), last @ step, NONE, atlas, uid - 1)
+        tracked = tracked_frame(empty_frame(uid), last @ step, NONE, atlas, uid - 1)
         mapper.insert(request(uid, tracked))
 
     poses = [atlas.pose(uid) for uid in range(count + 1)]
@@ -141,8 +135,8 @@ def test_no_invalid_pose_enters_the_map(factor: float, atlas: Atlas) -> None:
 def test_no_keyframe_with_an_invalid_pose_is_inserted(factor: float) -> None:
     atlas = Atlas(1.2, 8)
     mapper = Mapper(STEREO, atlas, CONFIG)
-    first = mapper.start_map(0, frame(), np.eye(4), 0)
-    tracked = TrackedFrame(frame(1), np.eye(4), NONE, NONE, 0, np.diag([factor, 1, 1, 1]))
+    first = mapper.start_map(0, empty_frame(), np.eye(4), 0)
+    tracked = TrackedFrame(empty_frame(1), np.eye(4), NONE, NONE, 0, np.diag([factor, 1, 1, 1]))
     assert mapper.insert(request(1, tracked)) is None
     assert atlas.keyframes.indices().tolist() == [first]
     assert atlas.guard.num_refused == 1
@@ -163,7 +157,7 @@ def test_no_trajectory_contains_an_invalid_pose(atlas: Atlas) -> None:
     uid = int(atlas.keyframes.uid[atlas.keyframes.indices()[0]])
     for n, factor in enumerate((1.0, *BROKEN, 1.0)):
         T = np.diag([factor, 1, 1, 1])
-        recorder.add(TrackedFrame(frame(n), T, NONE, NONE, uid, T))
+        recorder.add(TrackedFrame(empty_frame(n), T, NONE, NONE, uid, T))
     for trajectory in (recorder.online(), recorder.final()):
         assert trajectory.stamps_ns.tolist() == [0, len(BROKEN) + 1]
         np.testing.assert_array_equal(trajectory.T_world_camera, [np.eye(4)] * 2)

@@ -12,22 +12,17 @@ from hoid_common import se3
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, Trajectory
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import TrajectoryRecorder, current_pass
+
+from .world import tracked_at
 
 MANY = 5000
 
 
 def tracked(stamp_ns: int, T_map_camera: FloatArray, reference_uid: int = 0) -> TrackedFrame:
-    """Return a frame without features, whose reference keyframe is at the origin."""
-    none = np.empty(0, np.int64)
-    frame = Frame(
-        stamp_ns, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
-        np.empty(0, np.float32), np.empty((0, 32), np.uint8), np.empty(0, np.bool_),
-    )  # fmt: skip
-    return TrackedFrame(frame, T_map_camera, none, none, reference_uid, T_map_camera)
+    return tracked_at(T_map_camera, stamp_ns, reference_uid)
 
 
 def recorded(count: int, atlas: Atlas) -> TrajectoryRecorder:

@@ -136,7 +136,7 @@ def test_the_error_of_the_wheels_is_learned() -> None:
     for n in range(300):
         source.start(n * PERIOD_NS)
         source.advance((n + 1) * PERIOD_NS)
-        source.observe(np.eye(4), np.zeros(6))
+        source.observe(np.eye(4))
     source.start(0)
     source.advance(PERIOD_NS)
     motion = source.bridge()

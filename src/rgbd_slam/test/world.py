@@ -7,7 +7,9 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.map_state import MapState
+from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.slam import RgbdSlam
 
@@ -77,6 +79,21 @@ def sway(count: int, turn_rad: float = 0.6, way_m: float = 0.8) -> FloatArray:
     twist[:, 4] = 0.1 * np.sin(2 * phase)
     twist[:, 5] = 0.3 * (np.cos(phase) - 1)
     return se3.exp(twist)
+
+
+def empty_frame(stamp_ns: int = 0) -> Frame:
+    """Return a frame without features."""
+    return Frame(
+        stamp_ns, np.empty((0, 3), np.float32), np.empty(0, np.float32), np.empty(0, np.uint8),
+        np.empty(0, np.float32), np.empty((0, 32), np.uint8), np.empty(0, np.bool_),
+    )  # fmt: skip
+
+
+def tracked_at(T_map_camera: FloatArray, stamp_ns: int, reference_uid: int = 0) -> TrackedFrame:
+    """Return a frame without features, whose reference keyframe is at the origin."""
+    none = np.empty(0, np.int64)
+    frame = empty_frame(stamp_ns)
+    return TrackedFrame(frame, T_map_camera, none, none, reference_uid, T_map_camera)
 
 
 def position_errors_m(estimate: Trajectory, poses: FloatArray) -> FloatArray:

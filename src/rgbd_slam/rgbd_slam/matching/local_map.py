@@ -10,8 +10,7 @@ from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.matching.matching import Queries
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.projection import to_camera
+from rgbd_slam.model.frame import StereoCamera, to_camera
 
 # Factor by which a point may be nearer or farther than the distances at which some octave detects
 # it: one octave. ORB-SLAM3 has 0.8 and 1.2 (MapPoint.cc, GetMinDistanceInvariance and

@@ -13,7 +13,6 @@ from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, I
 from hoid_native import Candidates, MatchThreshold, QueryConstraints
 from rgbd_slam.model.frame import Frame
 
-_MAX_HAMMING = 256  # bits of a descriptor
 _NUM_NEAREST = 2  # the best and the second best candidate of a query, for the ratio test
 # ORB-SLAM3, ORBmatcher.cc, HISTO_LENGTH and ComputeThreeMaxima: number of bins of the histogram of
 # feature rotations. A match is kept if its bin is one of the three fullest and has at least this
@@ -103,43 +102,15 @@ def match_by_descriptor(
     distance, nearest = cv2.batchDistance(
         descriptors, frame.descriptors, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=_NUM_NEAREST
     )
-    q = np.repeat(np.arange(len(descriptors)), _NUM_NEAREST)
-    k, apart = nearest.ravel().astype(np.int64), distance.ravel().astype(np.int64)
-    return _best_matches(q, k, apart, frame.octave, max_distance, ratio)
-
-
-def _best_matches(
-    q: IntArray,
-    k: IntArray,
-    distance: IntArray,
-    octave: ByteArray,
-    max_distance: int,
-    ratio: float,
-) -> Matches:
-    """Return the best pair of each query and, among these, the best one of each feature.
-
-    Args:
-        q: (C,) queries of the candidate pairs.
-        k: (C,) features of the candidate pairs.
-        distance: (C,) Hamming distances of the candidate pairs [bits].
-        octave: (N,) octaves of all features.
-        max_distance: As in `match_by_descriptor`.
-        ratio: As in `match_by_descriptor`.
-    """
-    order = np.argsort(q * (2 * _MAX_HAMMING) + distance, kind='stable')
-    q, k, distance = q[order], k[order], distance[order]
-    first = np.flatnonzero(np.r_[True, q[1:] != q[:-1]]) if len(q) else order
-    good = distance[first] <= max_distance
-    if ratio < 1.0 and len(q) > 1:
-        second = np.minimum(first + 1, len(q) - 1)
-        is_compared = (q[second] == q[first]) & (second != first)
-        is_compared &= octave[k[second]] == octave[k[first]]
-        good &= ~(is_compared & (distance[first] > ratio * distance[second]))
-    q, k, distance = q[first[good]], k[first[good]], distance[first[good]]
-    order = np.argsort(k * (2 * _MAX_HAMMING) + distance, kind='stable')
-    k_sorted = k[order]
-    best = np.sort(order[np.r_[True, k_sorted[1:] != k_sorted[:-1]]] if len(k) else order)
-    return Matches(q[best], k[best], distance[best])
+    is_good = distance[:, 0] <= max_distance
+    if ratio < 1.0:
+        is_compared = frame.octave[nearest[:, 0]] == frame.octave[nearest[:, 1]]
+        is_good &= ~(is_compared & (distance[:, 0] > ratio * distance[:, 1]))
+    q = np.flatnonzero(is_good)
+    k, apart = (column[q, 0].astype(np.int64) for column in (nearest, distance))
+    order = np.lexsort((apart, k))  # the best match of each feature first
+    best = np.sort(order[np.unique(k[order], return_index=True)[1]])
+    return Matches(q[best], k[best], apart[best])
 
 
 def rotation_consistent(angle_from_deg: Float32Array, angle_to_deg: Float32Array) -> BoolArray:

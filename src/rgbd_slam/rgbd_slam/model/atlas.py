@@ -14,7 +14,7 @@ from hoid_common.values import FloatArray, IntArray
 from hoid_native import point_statistics
 from hoid_native.results import Observations
 from rgbd_slam.model.frame import Frame
-from rgbd_slam.model.keyframes import NO_POINT, SavedKeyframes
+from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.loop_edge import moved_ends
 from rgbd_slam.model.map_change import Move, Redirect
 from rgbd_slam.model.map_tables import MapTables
@@ -296,18 +296,29 @@ class Atlas(MapTables):
         points.map_id[j] += by
         keyframes.version[i] = points.version[j] = self.version
 
-    def append_keyframes(self, saved: SavedKeyframes, first_uid: int | None = None) -> IntArray:
+    def append_keyframes(
+        self,
+        columns: Mapping[str, Column],
+        parent: IntArray,
+        features: Mapping[str, Column],
+        first_uid: int | None = None,
+    ) -> IntArray:
         """Add N keyframes of an earlier session, without observations, and return their rows (N,).
 
-        Their uids count from `first_uid` on; None: from the next unused one on.
+        Args:
+            columns: (N, ...) columns of the keyframes.
+            parent: (N,) index of the parent among them, or DEAD for a root.
+            features: (F, ...) columns of their features, sorted by keyframe.
+            first_uid: The uid of the first one; the others get the next ones. None: the next
+                unused one.
         """
         kf = self.keyframes
-        kf.reserve_features(int(saved.columns['num_features'].max()))
-        i = kf.append(saved.columns, self.version, first_uid)
+        kf.reserve_features(int(columns['num_features'].max()))
+        i = kf.append(columns, self.version, first_uid)
         kf.is_loaded[i] = True
-        kf.parent_uid[i] = np.where(saved.parent == DEAD, DEAD, kf.uid[i[saved.parent]])
+        kf.parent_uid[i] = np.where(parent == DEAD, DEAD, kf.uid[i[parent]])
         kf.point_of_feature[i] = NO_POINT
-        kf.append_features(i, saved.features)
+        kf.append_features(i, features)
         return i
 
     def adopt(

@@ -128,6 +128,11 @@ class StereoCamera:
         return out
 
 
+def to_camera(T_camera_map: FloatArray, points_m: FloatArray) -> FloatArray:
+    """Return (3, N) points in the camera frame for (3, N) points in the map frame."""
+    return np.asarray(T_camera_map[:3, :3] @ points_m + T_camera_map[:3, 3, None])
+
+
 def check_octaves(features: Features, num_octaves: int) -> None:
     """Raise MessageError if a feature has an octave of `num_octaves` or above."""
     highest = int(features.octave.max(initial=0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,14 +34,6 @@ _FEATURE_COLUMNS = (
     'descriptors',
     'may_seed',
 )
-
-
-class SavedKeyframes(NamedTuple):
-    """The keyframes (N) of a saved map, and their features (F)."""
-
-    columns: dict[str, Column]  # (N, ...) each
-    parent: IntArray  # (N,) index of the parent among them, or DEAD for a root
-    features: dict[str, Column]  # (F, ...) each, sorted by keyframe
 
 
 class KeyframeTable(SoaTable):

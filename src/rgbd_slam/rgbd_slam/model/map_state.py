@@ -26,7 +26,6 @@ from hoid_common.values import (
 from hoid_native.results import Observations
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.model.keyframes import SavedKeyframes
 from rgbd_slam.model.loop_edge import LoopEdge, renumbered
 from rgbd_slam.records.soa_table import DEAD
 
@@ -34,6 +33,7 @@ Int32Array = NDArray[np.int32]
 NONE = -1
 _BLOCK = 256  # chosen: keyframes whose observations are restored at once, in some ms
 _OUTSIDE = 1.0  # chosen: image sizes by which a pixel of another camera may lie outside the image
+_COLUMNS = ('stamp_ns', 'T_map_camera', 'map_id', 'num_features')
 _COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
 
@@ -161,7 +161,11 @@ def restore(
         atlas.make_younger(1 + int(state.map_id.max()))
     else:
         atlas.clear()
-    i = atlas.append_keyframes(_saved_keyframes(state, camera), first_uid)
+    columns = {name: getattr(state, name) for name in _COLUMNS}
+    features = {name: getattr(state, name) for name in _COPIED}
+    features['measurement_px'] = camera.measurement_px(state.uv_px, state.depth_m)
+    parent = np.where(state.parent == NONE, DEAD, state.parent)
+    i = atlas.append_keyframes(columns, parent, features, first_uid)
     j = atlas.append_points(_saved_points(state), i[state.reference])
     atlas.append_observations(_observations(state, i, j), np.sort(j))
     atlas.loops += renumbered(loops, dict(enumerate(atlas.keyframes.uid[i].tolist())))
@@ -172,22 +176,6 @@ def joined_rows(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
     """Return the first n entries of row i of a table (N, M, ...), joined for all pairs (i, n)."""
     empty = table[:0].reshape(0, *table.shape[2:])
     return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
-
-
-def _saved_keyframes(state: MapState, camera: StereoCamera) -> SavedKeyframes:
-    return SavedKeyframes(
-        {
-            'stamp_ns': state.stamp_ns,
-            'T_map_camera': state.T_map_camera,
-            'map_id': state.map_id,
-            'num_features': state.num_features,
-        },
-        np.where(state.parent == NONE, DEAD, state.parent),
-        {
-            'measurement_px': camera.measurement_px(state.uv_px, state.depth_m),
-            **{name: getattr(state, name) for name in _COPIED},
-        },
-    )
 
 
 def _saved_points(state: MapState) -> dict[str, Array]:

@@ -32,8 +32,7 @@ _FRAME = np.dtype(
 _REMOVED = np.dtype(
     [('uid', np.int64), ('parent_uid', np.int64), ('T_parent_camera', np.float64, (4, 4))]
 )
-_NO_MAP = -1  # map id of the sentinel
-_UNKNOWN = 0  # row of the sentinel: the reference was removed and has no known ancestor
+_NO_MAP = -1  # map id of the sentinel: of a removed keyframe without a known ancestor
 
 
 class _MapLink(NamedTuple):
@@ -83,19 +82,18 @@ class TrajectoryRecorder:
         only the latest one or two thousand removed keyframes are searched.
         """
         frame = self._frames[n]
-        row, T_map_reference = self._reference(frame)
-        if row == _UNKNOWN:
+        map_ids, poses = self._references(frame['reference_uid'])
+        if map_ids[0] == _NO_MAP:
             return None
-        return np.asarray(T_map_reference @ _whole(frame['T_reference_camera'][None])[0])
+        return np.asarray(poses[0] @ _whole(frame['T_reference_camera'][None])[0])
 
     def revise(self, n: int, T_map_camera: FloatArray) -> None:
         """Replace the final pose of frame `n` unless it is unknown; the online pose stays."""
         frame = self._frames[n]
-        row, T_map_reference = self._reference(frame)
-        if row == _UNKNOWN:
-            return
-        frame['T_reference_camera'] = (se3.inverse(T_map_reference) @ T_map_camera)[:3]
-        self._frames[n] = frame
+        map_ids, poses = self._references(frame['reference_uid'])
+        if map_ids[0] != _NO_MAP:
+            frame['T_reference_camera'] = (se3.inverse(poses[0]) @ T_map_camera)[:3]
+            self._frames[n] = frame
 
     def become_keyframe(self, uid: int) -> None:
         """Make the final pose of the last frame that of a keyframe, which may still be pending."""
@@ -137,9 +135,10 @@ class TrajectoryRecorder:
         if not 0 < first < len(self):
             return
         frames = [self._frames[n] for n in range(first - 1, len(self))]
-        T_reference_map = self._inverse_reference(frames[-1], found)
-        if T_reference_map is None:
+        map_ids, references = self._references(frames[-1]['reference_uid'], found.reference_uid)
+        if map_ids[0] == _NO_MAP or map_ids[0] != map_ids[1]:
             return
+        T_reference_map = se3.inverse(references[0])
         stamps_ns = np.array([frame['stamp_ns'] for frame in frames])
         poses = _whole(np.stack([frame['T_reference_camera'] for frame in frames[1:]]))
         share = (stamps_ns[1:] - stamps_ns[0]) / (found.frame.stamp_ns - stamps_ns[0])
@@ -211,22 +210,11 @@ class TrajectoryRecorder:
         is_valid = self._guard.are_valid(poses, 'the trajectory')
         return Trajectory(stamps_ns[is_valid], poses[is_valid])
 
-    def _reference(self, frame: np.void) -> tuple[int, FloatArray]:
-        """Return the row of a frame's reference in a snapshot, and T_map_reference (4, 4).
-
-        If the reference is not found, they are the row `_UNKNOWN` and the identity.
-        """
-        removed = _by_uid([self._removed.newest()])
-        rows, poses = _PoseSnapshot(self._keyframes).of(frame['reference_uid'][None], removed)
-        return int(rows[0]), poses[0]
-
-    def _inverse_reference(self, frame: np.void, other: TrackedFrame) -> FloatArray | None:
-        """Return T_reference_map (4, 4) of a frame; None if another one is not in the same map."""
-        uids = np.array([frame['reference_uid'], other.reference_uid])
+    def _references(self, *uids: int) -> tuple[IntArray, FloatArray]:
+        """Return the map ids (K,), or _NO_MAP, and poses (K, 4, 4) of reference keyframes."""
         snapshot, removed = _PoseSnapshot(self._keyframes), _by_uid([self._removed.newest()])
-        rows, poses = snapshot.of(uids, removed)
-        one, two = snapshot.map_id[rows].tolist()
-        return se3.inverse(poses[0]) if one == two != _NO_MAP else None
+        rows, poses = snapshot.of(np.array(uids), removed)
+        return snapshot.map_id[rows], poses
 
 
 class _PoseSnapshot:

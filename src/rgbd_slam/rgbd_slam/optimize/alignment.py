@@ -7,6 +7,7 @@ the SVD of Arun et al., PAMI 1987); with fewer, they come from pixels alone (PnP
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import cv2
@@ -80,21 +81,23 @@ def align_image(
     """
     if len(points_m) < _MIN_INLIERS:
         return None
+    seen_m = camera.back_project(measurement_px, depth_m)
     with_depth = np.flatnonzero(depth_m > 0)
     if len(with_depth) >= _MIN_INLIERS:
-        seen = camera.back_project(measurement_px[with_depth], depth_m[with_depth])
         sample = np.argsort(rng.random((_NUM_HYPOTHESES, len(with_depth))), axis=1)[:, :_SAMPLE]
-        hypotheses = align_points(seen[sample], points_m[with_depth][sample])
+        hypotheses = align_points(seen_m[with_depth][sample], points_m[with_depth][sample])
     else:
         hypotheses = _pose_from_pixels(measurement_px, points_m, camera)
-    limit_px = _MAX_ERROR_PX * sigma_px
-    agrees = _reprojection_error_px(hypotheses, measurement_px, points_m, camera) < limit_px
+
+    def agreeing(T_camera_points: FloatArray) -> BoolArray:
+        error_px = _reprojection_error_px(T_camera_points, measurement_px, points_m, camera)
+        return error_px < _MAX_ERROR_PX * sigma_px
+
+    agrees = agreeing(hypotheses)
     leading = np.argsort(-agrees.sum(axis=1), kind='stable')[:_NUM_REFINED]
     best, most = None, _MIN_INLIERS - 1
     for n in leading:
-        T, inliers = _refined(
-            hypotheses[n], agrees[n], measurement_px, depth_m, points_m, camera, limit_px
-        )
+        T, inliers = _refined(hypotheses[n], agrees[n], seen_m, points_m, agreeing)
         if inliers.sum() > most:
             best, most = Alignment(T, inliers), int(inliers.sum())
     return best
@@ -103,11 +106,9 @@ def align_image(
 def _refined(
     T_camera_points: FloatArray,
     inliers: BoolArray,
-    measurement_px: Float32Array,
-    depth_m: Float32Array,
+    seen_m: FloatArray,
     points_m: FloatArray,
-    camera: StereoCamera,
-    limit_px: FloatArray,
+    agreeing: Callable[[FloatArray], BoolArray],
 ) -> tuple[FloatArray, BoolArray]:
     """Refine a pose hypothesis; return the pose with most inliers, and their (N,) mask.
 
@@ -116,12 +117,11 @@ def _refined(
     """
     best, most = T_camera_points, inliers
     for _ in range(_NUM_REFINEMENTS):
-        use = inliers & (depth_m > 0)
+        use = inliers & (seen_m[:, 2] > 0)
         if use.sum() <= _SAMPLE:
             break
-        seen = camera.back_project(measurement_px[use], depth_m[use])
-        T = align_points(seen, points_m[use], depth_m[use].astype(np.float64) ** -2)
-        inliers = _reprojection_error_px(T[None], measurement_px, points_m, camera)[0] < limit_px
+        T = align_points(seen_m[use], points_m[use], seen_m[use, 2] ** -2)
+        inliers = agreeing(T[None])[0]
         if inliers.sum() > most.sum():
             best, most = T, inliers
     return best, most

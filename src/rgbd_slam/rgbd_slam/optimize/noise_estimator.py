@@ -14,9 +14,8 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.frame import StereoCamera, to_camera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.residual_noise import noise_factor
 

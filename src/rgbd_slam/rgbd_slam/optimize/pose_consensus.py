@@ -127,9 +127,9 @@ class PoseConsensus:
     def __init__(
         self, camera: StereoCamera, config: ConsensusConfig, prior: PosePrior | None = None
     ) -> None:
-        self._camera = camera
+        self.camera = camera
         self._config = config
-        self._prior = prior
+        self.prior = prior
 
     def solve(
         self,
@@ -151,7 +151,7 @@ class PoseConsensus:
             is_initial: True for a pose that only guides the search for more matches. A small bias
                 does no harm there, so that no biasing region is searched for.
         """
-        fit_to_all = optimize_pose(self._camera, problem, T_camera_map, self._prior)
+        fit_to_all = optimize_pose(self.camera, problem, T_camera_map, self.prior)
         if not self._config.enabled:
             return Consensus(fit_to_all)
         deciding = self._deciding_matches(problem, is_well_observed)
@@ -176,7 +176,7 @@ class PoseConsensus:
         self, deciding: PoseProblem, fitted: PoseProblem, T_camera_map: FloatArray
     ) -> _Hypothesis:
         """Return the pose fitted to the matches `fitted`, evaluated on all deciding matches."""
-        fit = optimize_pose(self._camera, fitted, T_camera_map, self._prior)
+        fit = optimize_pose(self.camera, fitted, T_camera_map, self.prior)
         cost, inliers = self._evaluate(deciding, fit.T_camera_map)
         return _Hypothesis(fit.T_camera_map, fit.information, cost, inliers)
 
@@ -202,7 +202,7 @@ class PoseConsensus:
         None is returned if `fit`, the pose of all D matches, is consistent with the half (D,).
         """
         matches_of_half = deciding.select(half)
-        own = optimize_pose(self._camera, matches_of_half, fit.T_camera_map, self._prior)
+        own = optimize_pose(self.camera, matches_of_half, fit.T_camera_map, self.prior)
         least = self._evaluate(matches_of_half, own.T_camera_map).cost
         if self._is_consistent(fit.cost[half], least, self._config.max_cost_increase):
             return None
@@ -227,7 +227,7 @@ class PoseConsensus:
         if not config.leave_out_parts or len(deciding) < config.min_well_observed:
             return None
         worst = hoid_native.most_biasing_region(
-            self._camera.lens,
+            self.camera.lens,
             GATES,
             *deciding.arrays,
             biased.T_camera_map,
@@ -262,7 +262,7 @@ class PoseConsensus:
         evaluated = self._evaluate(problem, hypothesis.T_camera_map)
         limit = CHI2_STEREO * _noise_scale(hypothesis.cost)
         fitting = problem.select(evaluated.inliers & (evaluated.cost <= limit))
-        refit = optimize_pose(self._camera, fitting, hypothesis.T_camera_map, self._prior)
+        refit = optimize_pose(self.camera, fitting, hypothesis.T_camera_map, self.prior)
         is_kept = self._supports(deciding, hypothesis, refit, self._config.max_cost_increase)
         kept = refit if is_kept else hypothesis
         return PoseEstimate(
@@ -306,9 +306,7 @@ class PoseConsensus:
         return np.asarray(cost > other_cost + _MIN_COST_DIFFERENCE)
 
     def _evaluate(self, problem: PoseProblem, T_camera_map: FloatArray) -> MatchEvaluation:
-        return hoid_native.evaluate_matches(
-            self._camera.lens, GATES, *problem.arrays, T_camera_map
-        )
+        return hoid_native.evaluate_matches(self.camera.lens, GATES, *problem.arrays, T_camera_map)
 
 
 def _best_two(

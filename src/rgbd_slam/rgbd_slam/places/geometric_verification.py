@@ -27,10 +27,9 @@ from rgbd_slam.matching.matching import (
     rotation_consistent,
 )
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.frame import Frame, StereoCamera, to_camera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTable
-from rgbd_slam.model.projection import to_camera
 from rgbd_slam.optimize.alignment import align_image
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, covariance, optimize_pose
 

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 from hoid_common import se3
 from hoid_common.errors import HoidError
@@ -64,33 +64,6 @@ class MapperStoppedError(HoidError):
     """The mapping process ended for good or does not respond, or a map could not be restored."""
 
 
-class MapperWorker(Protocol):
-    """The handle of the mapping process, as `ChildWorker` implements it."""
-
-    num_restarts: int
-
-    @property
-    def has_report(self) -> bool:
-        """Return whether `receive` would return a report, or raise an error, without waiting."""
-
-    def send(self, message: Request) -> None:
-        """Queue a request; it is lost when the process has ended."""
-
-    def receive(self, timeout_s: float) -> Ready | MapperReport:
-        """Return the next report.
-
-        Raises:
-            ChildEndedError: The process has ended.
-            ChildTimeoutError: No report has arrived within `timeout_s`.
-        """
-
-    def restart(self) -> str:
-        """Replace the process, and return how the old one ended, such as "signal 9"."""
-
-    def close(self) -> str:
-        """End the process, and return how it ended, such as "exit code 1"."""
-
-
 class MapperProcess:
     """The tracker's end of the mapping process: sends keyframes, and updates its copy of the map.
 
@@ -114,7 +87,7 @@ class MapperProcess:
         atlas: Atlas,
         config: SlamConfig,
         *,
-        worker: MapperWorker | None = None,
+        worker: ChildWorker[Request, Ready | MapperReport] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._atlas = atlas
@@ -127,9 +100,7 @@ class MapperProcess:
         self._loading: MapLoading | None = None
         self._loaded: Loaded | None = None  # of the map that is being loaded, from the mapper
         self._clock = clock
-        self._worker = worker or ChildWorker[Request, Ready | MapperReport](
-            'mapper', run_mapper, camera, config
-        )
+        self._worker = worker or ChildWorker('mapper', run_mapper, camera, config)
         try:
             self._worker.receive(_START_S)
         except ChildEndedError:

@@ -55,7 +55,7 @@ class InertialMotion:
     def advance(self, stamp_ns: int) -> None:
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
-    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
+    def observe(self, T_last_camera: FloatArray) -> None:
         """Learn the velocity, and let the IMU learn its mounting, time offset and biases."""
         elapsed_s = self._elapsed_s
         if elapsed_s <= 0:
@@ -71,9 +71,6 @@ class InertialMotion:
         weight = min(elapsed_s / _SPREAD_S, 1.0)
         self._variance_m2ps2 += weight * (float(mean_mps @ mean_mps) / 3 - self._variance_m2ps2)
         self._imu.observe(self._start_ns, self._stamp_ns, T_last_camera)
-
-    def reset(self) -> None:
-        """Do nothing: the velocity decays by itself, and the gyro measures on."""
 
     def predict(self) -> FloatArray | None:
         """Return T_camera_last (4, 4); None if the gyro has no rotation or no time elapsed."""

@@ -13,9 +13,6 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
 
-# Not tuned: longest time for which a constant velocity is extrapolated; a hand-held camera keeps
-# its velocity for little longer.
-_HORIZON_S = 0.25
 # Not tuned: time over which the differences between external odometry and tracking are averaged.
 _AVERAGING_S = 2.0
 # Not tuned: standard deviation of the velocity of external odometry before it has been compared
@@ -49,17 +46,8 @@ class MotionSource(Protocol):
     def advance(self, stamp_ns: int) -> None:
         """Set the stamp of the image."""
 
-    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:
-        """Learn from the motion that the tracker measured up to the current image.
-
-        Args:
-            T_last_camera: (4, 4) motion since the frame given to `start`.
-            twist: (6,) velocity of points in the camera frame during this motion, rotation first
-                [rad/s, m/s].
-        """
-
-    def reset(self) -> None:
-        """Discard a velocity learned from tracking: the camera is lost or stamps restart."""
+    def observe(self, T_last_camera: FloatArray) -> None:
+        """Learn from the motion (4, 4) that the tracker measured from `start` to this image."""
 
     def predict(self) -> FloatArray | None:
         """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
@@ -69,34 +57,6 @@ class MotionSource(Protocol):
 
         None is returned as well if it was not measured but only extrapolated.
         """
-
-
-class ConstantVelocity:
-    """Predicts that the camera keeps its last observed velocity for 0.25 s (decision 006)."""
-
-    def __init__(self) -> None:
-        self._start_ns = self._stamp_ns = 0
-        self._twist: FloatArray = np.zeros(6)
-
-    def start(self, stamp_ns: int) -> None:
-        self._start_ns = self._stamp_ns = stamp_ns
-
-    def advance(self, stamp_ns: int) -> None:
-        self._stamp_ns = stamp_ns
-
-    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
-        self._twist = twist
-
-    def reset(self) -> None:
-        self._twist = np.zeros(6)
-
-    def predict(self) -> FloatArray:
-        elapsed_s = S_PER_NS * (self._stamp_ns - self._start_ns)
-        return se3.exp(min(max(elapsed_s, 0.0), _HORIZON_S) * self._twist)
-
-    def bridge(self) -> BridgedMotion | None:
-        """Return None, because this class only extrapolates the last velocity."""
-        return None
 
 
 class ExternalOdometry:
@@ -120,14 +80,11 @@ class ExternalOdometry:
             self._T_last_camera = None if step is None else T @ step
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
-    def observe(self, T_last_camera: FloatArray, twist: FloatArray) -> None:  # noqa: ARG002
+    def observe(self, T_last_camera: FloatArray) -> None:
         if self._T_last_camera is not None and self._elapsed_s > 0:
             error = se3.log(se3.inverse(T_last_camera) @ self._T_last_camera) / self._elapsed_s
             weight = min(self._elapsed_s / _AVERAGING_S, 1.0)
             self._variance_per_s2 += weight * (np.square(error) - self._variance_per_s2)
-
-    def reset(self) -> None:
-        """Do nothing: the measured motion does not depend on the tracked velocity."""
 
     def predict(self) -> FloatArray | None:
         return None if self._T_last_camera is None else se3.inverse(self._T_last_camera)

@@ -16,11 +16,7 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.optimize.pose_optimizer import UNKNOWN_COVARIANCE, PosePrior
 from rgbd_slam.tracking.inertial_motion import InertialMotion
-from rgbd_slam.tracking.motion_sources import (
-    BridgedMotion,
-    ConstantVelocity,
-    MotionSource,
-)
+from rgbd_slam.tracking.motion_sources import BridgedMotion, MotionSource
 from rgbd_slam.tracking.pose_noise import PoseNoise
 from rgbd_slam.tracking.rolling_shutter import MovingView
 from rgbd_slam.tracking.tracker import TrackerOutput
@@ -33,6 +29,9 @@ _FEW_INLIERS, _AGREED_RAD, _AGREED_M, _AGREED_SIGMAS = 12, np.deg2rad(1.5), 0.02
 # Chosen: a prediction over a longer time [s] makes few inliers no more certain. It may be wrong
 # itself, and a few chance matches agree with any pose.
 _AGREED_S = 0.2
+# Not tuned: longest time for which the last velocity is extrapolated (decision 006); a hand-held
+# camera keeps its velocity for little longer.
+_HORIZON_S = 0.25
 _NOTE = 'too few map points are seen; the pose follows {}, for {:.1f} s and {:.2f} m'
 
 
@@ -78,12 +77,14 @@ class Odometry:
         self._atlas = atlas
         self._gyro = gyro
         self._sources: list[MotionSource] = [] if gyro is None else [gyro]
-        self._sources += [ConstantVelocity(), *further_sources]
+        self._sources += further_sources
+        self._stamp_ns = 0  # of the image that `follow` was called for
         self._T_odom_last = self.T_odom_camera
         self._pose_noise = PoseNoise()
 
     def follow(self, stamp_ns: int) -> None:
         """Let the motion sources measure or extrapolate the motion up to the next image."""
+        self._stamp_ns = stamp_ns
         for source in self._sources:
             source.advance(stamp_ns)
 
@@ -110,10 +111,14 @@ class Odometry:
         While the camera is tracked, its last velocity is more reliable than wheels, which slip.
         Once it is lost, sources that have measured its motion come first.
         """
-        sources = self._sources
+        sources: list[MotionSource | None] = [*self._sources]
+        sources.insert(0 if self._gyro is None else 1, None)  # the last velocity
         if self._is_bridged:
-            sources = sorted(sources, key=lambda source: source.bridge() is None)
-        predictions = (source.predict() for source in sources)
+            sources.sort(key=lambda source: source is None or source.bridge() is None)
+        last_ns = self._stamp_ns if self.last is None else self.last.frame.stamp_ns
+        elapsed_s = S_PER_NS * (self._stamp_ns - last_ns)
+        T_by_velocity = se3.exp(min(max(elapsed_s, 0.0), _HORIZON_S) * self.twist)
+        predictions = (T_by_velocity if s is None else s.predict() for s in sources)
         return [T for T in predictions if T is not None and self._is_valid(T)]
 
     def prior(self) -> PosePrior | None:
@@ -206,10 +211,8 @@ class Odometry:
                 source.start(tracked.frame.stamp_ns)
 
     def forget_velocity(self) -> None:
-        """Set the velocity to zero until a motion is tracked again; see `MotionSource.reset`."""
+        """Set the velocity to zero until a motion is tracked again."""
         self.twist = np.zeros(6)
-        for source in self._sources:
-            source.reset()
 
     def pose(self) -> FloatArray:
         """Return T_map_camera (4, 4) of the last frame by the current map, or the identity."""
@@ -251,7 +254,7 @@ class Odometry:
         else:
             self.twist = np.zeros(6)
         for source in self._sources:
-            source.observe(T_last_camera, self.twist)
+            source.observe(T_last_camera)
 
     def _bridged_motion(self) -> BridgedMotion | None:
         """Return the motion of the first source that has measured it.

@@ -25,9 +25,8 @@ from hoid_common import se3
 from hoid_common.io.depth import MAX_DEPTH_M, MIN_DEPTH_M
 from hoid_common.values import NS_PER_S, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.frame import Frame, StereoCamera, to_camera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame
 
 # Not tuned, except where another source is named.

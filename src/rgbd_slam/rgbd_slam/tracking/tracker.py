@@ -24,15 +24,13 @@ from rgbd_slam.matching.landmarks import (
 from rgbd_slam.matching.local_map import find_local_map, visible_points
 from rgbd_slam.matching.matching import Matches, match_by_descriptor, match_by_projection
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.frame import Frame, StereoCamera, to_camera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTally
-from rgbd_slam.model.projection import to_camera
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import align_image
-from rgbd_slam.optimize.frame_pose import FramePose, FramePoseEstimator
-from rgbd_slam.optimize.pose_consensus import Consensus
-from rgbd_slam.optimize.pose_optimizer import PosePrior
+from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
+from rgbd_slam.optimize.pose_optimizer import PosePrior, PoseProblem
 
 # Number of inliers below which the initial pose is rejected. ORB-SLAM3, Tracking.cc,
 # TrackWithMotionModel: the local map has to add the rest of the inliers that a tracked frame
@@ -73,6 +71,17 @@ class TrackerOutput:
         return self.num_inliers / max(self.num_matches, 1)
 
 
+class _FramePose(NamedTuple):
+    """An estimated pose of a frame, and the correspondences that fit it."""
+
+    consensus: Consensus
+    inliers: Correspondences
+
+    @property
+    def T_camera_map(self) -> FloatArray:  # noqa: N802
+        return self.consensus.estimate.T_camera_map
+
+
 class _LocalMapMatches(NamedTuple):
     """The result of searching the points of the local map in a frame."""
 
@@ -95,13 +104,13 @@ class Tracker:
         self._atlas = atlas
         self._config = config
         self._seed = seed
-        self._poses = FramePoseEstimator(camera, atlas, config.consensus)
+        self._consensus = PoseConsensus(camera, config.consensus)
         # Returns how many inliers a pose T_camera_map (4, 4) needs to be accepted.
         self.min_inliers: Callable[[FloatArray], int] = lambda _: config.min_inliers
 
     def use_camera(self, camera: StereoCamera) -> None:
         """Replace the camera by the same one with its measured noise."""
-        self._camera = self._poses.camera = camera
+        self._camera = self._consensus.camera = camera
 
     def track(
         self,
@@ -124,7 +133,7 @@ class Tracker:
                 They only place the search windows; the matches determine the pose.
             prior: A prior of the pose, which counts beside the matches; None if there is none.
         """
-        self._poses.prior = prior
+        self._consensus.prior = prior
         if self._atlas.anchor(last.reference_uid) is None:
             return None
         best = None
@@ -151,10 +160,10 @@ class Tracker:
             points: (N,) point that each feature observes, or NO_POINT.
             reference_uid: Uid of a keyframe that observes many of these points.
         """
-        self._poses.prior = None
+        self._consensus.prior = None
         k = np.flatnonzero(points != NO_POINT)
         found = Correspondences(k, points[k], self._atlas.points.position_m[points[k]])
-        initial = self._poses.estimate(frame, found, T_camera_map, is_initial=True)
+        initial = self._estimate(frame, found, T_camera_map, is_initial=True)
         return self._refine(frame, initial, reference_uid)
 
     def _initial_poses(
@@ -162,7 +171,7 @@ class Tracker:
         frame: Frame,
         last: TrackedFrame,
         T_camera_last: Sequence[FloatArray],
-    ) -> Iterator[FramePose | None]:
+    ) -> Iterator[_FramePose | None]:
         """Yield initial poses, from the cheapest to the most expensive search, or None.
 
         If the last frame observed at least `few_points` map points, these are searched before its
@@ -190,7 +199,7 @@ class Tracker:
         landmarks: Landmarks,
         T_camera_map: FloatArray,
         radii_px: tuple[float, ...],
-    ) -> FramePose | None:
+    ) -> _FramePose | None:
         """Return the pose from landmarks found near their predicted projections; None if few fit.
 
         `radii_px` are half sides of search windows in octave 0. They are tried in this order until
@@ -220,7 +229,7 @@ class Tracker:
 
     def _pose_by_descriptors(
         self, frame: Frame, last: TrackedFrame, known: Landmarks
-    ) -> FramePose | None:
+    ) -> _FramePose | None:
         """Return the pose from descriptor matches with the last frame and its reference keyframe.
 
         No predicted pose is needed. None is returned if too few matches fit, or if the camera
@@ -266,18 +275,37 @@ class Tracker:
 
     def _initial_pose(
         self, frame: Frame, landmarks: Landmarks, matches: Matches, T_camera_map: FloatArray
-    ) -> FramePose | None:
+    ) -> _FramePose | None:
         """Return the pose optimized on matches with landmarks; None if too few of them fit."""
         found = landmarks.matched(matches)
-        initial = self._poses.estimate(frame, found, T_camera_map, is_initial=True)
+        initial = self._estimate(frame, found, T_camera_map, is_initial=True)
         return initial if len(initial.inliers.k) >= _MIN_INITIAL_INLIERS else None
 
+    def _estimate(
+        self,
+        frame: Frame,
+        found: Correspondences,
+        T_camera_map: FloatArray,
+        *,
+        is_initial: bool = False,
+    ) -> _FramePose:
+        """Return the pose optimized on correspondences from a given pose, and those that fit."""
+        problem = PoseProblem.of(frame, found.k, found.position_m, self._atlas.octave_scale)
+        num_observations = self._atlas.points.num_observations[found.point]
+        is_in_map = found.point != NO_POINT
+        min_observations = self._config.consensus.min_observations
+        is_well_observed = is_in_map & (num_observations >= min_observations)
+        consensus = self._consensus.solve(
+            problem, is_well_observed, T_camera_map, is_initial=is_initial
+        )
+        return _FramePose(consensus, found.select(consensus.estimate.inliers))
+
     def _refine(
-        self, frame: Frame, initial: FramePose, reference_uid: int
+        self, frame: Frame, initial: _FramePose, reference_uid: int
     ) -> TrackerOutput | None:
         """Return the frame with its pose refined on the local map; None if few points fit."""
         searched = self._match_local_map(frame, initial, reference_uid)
-        refined = self._poses.estimate(frame, searched.correspondences, initial.T_camera_map)
+        refined = self._estimate(frame, searched.correspondences, initial.T_camera_map)
         if not self._atlas.guard.is_valid(refined.T_camera_map, 'images'):
             return None
         if len(refined.inliers.k) < self.min_inliers(refined.T_camera_map):
@@ -285,7 +313,7 @@ class Tracker:
         return self._output(frame, searched, refined)
 
     def _match_local_map(
-        self, frame: Frame, initial: FramePose, reference_uid: int
+        self, frame: Frame, initial: _FramePose, reference_uid: int
     ) -> _LocalMapMatches:
         """Return matches with the local map, where the initial pose predicts its points.
 
@@ -319,7 +347,7 @@ class Tracker:
         )
 
     def _output(
-        self, frame: Frame, searched: _LocalMapMatches, refined: FramePose
+        self, frame: Frame, searched: _LocalMapMatches, refined: _FramePose
     ) -> TrackerOutput:
         """Return the tracked frame, without the points of an object that biases the pose.
 
