@@ -161,11 +161,7 @@ def _range(spec: ParamSpec) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the end of an error about an unknown name: '; did you mean ...?', or ''.
-
-    Suggested are up to three names that have it as their last part or section, or else a similar
-    spelling.
-    """
+    """Return the end of an error about an unknown name: '; did you mean ...?', or ''."""
     names = list(known)
     parts = [n for n in names if n.endswith(f'.{name}') or n.startswith(f'{name}.')]
     last = {n.rpartition('.')[2]: n for n in names}

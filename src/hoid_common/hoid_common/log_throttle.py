@@ -1,7 +1,4 @@
-"""Rate limits for repeated log lines: at a fixed period, or with exponential back-off.
-
-rclpy's `throttle_duration_sec` limits each line of code, these classes each kind of message.
-"""
+"""Rate limits for log lines of one kind: at a fixed period, or with exponential back-off."""
 
 from __future__ import annotations
 

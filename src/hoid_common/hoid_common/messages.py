@@ -1,7 +1,4 @@
-"""Values from the fields of messages, by the same rules live and in bags.
-
-The functions take messages of rclpy and of rosbags, as `io.camera_info` and `io.images` do.
-"""
+"""Values from the fields of messages of rclpy and of rosbags: the same rules live and in bags."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Synchronization of several message streams by their stamps, as message_filters does in ROS.
-
-Unlike its `ApproximateTime`, a match is emitted as soon as no better one is expected.
-"""
+"""Synchronization of streams by their stamps, each match as soon as no better one is expected."""
 
 from __future__ import annotations
 

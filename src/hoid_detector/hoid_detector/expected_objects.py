@@ -1,7 +1,6 @@
-"""Weak detections that are kept because the object map expects an object there.
+"""Weak detections that are kept because the object map expects an object of their class there.
 
-This is the prior of Detect-SLAM (Zhong et al., WACV 2018): a detector with a map of the objects
-may report a box of low score where the map has an object of its class.
+The prior of Detect-SLAM (Zhong et al., WACV 2018).
 """
 
 from __future__ import annotations

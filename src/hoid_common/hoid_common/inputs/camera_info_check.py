@@ -80,10 +80,7 @@ class CameraInfoCheck:
         return scaled, f'{mismatch}; it is scaled to them, which is wrong if they are cut out'
 
     def check_image(self, size_px: tuple[int, int]) -> bool:
-        """Count an image, and return whether the calibration was just scaled to its size.
-
-        MessageError if the size is not that of the calibration in use.
-        """
+        """Count an image; return whether a calibration was scaled to it, or MessageError."""
         self._image_size_px = size_px
         camera, scaling = self._scaled(self.camera) if self.camera is not None else (None, '')
         is_scaled = camera is not None and bool(scaling) and not self._num_images

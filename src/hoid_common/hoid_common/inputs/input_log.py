@@ -41,10 +41,7 @@ class InputLog:
         missing: Mapping[str, str],
         others: Mapping[str, str],
     ) -> None:
-        """Log the problems that are due, and inputs that arrive; called once a second.
-
-        `missing` has a text by topic, `others` one by kind.
-        """
+        """Log the problems that are due (`missing` by topic), and inputs that arrive."""
         causes = {topic: text for topic, text in missing.items() if self._is_cause(topic)}
         if now_s < self._start_s + _GRACE_S:
             causes = {}

@@ -1,7 +1,4 @@
-"""The range of depth measurements, and checks that depth has the right unit.
-
-Every depth image and feature is limited to this range where it enters the suite.
-"""
+"""The range of depth measurements of the whole suite, and checks that depth has the right unit."""
 
 from __future__ import annotations
 

@@ -56,10 +56,7 @@ def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def is_safe_to_decode(data: bytes | memoryview) -> bool:
-    """Return whether the cost of decoding an image is in proportion to its size.
-
-    A PNG must contain all its chunks, because decoders allocate the length that a chunk claims.
-    """
+    """Return whether the cost of decoding is in proportion to size, with all chunks of a PNG."""
     if not is_png(data):
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
     at, num_compressed = len(_PNG_START), 0

@@ -190,10 +190,7 @@ def _pixels(
 
 
 def depth_m_from_units(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
-    """Return (H, W) float32 depth in m of pixels in units of which `units_per_m` make a meter.
-
-    0: whole numbers are in mm and floats in m.
-    """
+    """Return (H, W) float32 depth in m; 0 `units_per_m`: whole numbers are mm, floats m."""
     if depth.dtype == np.int16:
         depth = np.maximum(depth, 0).astype(np.uint16)
     units_per_m = units_per_m or (MM_PER_M if depth.dtype == np.uint16 else 1.0)

@@ -1,7 +1,4 @@
-"""Records: frozen dataclasses of parallel arrays, whose types and shapes are declared once.
-
-Maps are written, read and checked, and copies in shared memory made, by the same declaration.
-"""
+"""Records: frozen dataclasses of parallel arrays, whose types and shapes are declared once."""
 
 from __future__ import annotations
 

@@ -58,11 +58,7 @@ def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:
 
 
 def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
-    """Return the slice with most stamps in which time does not start anew.
-
-    Stamps fall by a second or more where a simulator restarts or a bag is played again into a
-    recording.
-    """
+    """Return the slice with most stamps in which time does not start anew, as in a loop."""
     given = np.asarray(stamps_ns, np.int64)
     starts, newest_ns = [0], given[0] if len(given) else 0
     for i, stamp_ns in enumerate(given.tolist()):

@@ -1,7 +1,4 @@
-"""Reading and writing of trajectories in the TUM text format.
-
-A line is `stamp tx ty tz qx qy qz qw` in seconds, meters and a quaternion.
-"""
+"""Trajectories as TUM text: lines `stamp tx ty tz qx qy qz qw`, in s, m and a quaternion."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Reading of the text files of the TUM RGB-D layout.
-
-A line is a stamp in seconds and a text, separated by spaces, tabs or commas. Empty lines and lines
-that begin with `#` are skipped.
-"""
+"""Text files of the TUM RGB-D layout: lines of a stamp in seconds and a text, `#` for comments."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Interpolation between timestamped poses, such as those of wheel odometry.
-
-tf2's buffer does not extrapolate, and is missing from the wheels of rclpy.
-"""
+"""Interpolation between stamped poses; tf2's buffer does not extrapolate, and wheels lack it."""
 
 from __future__ import annotations
 

@@ -92,10 +92,7 @@ def _fork_server() -> None:
 
 
 def start_child(process: BaseProcess) -> None:
-    """Start a process in which SIGINT is blocked from the beginning.
-
-    Ctrl-C sends SIGINT to all processes of a terminal, but the parent ends its children in order.
-    """
+    """Start a process in which SIGINT (Ctrl-C) is blocked: its parent ends it in order."""
     with _sigint_blocked(), signal_handlers_deferred():
         process.start()
 

@@ -1,8 +1,4 @@
-"""Entry point of a node's executable, and its exit statuses.
-
-Only small modules are imported here, so that the SIGINT handler is there before the imports of the
-node, which take a second.
-"""
+"""Entry point of a node, which handles SIGINT before the imports of the node, a second."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""System limits that must be high enough for a process, checked at its start.
-
-Without these checks, it would fail later, at any point and with any error.
-"""
+"""System limits, checked at the start of a process, which would fail later with any error."""
 
 from __future__ import annotations
 

@@ -34,10 +34,7 @@ def uses_fast_dds() -> bool:
 
 
 def check_shared_memory(num_processes: int) -> None:
-    """Raise InputError if /dev/shm is too small for some processes, each with one ROS context.
-
-    Segments that killed processes have left behind are removed first.
-    """
+    """Raise InputError if /dev/shm is too small for more processes, once it has been cleaned."""
     each_mb = _FILE_SIZE_RATIO * _segment_mb()
     if _free_mb() < num_processes * each_mb:
         clean_shared_memory()

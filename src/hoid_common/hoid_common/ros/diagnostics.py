@@ -73,10 +73,7 @@ class Diagnostics:
         is_occasional: bool = False,
         is_latched: bool = False,
     ) -> InputWatch:
-        """Report missing and lost messages of a topic, and return the watch for it.
-
-        The subscription must call `record_message` and `record_loss` of the watch.
-        """
+        """Report missing and lost messages of a topic, which the caller must record."""
         watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional, is_latched)
         self._watches.append(watch)
         return watch

@@ -1,7 +1,4 @@
-"""Publisher and listeners of transforms on /tf and /tf_static.
-
-tf2_ros has similar classes, but is missing from the wheels of rclpy.
-"""
+"""Transforms on /tf and /tf_static; tf2_ros is missing from the wheels of rclpy."""
 
 from __future__ import annotations
 

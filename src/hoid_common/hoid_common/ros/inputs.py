@@ -71,11 +71,7 @@ class Inputs:
         )
 
     def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
-        """Subscribe to the camera_info of the color images.
-
-        The name of the images' topic decides whether they are rectified; if that is doubtful, the
-        diagnostics show a problem.
-        """
+        """Subscribe to the camera_info of the color images, whose topic names rectified ones."""
 
         def on_camera_info(msg: CameraInfo) -> None:
             topic = self._image_topic(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE))

@@ -45,10 +45,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         """Drop all waiting messages."""
 
     def begin(self, *, autostart: bool) -> None:
-        """Configure and activate the node, or wait for a lifecycle manager; called last.
-
-        HoidError if `configure` has failed with autostart; the node is then destroyed.
-        """
+        """Configure and activate the node (or HoidError), or wait for a lifecycle manager."""
         self._autostart = autostart
         if not autostart:
             self.get_logger().info('waiting for a lifecycle manager (autostart is off)')

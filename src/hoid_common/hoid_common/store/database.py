@@ -69,10 +69,7 @@ class Database:
 
     @classmethod
     def start(cls, path: Path, tables: Iterable[Table]) -> Self:
-        """Create a database with empty tables, each transaction of which survives a kill.
-
-        A file of this name is an error: `kept` gives it another name.
-        """
+        """Create a database with empty tables in a new file, whose transactions survive a kill."""
         tables = tuple(tables)
         if path.exists():
             raise MapFileError(f'{path}: exists already')
@@ -105,10 +102,7 @@ class Database:
 
     @classmethod
     def read(cls, path: Path, tables: Iterable[Table]) -> Self:
-        """Open a database only to read it, after checking its schema and its pages.
-
-        It may lack tables (`has`), and have others of the same plain form.
-        """
+        """Open a database only to read it, after checking its schema and its pages."""
         check_header(path)
         # An immutable file is read without locks, so that its folder may be read-only.
         is_in_use = path.with_name(path.name + '-wal').exists()
@@ -230,10 +224,7 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def kept(path: Path, name: Path) -> Path:
-    """Rename a database that nobody uses, with the files of its journal; return its new path.
-
-    Nothing is overwritten: if the name is taken, `-2`, `-3` ... is appended to it.
-    """
+    """Rename an unused database with its journal; append -2, -3 ... if the name is taken."""
     new, number = name, 1
     try:
         while not _is_reserved(new):

@@ -1,8 +1,4 @@
-"""File names in service requests: plain names in one folder, each kind of file with its ending.
-
-Only this module accepts a file name from a request. Files are replaced by complete ones or not at
-all.
-"""
+"""File names in service requests, which only this module accepts: plain names in one folder."""
 
 from __future__ import annotations
 

@@ -46,10 +46,7 @@ class Table:
         return tuple(pack(value) if isinstance(value, Record) else value for value in row)
 
     def unpacked(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return a row of a database with its bytes as records, whose arrays are read-only.
-
-        MapFileError if a value is not of the declared type and size.
-        """
+        """Return a row with its bytes as read-only records; MapFileError if its types differ."""
         key, *values = row
         kinds = self.columns.items()
         return key, *(
@@ -82,10 +79,7 @@ def sealed(body: bytes) -> bytes:
 
 
 def unpack(kind: type[R], data: bytes) -> R:
-    """Return the record of bytes that `pack` has made; its arrays are read-only views of them.
-
-    MapFileError if the checksum, the size, or a Boolean value is wrong.
-    """
+    """Return the record of bytes that `pack` has made, as read-only views; else MapFileError."""
     axes = _axes(kind)
     start = (1 + len(axes)) * _NUMBER.itemsize
     if len(data) < start:

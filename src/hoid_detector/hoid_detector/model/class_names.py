@@ -21,20 +21,14 @@ _BACKGROUND = ('background', '__background__', 'bg', 'n/a', '???', 'none', 'unla
 
 
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names in a file or, if `file` is empty, in the metadata; None without any.
-
-    ModelError if they cannot be read.
-    """
+    """Return the class names in a file or else in the metadata; None without any."""
     if not file:
         return names_in_metadata(metadata)
     return names_in_file(expand_home(file, 'class_names_file'))
 
 
 def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[str, ...]:
-    """Return the names of classes, with `person` in place of every synonym of it.
-
-    ModelError if synonyms are given, and no class is one of people.
-    """
+    """Return the names of classes, with `person` for every synonym; ModelError without any."""
     synonyms = {name.casefold() for name in person_names}
     found = tuple(PERSON if name.strip().casefold() in synonyms else name for name in names)
     if synonyms and PERSON not in found:
@@ -67,11 +61,7 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 
 
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names in a model's metadata; None if no key is one of names.
-
-    The value is a dict or list literal, or names separated by commas, semicolons or line breaks;
-    otherwise ModelError.
-    """
+    """Return the class names in a model's metadata; None if no key is one of names."""
     for key in _METADATA_KEYS:
         if text := metadata.get(key):
             return _parse(key, text)

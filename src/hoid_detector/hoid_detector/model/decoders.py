@@ -1,8 +1,4 @@
-"""Decoders of network outputs into candidate boxes, one for each kind of output.
-
-Every decoder returns boxes (x1, y1, x2, y2) in pixels of the network input, and only boxes whose
-score is at least the threshold.
-"""
+"""Decoders of network outputs into candidate boxes in pixels of the input, by kind of output."""
 
 from __future__ import annotations
 

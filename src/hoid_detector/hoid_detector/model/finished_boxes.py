@@ -154,10 +154,7 @@ class TableFormat(NamedTuple):
         return f'columns {"_".join(self.order)}, class ids {self.ids.name}'
 
     def candidates(self, table: Float32Array, threshold: float) -> Candidates:
-        """Return the boxes in a table (N, C) whose score is at least the threshold.
-
-        Rows with a negative class id or without a positive score mark no object.
-        """
+        """Return the boxes in a table (N, C) of an id and a score of at least the threshold."""
         found = columns(table, self.order)
         keep = (found.scores >= threshold) & (found.scores > 0) & (found.ids >= 0)
         index = self.ids.index_of_id[np.rint(found.ids[keep]).astype(np.int64)]
@@ -190,10 +187,7 @@ class FinishedDecoder:
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude the formats that do not fit a table, and find the unit of boxes.
-
-        ModelError if none is left.
-        """
+        """Exclude formats that do not fit a table (ModelError: all), find the unit of boxes."""
         orders = dict.fromkeys(table_format.order for table_format in self.formats)
         plausible = {
             order: found

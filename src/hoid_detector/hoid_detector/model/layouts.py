@@ -1,21 +1,5 @@
 """Output layouts of detection networks, and recognition of the layout that a model has.
 
-| layout | output | input |
-|---|---|---|
-| `yolov8` | 4 + C channels for each grid cell (YOLOv8, 9, 11) | RGB 0-1, centered |
-| `yolov5` | 5 + C channels for 3 anchors a cell (YOLOv5, 7), or 1 (YOLOv6) | RGB 0-1, centered |
-| `yolox_raw`, `yolox` | 5 + C channels a cell, in cell units or pixels | BGR 0-255, top left |
-| `rtdetr` | 4 + C channels a query (RT-DETR by Ultralytics) | RGB 0-1, stretched |
-| `end_to_end` | N x 6, N x 7: finished boxes, columns in any known order | RGB 0-1, centered |
-| `xyxy_score_class`, ... | the same, columns in the named order | RGB 0-1, centered |
-| `yxyx_score_class` | columns or outputs with y before x (TensorFlow) | RGB 0-1, stretched |
-| `end_to_end` | boxes, labels, scores (torchvision, EfficientNMS) | RGB 0-1, centered |
-| `end_to_end` | columns in outputs whose names state them (PINTO_model_zoo) | RGB 0-1, centered |
-| `end_to_end` | boxes, labels, scores (RT-DETR, D-FINE, TensorFlow) | RGB 0-1, stretched |
-| `detr` | logits, boxes (RT-DETR, D-FINE by Transformers) | RGB 0-1, stretched |
-| `detr` | the same (DETR, RF-DETR, Conditional and Deformable DETR) | RGB ImageNet, stretched |
-| `yolo_nas` | boxes, C class scores a cell (YOLO-NAS) | RGB 0-1, centered |
-
 `LAYOUTS` is the registry: one entry there adds a layout, also to the parameter `layout`.
 """
 
@@ -230,25 +214,33 @@ _BOX_OBJECTNESS = partial(_anchor_decoder, objectness=True)
 _IN_CELLS = partial(_anchor_decoder, objectness=True, in_cells=True)
 
 LAYOUTS = (
+    # Finished boxes. Columns in outputs whose names state them (PINTO_model_zoo).
     LayoutEntry(
         'end_to_end', _CENTERED, False, False,
         has_named_columns, named_columns_decoder,
     ),
+    # Boxes, labels, scores (RT-DETR, D-FINE, TensorFlow).
     LayoutEntry(
         'end_to_end', _STRETCHED, False, False,
         lambda p: _is_separate(p) and is_stretched(p), separate_outputs_decoder,
     ),
+    # The same (torchvision, EfficientNMS).
     LayoutEntry('end_to_end', _CENTERED, False, False, _is_separate, separate_outputs_decoder),
+    # The same with y before x, unless their names tell (TensorFlow).
     LayoutEntry(
         'yxyx_score_class', _STRETCHED, False, False,
         lambda _: False, partial(separate_outputs_decoder, y_first=True),
     ),
+    # Logits and boxes (DETR, RF-DETR, Conditional and Deformable DETR).
     LayoutEntry('detr', _STANDARDIZED, False, False, _is_standardized, _logits_decoder),
+    # The same (RT-DETR, D-FINE by Transformers).
     LayoutEntry('detr', _STRETCHED, False, False, _has(is_boxes, is_logits), _logits_decoder),
+    # Boxes, and C class scores a cell (YOLO-NAS).
     LayoutEntry(
         'yolo_nas', _CENTERED, True, False,
         _has(is_boxes, is_class_scores), _boxes_scores_decoder,
     ),
+    # One table of finished boxes, columns in any known order, or in the named order.
     LayoutEntry('end_to_end', _CENTERED, False, True, is_finished_table, table_decoder),
     *(
         LayoutEntry(
@@ -256,9 +248,13 @@ LAYOUTS = (
         )
         for name, order in TABLE_LAYOUTS.items()
     ),
+    # 4 + C channels a query (RT-DETR by Ultralytics).
     LayoutEntry('rtdetr', _STRETCHED, False, True, _is_query_table, _BOX),
+    # 4 + C channels a cell (YOLOv8, 9, 11).
     LayoutEntry('yolov8', _CENTERED, True, True, lambda p: p.num_before_classes == 4, _BOX),
+    # 5 + C channels for 3 anchors a cell (YOLOv5, 7), or for 1 (YOLOv6).
     LayoutEntry('yolov5', _CENTERED, True, True, _is_yolov5, _BOX_OBJECTNESS),
+    # 5 + C channels a cell, in cell units or in pixels.
     LayoutEntry('yolox_raw', _YOLOX, True, True, _is_in_cells, _IN_CELLS),
     LayoutEntry(
         'yolox', _YOLOX, True, True, lambda p: p.num_before_classes == 5, _BOX_OBJECTNESS

@@ -1,9 +1,7 @@
 """Search for the detector's model file.
 
-The search has this order: the requested model, the model in the environment variable HOID_MODEL,
-`../shared/models` beside the workspace, `lab/models` in it, the user's cache, a download into this
-cache. A model is given by the path of a file or by one of the names in `known_models()`. The
-default model is searched for in all folders before any other known model.
+The order is: the requested model (a path or a known name), the environment variable HOID_MODEL,
+`../shared/models` beside the workspace, `lab/models` in it, the user's cache, a download.
 """
 
 from __future__ import annotations

@@ -13,11 +13,7 @@ MAX_CANDIDATES = 1000  # chosen: more boxes reach the threshold only if it is ne
 def nms(
     boxes_xyxy_px: Float32Array, scores: Float32Array, class_ids: IntArray, iou: float
 ) -> IntArray:
-    """Return the indices of the boxes (N, 4) that are kept, highest score first.
-
-    OpenCV takes 0.02 ms for 100 boxes, NumPy 0.11 ms (greedy) or 0.21 ms (overlap matrix); OpenCV
-    reads lists faster than arrays.
-    """
+    """Return the indices of the boxes (N, 4) that are kept, highest score first."""
     order = np.argsort(-scores, kind='stable')[:MAX_CANDIDATES]
     if len(order) < 2:
         return order

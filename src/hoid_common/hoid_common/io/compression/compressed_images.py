@@ -1,7 +1,4 @@
-"""Decoding of sensor_msgs/CompressedImage, of color and of depth, whatever plugin has made it.
-
-The field `format` and the first bytes of the data tell the kinds apart.
-"""
+"""Decoding of sensor_msgs/CompressedImage, of color and of depth, whatever plugin has made it."""
 
 from __future__ import annotations
 

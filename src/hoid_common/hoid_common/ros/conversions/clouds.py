@@ -1,7 +1,4 @@
-"""Conversion of point clouds, with or without color and labels: sensor_msgs/PointCloud2.
-
-sensor_msgs_py has similar functions, but is missing from the wheels of rclpy.
-"""
+"""Conversion of sensor_msgs/PointCloud2; sensor_msgs_py is missing from the wheels of rclpy."""
 
 from __future__ import annotations
 

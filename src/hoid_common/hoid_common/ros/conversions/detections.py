@@ -17,10 +17,7 @@ def detections_to_msg(
     class_names: Sequence[str] = (),
     inference_ms: float = 0.0,
 ) -> DetectionArray:
-    """Return the DetectionArray of an image of this size.
-
-    `class_id` is the index in `class_names`, else -1; `inference_ms` is 0 when no network ran.
-    """
+    """Return the DetectionArray; `class_id` is an index of `class_names`, or -1."""
     ids = {name: i for i, name in enumerate(class_names)}
     return DetectionArray(
         header=header,

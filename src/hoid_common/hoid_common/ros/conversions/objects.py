@@ -14,10 +14,7 @@ _MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size
 
 
 def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
-    """Return the objects of a message, with the filter's verdict on each.
-
-    MessageError for more than MAX_DETECTIONS, and for values out of range.
-    """
+    """Return the objects of a message; MessageError for too many, or values out of range."""
     if len(msg.objects) > MAX_DETECTIONS:
         raise MessageError(
             f'dynamic_objects has {len(msg.objects)} elements, more than {MAX_DETECTIONS}'

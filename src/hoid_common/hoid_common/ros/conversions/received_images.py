@@ -1,7 +1,4 @@
-"""Deserialization of sensor_msgs/Image without copying the pixels.
-
-rclpy copies the pixels twice, which takes 1 ms for a VGA image in each node that subscribes.
-"""
+"""Deserialization of sensor_msgs/Image without the two copies of rclpy, 1 ms for a VGA image."""
 
 from __future__ import annotations
 

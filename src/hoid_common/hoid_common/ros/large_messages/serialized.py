@@ -82,10 +82,7 @@ def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
 
 
 def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
-    """Return the bytes of a MarkerArray that shows each keyframe (N, 4, 4) as a pyramid.
-
-    It has one line marker, whose action is DELETE if there are no keyframes.
-    """
+    """Return the bytes of a MarkerArray that shows each keyframe (N, 4, 4) as a pyramid."""
     marker = keyframe_marker(header, is_empty=len(T_map_camera) == 0)
     empty = serialize_message(MarkerArray(markers=[marker]))
     marker.points = [Point(x=_SENTINEL, y=_SENTINEL, z=_SENTINEL)]
