@@ -126,11 +126,13 @@ def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]
     first, second = _pairs_at_interval(stamps_s)
     if not len(first):
         return np.empty(0), np.empty(0)
-    motion = _relative(aligned.T_world_camera, first, second)
-    motion_true = _relative(aligned.T_world_camera_true, first, second)
-    error = se3.log(se3.inverse(motion_true) @ motion)
-    translation_m = np.linalg.norm((se3.inverse(motion_true) @ motion)[:, :3, 3], axis=1)
-    return translation_m, np.degrees(np.linalg.norm(error[:, :3], axis=1))
+    motion, motion_true = (
+        se3.inverse(T[first]) @ T[second]
+        for T in (aligned.T_world_camera, aligned.T_world_camera_true)
+    )
+    T_error = se3.inverse(motion_true) @ motion
+    translation_m = np.linalg.norm(T_error[:, :3, 3], axis=1)
+    return translation_m, np.degrees(np.linalg.norm(se3.log(T_error)[:, :3], axis=1))
 
 
 def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
@@ -141,11 +143,6 @@ def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
     nearest = right - nearer_left
     found: BoolArray = np.abs(stamps_s[nearest] - target) <= ASSOCIATION_S
     return np.flatnonzero(found), nearest[found]
-
-
-def _relative(T_world_camera: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
-    """Return the (M, 4, 4) poses T_first_second of the second camera in the first, for M pairs."""
-    return se3.inverse(T_world_camera[first]) @ T_world_camera[second]
 
 
 def _to_evo(trajectory: Trajectory) -> PoseTrajectory3D:

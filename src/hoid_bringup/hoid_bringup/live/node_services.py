@@ -22,7 +22,6 @@ from hoid_common.ros.conversions.slam import slam_status_from_msg
 from hoid_common.ros.execution.executor import SteadyExecutor
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 
-_NODES = (*NODE_CONFIGS, f'{SLAM}_scene')
 _WAIT_S = 10.0  # chosen: discovery takes about a second, on a busy computer several
 _RESPONSE_S = 600.0  # chosen: a map of a building takes minutes to save or load
 _MEASURED_S = 2.0  # chosen: time during which the rate of images is measured
@@ -114,14 +113,14 @@ def _messages_by_node(reports: Sequence[DiagnosticArray], prefix: str) -> dict[s
         status.name.removeprefix(prefix): status.message
         for report in reports
         for status in report.status
-        if status.name.startswith(prefix) and status.name.removeprefix(prefix) in _NODES
+        if status.name.startswith(prefix) and status.name.removeprefix(prefix) in NODE_CONFIGS
     }
 
 
 def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str:
     """Return an error text: no node of the suite reports in a namespace."""
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
-    where = sorted({space for name, space in names if name in _NODES})
+    where = sorted({space for name, space in names if name in NODE_CONFIGS})
     text = f'no node of the suite reports in namespace {prefix} of ROS domain {domain}'
     if others := ', '.join(space for space in where if f'{space.rstrip("/")}/' != prefix):
         return f'{text}, but there are some in {others}: give that as --namespace'

@@ -6,14 +6,14 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions, node_specs
-from hoid_bringup.live.supervisor import Supervisor
+from hoid_bringup.live.supervisor import ProcessExit, Supervisor
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, has_model
 from hoid_bringup.run.options import add_set_argument, add_strategy_argument, assignments
 from hoid_bringup.run.run_config import RunConfig
@@ -135,27 +135,26 @@ def nodes_command(args: argparse.Namespace) -> None:
 
 def _supervise(supervisor: Supervisor) -> None:
     """Run the nodes until an interrupt; InputError if one ends and is not restarted."""
-    with supervisor, _saying_the_end():
+    with supervisor:
         _say(f'{", ".join(supervisor.pids)} started; Ctrl-C ends them')
-        while True:
-            _show_logs(supervisor)
-            for ended in supervisor.poll():
-                if ended.restart_s is None:
-                    raise InputError(f'{ended}; see its last lines of output')
-                what = 'restarting it'
-                if ended.refused_to_start:
-                    what = f'the other nodes run on; trying again in {ended.restart_s:.0f} s'
-                _say(f'{ended}; {what}')
-            time.sleep(_TICK_S)
+        try:
+            while True:
+                _show_logs(supervisor)
+                for ended in supervisor.poll():
+                    _report_end(ended)
+                time.sleep(_TICK_S)
+        except KeyboardInterrupt:
+            _say('ending the nodes, which keep their map')
+            raise
 
 
-@contextmanager
-def _saying_the_end() -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:
-        _say('ending the nodes, which keep their map')
-        raise
+def _report_end(ended: ProcessExit) -> None:
+    if ended.restart_s is None:
+        raise InputError(f'{ended}; see its last lines of output')
+    what = 'restarting it'
+    if ended.refused_to_start:
+        what = f'the other nodes run on; trying again in {ended.restart_s:.0f} s'
+    _say(f'{ended}; {what}')
 
 
 def _show_logs(supervisor: Supervisor) -> None:
