@@ -22,9 +22,8 @@ from hoid_benchmarks.building.tiled_map import tiled_to
 from hoid_benchmarks.building.world.floors import Building
 from hoid_common import se3
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.essential_graph import closed_poses, move_map
+from rgbd_slam.loops.essential_graph import closed_poses, move_map, region_around
 from rgbd_slam.loops.global_adjustment import apply_solution, global_problem, solve
-from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.loop_edge import LoopEdge

@@ -16,7 +16,7 @@ from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import is_end_asked_for, run_node
 from hoid_common.slam_status import SlamStatus
 from rgbd_slam.config.node_config import SlamNodeConfig
-from rgbd_slam.ros.initial_pose import InitialPose
+from rgbd_slam.ros.initial_pose import relocalize_near_initial_poses
 from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.map_outputs import MapOutputs
 from rgbd_slam.ros.map_services import MapServices
@@ -82,7 +82,7 @@ class RgbdSlamNode(ManagedNode):
             is_occasional=True,
         )
         self._imu.subscribe(inputs)
-        InitialPose(inputs, require_session, self._outputs.find_in_map)
+        relocalize_near_initial_poses(inputs, require_session, self._outputs.find_in_map)
         self.begin(autostart=config.autostart)
 
     def configure(self) -> None:

@@ -8,10 +8,9 @@ import pytest
 from hoid_common import se3
 from rgbd_slam.config.place_config import LoopConfig
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.drift_limit import DriftLimit
-from rgbd_slam.loops.essential_graph import closed_poses, move_map
+from rgbd_slam.loops.essential_graph import closed_poses, move_map, region_around
 from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
-from rgbd_slam.loops.region import region_around
+from rgbd_slam.loops.loop_detection import DriftLimit
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier

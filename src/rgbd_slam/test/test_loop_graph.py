@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from hoid_common import se3
-from rgbd_slam.loops.essential_graph import closed_poses, move_map, optimized, path_length_m
-from rgbd_slam.loops.region import region_around
+from rgbd_slam.loops.essential_graph import (
+    closed_poses,
+    move_map,
+    optimized,
+    path_length_m,
+    region_around,
+)
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.loop_edge import renumbered
 from rgbd_slam.model.map_state import restore, snapshot

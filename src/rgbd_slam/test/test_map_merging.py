@@ -6,8 +6,7 @@ import numpy as np
 
 from hoid_common import se3
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.loop_closer import LoopCloser, LoopEvent
-from rgbd_slam.loops.map_merging import merge_maps
+from rgbd_slam.loops.loop_closer import LoopCloser, LoopEvent, merge_maps
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.map_state import restore, snapshot
 

@@ -25,12 +25,10 @@ class ConsensusConfig(Config):
         'keyframes have observed, so that the camera is not tracked relative to a moving object. '
         'Set it to false to let all matches count alike, as ORB-SLAM3 does.',
     )
-    leave_out_parts: bool = param(
-        default=True,  # decision 036: slow-6 by `motion` 0.010 m without it, 0.004 m with it
-        description='Whether to leave out the matches in a region of the image that biases the '
-        'pose, so that a slowly moving object does not distort it. Set it to false to save a '
-        'little time where nothing moves. It has no effect without tracking.consensus.enabled.',
-    )
+    # Whether to leave out the matches in a region of the image that biases the pose, so that a
+    # slowly moving object does not distort it (decision 036: slow-6 by `motion` 0.010 m without
+    # it, 0.004 m with it).
+    leave_out_parts: bool = param(default=True, internal=True)
 
     # Smallest number of keyframes that must have observed a point for it to count as well
     # observed. Decision 026: with fewer, the error on fr1_xyz_people is 0.013 m instead of 0.009

@@ -133,8 +133,8 @@ class KeyframeConfig(Config):
         0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
         'A frame becomes a keyframe if it tracks fewer map points than this share of the '
         'confirmed points of its reference keyframe (0.4 of them while the map in use has at most '
-        'two keyframes). The parameters keyframes.min_gap_s and keyframes.skip_known_views, and a '
-        'keyframe that waits for the mapper, can prevent it; other rules can make a keyframe '
+        'two keyframes). The parameter keyframes.min_gap_s, an older keyframe with the same view, '
+        'and a keyframe that waits for the mapper can prevent it; other rules can make a keyframe '
         'earlier. Raise it if the camera is often lost in fast motion; more keyframes are then '
         'made, which takes more time and memory.',
         minimum=0.1,
@@ -162,14 +162,12 @@ class KeyframeConfig(Config):
     # points than this share of the most that a frame has tracked since the last keyframe. A
     # larger share makes more keyframes. Not tuned.
     fallen_share: float = param(0.6, internal=True)
-    skip_known_views: bool = param(
-        default=True,  # decision 004: 39 keyframes after one pass over a path, 43 after 136 passes
-        description='Whether to skip a keyframe where an older keyframe already has the same '
-        'view, so that the map does not grow while the robot stays in a known place. A keyframe '
-        'is still made if tracking gets worse quickly, if many features have newly appeared, or '
-        'if the view changes while a keyframe waits for the mapper. Set it to false to make '
-        'keyframes in known views as well, as ORB-SLAM3 does.',
-    )
+    # Whether to skip a keyframe where an older keyframe already has the same view, so that the map
+    # does not grow while the robot stays in a known place (decision 004: 39 keyframes after one
+    # pass over a path, 43 after 136 passes). A keyframe is still made if tracking gets worse
+    # quickly, if many features have newly appeared, or if the view changes while a keyframe waits
+    # for the mapper.
+    skip_known_views: bool = param(default=True, internal=True)
     # Stores matches that are outliers of the pose in the keyframe as well, and leaves their
     # rejection to bundle adjustment, as ORB-SLAM3 does. When it is off, a keyframe stores inliers
     # only. Decision 021: the rule of ORB-SLAM3.

@@ -19,7 +19,7 @@ import numpy as np
 
 from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.inertial.gravity import GRAVITY_MPS2
-from rgbd_slam.inertial.rotations import rotation_vector
+from rgbd_slam.inertial.rotations import cauchy_weights, rotation_vector
 
 # Chosen: time before the last tracked image whose positions are used. With 1 s, the errors of
 # 1 s of dead reckoning grow by a third, with 0.6 s they double.
@@ -83,8 +83,11 @@ class Path(NamedTuple):
             squares.append(np.mean(np.square(errors_m).sum(axis=1) / variances_m2))
         return float(np.sqrt(np.mean(squares))) if len(squares) >= _MIN_TRIALS else None
 
-    def reckoned(self, origin: int, later: slice) -> Reckoned | None:
-        """Predict later positions from the tracked ones up to an index, if these suffice."""
+    def reckoned(self, origin: int, later: slice, scale: float = 1.0) -> Reckoned | None:
+        """Predict later positions from the tracked ones up to an index, if these suffice.
+
+        The variances are multiplied by `scale`.
+        """
         if not self._is_enough(origin):
             return None
         before = slice(self._first(origin), origin + 1)
@@ -101,8 +104,8 @@ class Path(NamedTuple):
         of_turn_mps = _TURNED_MPS2 * turn_rad * elapsed_s
         return Reckoned(
             rows @ values + moved_m,
-            np.vecdot(rows @ covariance, rows) + of_noise_m2 + of_turn_m**2,
-            np.vecdot(slopes @ covariance[1:, 1:], slopes) + of_turn_mps**2,
+            scale * (np.vecdot(rows @ covariance, rows) + of_noise_m2 + of_turn_m**2),
+            scale * (np.vecdot(slopes @ covariance[1:, 1:], slopes) + of_turn_mps**2),
         )
 
     def _first(self, origin: int) -> int:
@@ -135,7 +138,7 @@ class Path(NamedTuple):
             values = np.asarray(np.linalg.solve(normal, weighted.T @ positions_m + prior_rhs))
             length_m = np.linalg.norm(positions_m - rows @ values, axis=1)
             typical_m = max(float(np.median(length_m)), _LEAST_M)
-            weight = 1.0 / (1.0 + np.square(length_m / (_CAUCHY * typical_m)))
+            weight = cauchy_weights(length_m, _CAUCHY, _CAUCHY * _LEAST_M)
             variance_m2 = (typical_m / _MEDIAN_LENGTH) ** 2
         is_long = abs(float(np.linalg.norm(values[2])) - GRAVITY_MPS2) > _MAX_LENGTH_ERROR_MPS2
         if is_long or np.linalg.norm(values[2] - gravity_mps2) > _NUM_SIGMAS * sigma_mps2:

@@ -21,7 +21,12 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, S_PER_NS, FloatArray
 from rgbd_slam.inertial.mounting import Mounting, snapped
-from rgbd_slam.inertial.rotations import nearest_rotation, rotation_vector, rotations
+from rgbd_slam.inertial.rotations import (
+    cauchy_weights,
+    nearest_rotation,
+    rotation_vector,
+    rotations,
+)
 from rgbd_slam.inertial.sample_buffer import SampleBuffer
 from rgbd_slam.inertial.tracked_motion import TrackedMotion, TrackedPoses
 
@@ -44,7 +49,9 @@ _MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees b
 # accelerometer in another unit is off by more than this limit.
 _MAX_LENGTH_ERROR_MPS2 = 1.0
 _MEDIAN_LENGTH = 1.54  # of a vector of three normally distributed numbers with the variance 1
-_CAUCHY = 2.0  # chosen: triples with residuals of this multiple of the median weigh half
+# Chosen: triples with residuals of this multiple of the median, and at least of this size, weigh
+# half.
+_CAUCHY, _LEAST_MPS2 = 2.0, 1e-3
 
 
 class Gravity(NamedTuple):
@@ -184,7 +191,8 @@ def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> Grav
     prior[:6, :6] = np.eye(6)
     for _ in range(_ROUNDS):
         residual = force @ R.ravel() - turned @ bias - gravity - acceleration
-        weight = np.sqrt(_cauchy(residual)) / _TRIPLE_MPS2
+        lengths = np.linalg.norm(residual, axis=1)
+        weight = np.sqrt(cauchy_weights(lengths, _CAUCHY, _LEAST_MPS2)) / _TRIPLE_MPS2
         # R = exp(delta) R changes the force by the columns hat(e_k) @ R.
         generators = np.stack([(se3.hat(axis) @ R).ravel() for axis in np.eye(3)], axis=1)
         J = np.concatenate([force @ generators, -turned, minus_one], axis=2)
@@ -208,10 +216,3 @@ def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> Grav
         for part in (up_covariance, covariance[:3, :3])
     )
     return Gravity(0, gravity, sigma_rad, R, rotation_sigma_rad, bias)
-
-
-def _cauchy(residual: FloatArray) -> FloatArray:
-    """Return the Cauchy weights (N,) of residuals (N, 3): 0.5 at twice their median length."""
-    length = np.linalg.norm(residual, axis=1)
-    limit = max(_CAUCHY * float(np.median(length)), 1e-3)
-    return np.asarray(1.0 / (1.0 + np.square(length / limit)))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common.values import NS_PER_S, S_PER_NS, BoolArray, FloatArray, IntArray
-from rgbd_slam.inertial.rotations import nearest_rotation, rotation_vector
+from rgbd_slam.inertial.rotations import cauchy_weights, nearest_rotation, rotation_vector
 from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer
 from rgbd_slam.inertial.tracked_motion import TrackedMotion
 
@@ -89,7 +89,7 @@ def fit_gyro(
         near_s = float(np.clip(offset_s, -MAX_OFFSET_S, MAX_OFFSET_S))
         tried_s = np.linspace(near_s - count * step_s, near_s + count * step_s, 2 * count + 1)
         offset_s, curvature = _best_offset(steps, tried_s, R_camera_imu)
-        steps = steps.weighted(_residuals(_aligned(steps, offset_s, R_camera_imu)))
+        steps = steps.weighted(_aligned(steps, offset_s, R_camera_imu).residuals_rad)
     return _fit(steps, offset_s, curvature, R_camera_imu)
 
 
@@ -154,8 +154,7 @@ class _Steps(NamedTuple):
 
     def weighted(self, residuals_rad: FloatArray) -> _Steps:
         """Return the steps with the weights of a Cauchy kernel for residuals (M,)."""
-        limit_rad = max(_CAUCHY * float(np.median(residuals_rad)), _LEAST_RAD)
-        return self._replace(weight=1.0 / (1.0 + np.square(residuals_rad / limit_rad)))
+        return self._replace(weight=cauchy_weights(residuals_rad, _CAUCHY, _LEAST_RAD))
 
 
 class _Alignment(NamedTuple):
@@ -166,6 +165,16 @@ class _Alignment(NamedTuple):
     measured_rad: FloatArray  # (M, 3) in the IMU frame
     mean_measured_radps: FloatArray  # (3,)
     mean_tracked_radps: FloatArray  # (3,)
+
+    @property
+    def difference_rad(self) -> FloatArray:
+        """Return tracked minus measured rotations (M, 3) in the camera frame."""
+        return self.tracked_rad - self.measured_rad @ self.R_camera_imu.T
+
+    @property
+    def residuals_rad(self) -> FloatArray:
+        """Return the lengths (M,) of these differences."""
+        return np.asarray(np.linalg.norm(self.difference_rad, axis=1))
 
 
 def _aligned(steps: _Steps, offset_s: float, R_camera_imu: FloatArray | None) -> _Alignment:
@@ -180,18 +189,12 @@ def _aligned(steps: _Steps, offset_s: float, R_camera_imu: FloatArray | None) ->
     return _Alignment(R_camera_imu, tracked, measured, mean_measured, mean_tracked)
 
 
-def _residuals(aligned: _Alignment) -> FloatArray:
-    """Return the lengths (M,) [rad] of the differences between tracked and measured rotations."""
-    difference = aligned.tracked_rad - aligned.measured_rad @ aligned.R_camera_imu.T
-    return np.asarray(np.linalg.norm(difference, axis=1))
-
-
 def _best_offset(
     steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None
 ) -> tuple[float, float]:
     """Return the offset [s] at the minimum of a parabola, and its curvature [rad^2/s^2]."""
     aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
-    cost = np.array([steps.weight @ np.square(_residuals(item)) for item in aligned])
+    cost = np.array([steps.weight @ np.square(item.residuals_rad) for item in aligned])
     best, step_s = int(np.clip(np.argmin(cost), 1, len(cost) - 2)), float(tried_s[1] - tried_s[0])
     left, middle, right = cost[best - 1 : best + 2].tolist()
     curvature = max((left - 2 * middle + right) / step_s**2, 1e-12)
@@ -202,14 +205,13 @@ def _best_offset(
 def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray | None) -> GyroFit:
     """Return the fit at an offset; the bias is combined with `UNKNOWN_BIAS_RADPS` as a prior."""
     aligned, weight = _aligned(steps, offset_s, R_known), steps.weight
-    residuals_rad = _residuals(aligned)
     w, R = aligned.measured_rad, aligned.R_camera_imu
     H = (weight[:, None] * aligned.tracked_rad).T @ w
     power = float(weight @ np.square(w).sum(axis=1))
     tracked_power = float(weight @ np.square(aligned.tracked_rad).sum(axis=1))
     common = float(np.trace(R.T @ H))
     information = power * np.eye(3) - (weight[:, None] * w).T @ w
-    variance = float(weight @ np.square(residuals_rad)) / (3 * weight.sum())
+    variance = float(weight @ np.square(aligned.residuals_rad)) / (3 * weight.sum())
     mean_s = float(steps.time_s.mean())
     mean_radps, bias_sigma = _mean_difference(steps, aligned)
     bias_weight = 1 / (1 + (bias_sigma / UNKNOWN_BIAS_RADPS) ** 2)
@@ -238,10 +240,9 @@ def _mean_difference(steps: _Steps, aligned: _Alignment) -> tuple[FloatArray, fl
     rotation and begins the next. The standard deviation follows from the spread of the means of
     half a second, in which drift of the tracked rotation does not cancel.
     """
-    difference_rad = aligned.tracked_rad - aligned.measured_rad @ aligned.R_camera_imu.T
     is_used = steps.weight > _LEAST_WEIGHT
     starts = np.arange(0, len(is_used), _BLOCK_STEPS)
-    sums_rad = np.add.reduceat(is_used[:, None] * difference_rad, starts)
+    sums_rad = np.add.reduceat(is_used[:, None] * aligned.difference_rad, starts)
     times_s = np.add.reduceat(is_used * steps.time_s, starts)
     mean_radps = sums_rad.sum(axis=0) / times_s.sum()
     deviation_rad = sums_rad - times_s[:, None] * mean_radps

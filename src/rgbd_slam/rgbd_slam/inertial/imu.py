@@ -142,18 +142,14 @@ class Imu:
         """
         if not (self._config.integrate and self.trust.uses_gyro):
             return None
-        error, path = self._trial_error(last_ns), None
-        if error is not None and self.trust.agrees:
-            path = self._path(last_ns, WINDOW_NS, stamp_ns)
-        if path is None or error is None:
+        error = self._trial_error(last_ns)
+        if error is None or not self.trust.agrees:
+            return None
+        path = self._path(last_ns, WINDOW_NS, stamp_ns)
+        if path is None:
             return None
         last = len(path.positions_m) - 1
-        found, scale = path.reckoned(last, slice(last + 1, last + 2)), max(error, 1.0) ** 2
-        if found is None:
-            return None
-        return Reckoned(
-            found.positions_m, scale * found.variances_m2, scale * found.speed_variances_m2ps2
-        )
+        return path.reckoned(last, slice(last + 1, last + 2), max(error, 1.0) ** 2)
 
     @property
     def confirmed_up(self) -> Gravity | None:
@@ -199,10 +195,10 @@ class Imu:
 
     def _compare_rates(self, image_ns: int) -> None:
         """Update the calibration of the gyro, unless it has a fault."""
-        self.trust.compare_samples(self._gyro, image_ns, round(self._offset_s * NS_PER_S))
-        near_s = self._offset_s if self._is_offset_known else None
-        if self.trust.is_interrupted:
+        offset_ns = round(self._offset_s * NS_PER_S)
+        if not self.trust.compare_samples(self._gyro, image_ns, offset_ns):
             return
+        near_s = self._offset_s if self._is_offset_known else None
         free = fit_gyro(self._motion, self._gyro, None, near_s)
         if free is None or not self.trust.compare_rates(free, self._recent_fit()):
             return

@@ -36,7 +36,7 @@ def report_of(imu: Imu) -> ImuReport:
         up_sigma_deg=None if up is None else round(math.degrees(up.sigma_rad), 3),
         in_use=imu.trust.in_use,
         fault=imu.trust.problem,
-        problems=tuple(imu.trust.problems),
+        problems=imu.trust.problems,
         samples_left_out=imu.num_impossible,
     )
     if fit is None:

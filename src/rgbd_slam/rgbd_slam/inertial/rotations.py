@@ -1,4 +1,4 @@
-"""Rotations and their vectors, for many at once."""
+"""Rotations and their vectors, and weights of residuals, for many at once."""
 
 from __future__ import annotations
 
@@ -27,3 +27,12 @@ def nearest_rotation(matrix: FloatArray) -> FloatArray:
     T = np.eye(4)
     T[:3, :3] = matrix
     return se3.orthonormalized(T)[:3, :3]
+
+
+def cauchy_weights(lengths: FloatArray, median_factor: float, least: float) -> FloatArray:
+    """Return the weights (N,) of a Cauchy kernel for residuals of given lengths (N,).
+
+    The weight is 0.5 at a multiple of the median length, or at `least` if that is more.
+    """
+    limit = max(median_factor * float(np.median(lengths)), least)
+    return np.asarray(1.0 / (1.0 + np.square(lengths / limit)))

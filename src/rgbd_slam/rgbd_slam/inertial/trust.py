@@ -78,19 +78,13 @@ class Trust:
         self._is_accelerometer_stuck = False
         self._since_ns: dict[str, int] = {}  # stamps since which something has been doubted
         self._now_ns = 0  # stamp of the image of the last comparison
-        self.problems: list[str] = []  # all problems that were reported
-        self._news: list[News] = []
-        self._said: set[str] = set()
+        self._said: dict[str, News] = {}  # all messages, by their kind
+        self._num_taken = 0  # messages that `take_news` has returned
 
     @property
     def fault(self) -> GyroFault | None:
         """Return why the gyro is left out; None: it has no fault."""
         return self._fault_of_samples or self._fault_of_fit
-
-    @property
-    def is_interrupted(self) -> bool:
-        """Return whether the samples of the gyro are late or do not change."""
-        return self._fault_of_samples is not None
 
     @property
     def uses_gyro(self) -> bool:
@@ -124,14 +118,15 @@ class Trust:
             return _STUCK_ACCELEROMETER
         return _CONTRADICTS if self._lasts('accelerometer') else ''
 
-    def compare_samples(self, gyro: SampleBuffer, image_ns: int, offset_ns: int) -> None:
-        """Look for a fault of the gyro that the samples show: they are late or do not change."""
+    def compare_samples(self, gyro: SampleBuffer, image_ns: int, offset_ns: int) -> bool:
+        """Return whether the samples of the gyro have arrived in time and change."""
         self._gyro, self._now_ns, self._fault_of_samples = gyro, image_ns, None
         latest = gyro.before(image_ns + offset_ns, 1)
         if not len(latest) or latest.stamps_ns[0] < image_ns + offset_ns - _LATE_NS:
             self._fault_of_samples = GyroFault.LATE
         elif is_stuck(gyro, image_ns + offset_ns):
             self._fault_of_samples = GyroFault.STUCK
+        return self._fault_of_samples is None
 
     def compare_rates(self, fit: GyroFit, recent: GyroFit | None) -> bool:
         """Return whether the comparison with the tracked rotation shows no fault of the gyro.
@@ -178,15 +173,17 @@ class Trust:
 
     def say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:
         """Store a text for `take_news`, but only the first one of a kind (default: the text)."""
-        if (kind or text) not in self._said:
-            self._said.add(kind or text)
-            self._news.append(News(text, is_problem))
-            if is_problem:
-                self.problems.append(text)
+        self._said.setdefault(kind or text, News(text, is_problem))
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Return the texts of all problems so far."""
+        return tuple(news.text for news in self._said.values() if news.is_problem)
 
     def take_news(self) -> list[News]:
-        """Return the messages since the last call, and remove them."""
-        news, self._news = self._news, []
+        """Return the messages since the last call."""
+        news = list(self._said.values())[self._num_taken :]
+        self._num_taken = len(self._said)
         return news
 
     def _note(self, sensor: str, *, is_doubted: bool) -> None:

@@ -20,8 +20,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError, ChildWorker
 from hoid_common.values import BoolArray, FloatArray, IntArray
-from rgbd_slam.loops.essential_graph import move_map
-from rgbd_slam.loops.region import region_around
+from rgbd_slam.loops.essential_graph import move_map, region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_change import Move

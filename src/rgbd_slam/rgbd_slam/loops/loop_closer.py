@@ -9,18 +9,23 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import S_PER_NS, IntArray
+from hoid_common.values import S_PER_NS, FloatArray, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.fusion import fuse
-from rgbd_slam.loops.essential_graph import loop_covariance, move_map, optimized, path_length_m
+from rgbd_slam.loops.essential_graph import (
+    loop_covariance,
+    move_map,
+    optimized,
+    path_length_m,
+    region_around,
+)
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.loops.loop_detection import LoopDetector
 from rgbd_slam.loops.loop_removal import remove_loop
-from rgbd_slam.loops.map_merging import merge_maps
-from rgbd_slam.loops.region import region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.loop_edge import JOIN, LoopEdge
+from rgbd_slam.model.map_change import Move
 from rgbd_slam.places.place_finder import FoundPlace
 
 _AROUND = 10  # not tuned: neighbors of each of the two keyframes of a loop whose points are fused
@@ -232,3 +237,36 @@ class LoopCloser:
         for n in np.r_[here, there].tolist():
             self._atlas.update_connections(n)
         self._atlas.refresh(self._atlas.points_of(np.r_[here, there]))
+
+
+def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
+    """Move the newer of two maps, the one with the larger id, into the frame of the older one.
+
+    Returns the motion of its keyframes. In the spanning tree, the keyframe of the older map
+    becomes the parent of the other one.
+
+    Args:
+        i: Row of a keyframe of one map.
+        c: Row of a keyframe of the other map.
+        T_c_i: (4, 4) measured pose of keyframe `i` relative to keyframe `c`.
+    """
+    keyframes = atlas.keyframes
+    if keyframes.map_id[i] < keyframes.map_id[c]:
+        i, c, T_c_i = c, i, se3.inverse(T_c_i)
+    rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == keyframes.map_id[i]))
+    T_map_i = keyframes.T_map_camera[c] @ T_c_i
+    T_new_old = se3.orthonormalized(T_map_i @ se3.inverse(keyframes.T_map_camera[i]))
+    moves = np.tile(T_new_old, (len(rows), 1, 1))
+    move = atlas.move(rows, moves, int(keyframes.map_id[c]))
+    _reroot(atlas, i, c)
+    return move
+
+
+def _reroot(atlas: Atlas, i: int, parent: int) -> None:
+    """Make keyframe `i` the root of its spanning tree, and give it a parent in another tree."""
+    keyframes = atlas.keyframes
+    child: int | None = i
+    while child is not None:
+        old_parent = keyframes.index_of(int(keyframes.parent_uid[child]))
+        atlas.set_parent(child, parent)
+        parent, child = child, old_parent

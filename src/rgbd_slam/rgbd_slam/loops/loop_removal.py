@@ -14,8 +14,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
-from rgbd_slam.loops.essential_graph import closed_poses, move_map
-from rgbd_slam.loops.region import Region
+from rgbd_slam.loops.essential_graph import Region, closed_poses, move_map
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT

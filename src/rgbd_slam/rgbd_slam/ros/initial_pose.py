@@ -16,40 +16,36 @@ from hoid_common.values import FloatArray
 from rgbd_slam.session import SlamSession
 
 
-class InitialPose:
-    """Subscribes to initial poses, near which the session relocalizes first.
+def relocalize_near_initial_poses(
+    inputs: Inputs,
+    session: Callable[[], SlamSession],
+    find_in_map: Callable[[str], FloatArray | None],
+) -> None:
+    """Subscribe to initial poses, near which the session is relocalized first.
 
     Args:
         find_in_map: Returns T_map_frame (4, 4) for the name of a frame, or None if it is unknown.
     """
 
-    def __init__(
-        self,
-        inputs: Inputs,
-        session: Callable[[], SlamSession],
-        find_in_map: Callable[[str], FloatArray | None],
-    ) -> None:
-        self._session = session
-        self._find_in_map = find_in_map
-        inputs.messages(
-            PoseWithCovarianceStamped,
-            topics.INITIAL_POSE,
-            self._on_pose,
-            'initial poses',
-            reliability=RELIABLE,
-            is_occasional=True,
-        )
-
-    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
+    def on_pose(msg: PoseWithCovarianceStamped) -> None:
         try:
             T_frame_base, sigma_m, sigma_rad = pose_with_sigmas_from_msg(msg.pose)
         except MessageError as error:
             raise MessageError(f'{error}, on {topics.INITIAL_POSE}') from error
         frame = msg.header.frame_id
-        T_map_frame = self._find_in_map(frame)
+        T_map_frame = find_in_map(frame)
         if T_map_frame is None:
             raise MessageError(
                 f'no transform connects frame "{frame}" of {topics.INITIAL_POSE} with the map; '
                 'give the pose in the map frame'
             )
-        self._session().relocalize_near(np.asarray(T_map_frame @ T_frame_base), sigma_m, sigma_rad)
+        session().relocalize_near(np.asarray(T_map_frame @ T_frame_base), sigma_m, sigma_rad)
+
+    inputs.messages(
+        PoseWithCovarianceStamped,
+        topics.INITIAL_POSE,
+        on_pose,
+        'initial poses',
+        reliability=RELIABLE,
+        is_occasional=True,
+    )

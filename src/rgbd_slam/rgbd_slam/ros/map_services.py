@@ -97,13 +97,10 @@ class MapServices:
         for thread in (self._thread, self._mode_thread):
             thread.close()
 
-    def _path(self, name: str, kind: FileKind) -> Path:
-        return path_in(self._config.map_directory, name, kind)
-
     def _new_path(self, name: str, kind: FileKind) -> Path:
         """Return the path of a file to write; unfinished files of killed processes are removed."""
         self._remove_abandoned()
-        return self._path(name, kind)
+        return path_in(self._config.map_directory, name, kind)
 
     def _remove_abandoned(self) -> None:
         directory = self._config.map_directory
@@ -163,11 +160,9 @@ class MapServices:
         end_s = time.monotonic() + _SETTLE_S
         if not self._is_settled_by(end_s):
             return False
-        self._node_thread.call(self._request_settle)
+        session = self._node_thread.call(self._session)
+        self._node_thread.call(session.map.mapper.settle)
         return self._is_settled_by(end_s)
-
-    def _request_settle(self) -> None:
-        self._session().map.mapper.settle()
 
     def _is_settled_by(self, end_s: float) -> bool:
         """Wait until the mapper has completed all its work; return False at a monotonic time."""
