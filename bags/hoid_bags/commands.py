@@ -38,13 +38,10 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def convert_command(args: argparse.Namespace) -> None:
-    """Convert a recording in files or a ROS 1 bag to a bag, and print the summary of the bag.
+    """Convert a recording to a bag, and print the summary of the bag.
 
-    The messages of a bag are copied as they are, so that only `--compress` applies.
-
-    Raises:
-        HoidError: An option is invalid, or the conversion fails; see `convert` and `copy_bag`. Or
-            the bag is damaged, and its readable part has been converted.
+    The messages of a bag are copied as they are. HoidError as of `convert` and `copy_bag`, or at
+    the end if the bag is damaged.
     """
     fault = None
     config = config_from(args, ConvertConfig, depth_units_per_m=depth_units_per_m(args) or 0.0)
@@ -86,13 +83,9 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def info_command(args: argparse.Namespace) -> None:
-    """Print the topics of a bag with their numbers and rates of messages.
+    """Print the topics of a bag with their numbers and rates of messages, after `--repair`.
 
-    With `--repair`, the bag is repaired first, and the summary is that of the repaired bag.
-
-    Raises:
-        InputError: The bag cannot be read or repaired; or it is damaged, and the summary of its
-            readable part was printed before.
+    InputError: the bag cannot be read or repaired; or, after printing, it is damaged.
     """
     bag = repair(args.bag) if args.repair else args.bag
     summary = summarize(bag, sizes=args.bandwidth)
@@ -119,11 +112,6 @@ def add_play_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def play_command(args: argparse.Namespace) -> None:
-    """Play a bag; the space bar pauses and continues it if stdin is a terminal.
-
-    Raises:
-        HoidError: An option is invalid, or the bag cannot be played completely; see `play`.
-    """
     from hoid_bags.live.play import play  # needs ROS, which convert and info do not
 
     play(
@@ -163,11 +151,6 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def record_command(args: argparse.Namespace) -> None:
-    """Record topics until Ctrl-C or the end of `--duration`, and print the number of messages.
-
-    Raises:
-        HoidError: An option is invalid, or nothing can be recorded; see `record`.
-    """
     from hoid_bags.live.record import RESULT_TOPICS, record  # needs ROS
 
     count = record(

@@ -55,10 +55,7 @@ def convert(
     *,
     show_progress: bool = False,
 ) -> None:
-    """Convert a recording in files to a bag, image by image; the bag is created.
-
-    Args:
-        camera: Camera of the recording; None: the one that its files or its name state.
+    """Convert a recording in files to a bag, image by image; without camera, with its own.
 
     Raises:
         InputError: The recording or one of its files cannot be used, or the bag exists already or

@@ -27,11 +27,7 @@ _PNG_TAIL_BYTES, _JPEG_TAIL_BYTES = 64, 1024
 
 
 def read_image_bytes(path: Path) -> bytes:
-    """Return the content of an image file.
-
-    Raises:
-        InputError: The file cannot be read, is no regular file, or is larger than 256 MB.
-    """
+    """Return the content of a regular file of at most 256 MB; else InputError."""
     return read_bytes(path, _MAX_FILE_BYTES)
 
 
@@ -51,9 +47,7 @@ def check_complete(data: bytes, name: object) -> None:
 def decode_color(data: ImageData, name: object) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG file; pixels are returned as they are.
 
-    Raises:
-        InputError: The data is truncated, no PNG or JPEG, too large, or cannot be decoded. The
-            text begins with `name`.
+    InputError, which begins with `name`: it is truncated, no image, too large, or damaged.
     """
     if isinstance(data, np.ndarray):
         return data
@@ -63,11 +57,8 @@ def decode_color(data: ImageData, name: object) -> ByteArray:
 def decode_depth(data: ImageData, name: object) -> NDArray[Any]:
     """Return the (H, W) uint16 depth, in the units of the file, of a 16-bit gray PNG.
 
-    Pixels, which may be floats, are returned as they are.
-
-    Raises:
-        InputError: The data is truncated, no image, too large, or an image of another kind. The
-            text begins with `name`.
+    Pixels, which may be floats, are returned as they are. InputError as of `decode_color`, and for
+    an image of another kind.
     """
     if isinstance(data, np.ndarray):
         return data

@@ -43,24 +43,17 @@ class ImuRecording(NamedTuple):
 
 
 def read_imu(name: str, recording: Path) -> ImuRecording:
-    """Return the samples of a text file or, if no file has this name, of a topic of a bag.
-
-    Raises:
-        InputError: There is no such file or topic, it has no usable sample, or it is damaged.
-    """
+    """Return the samples of a text file or, if no file has this name, of a topic of a bag."""
     if is_bag(recording) and not Path(name).is_file():
         return read_imu_topic(recording, name)
     return read_imu_file(Path(name))
 
 
 def read_own_imu(recording: Path) -> ImuRecording:
-    """Return the samples that a recording has under the usual names.
+    """Return the samples that a recording has under the usual names; InputError without any.
 
     These are the topics `imu` and `imu/accelerometer` of a bag, and the files of a folder's
     layout, such as `gyro.txt`. If both contain the same sensor, the first one is used.
-
-    Raises:
-        InputError: The recording has no samples of an IMU, or they cannot be used.
     """
     if is_bag(recording):
         with BagReader(recording) as reader:

@@ -13,11 +13,7 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates
 
 
 def progress(items: Iterable[Any] | None, total: int, unit: str, *, show: bool = True) -> Any:
-    """Return tqdm's progress bar, which is an iterator over the items.
-
-    Args:
-        items: The items; None: the caller advances the bar by its method `update`.
-    """
+    """Return tqdm's bar, an iterator over the items; None: the caller calls its `update`."""
     interval_s = _TERMINAL_S if sys.stderr.isatty() else _LOG_S
     return tqdm(
         items,

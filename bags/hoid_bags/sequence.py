@@ -49,10 +49,9 @@ class Sequence(Protocol):
     def __iter__(self) -> Iterator[RgbdFrame]:
         """Yield the frames in order of time; the stamp of a frame is that of its color image.
 
-        Raises:
-            InputError: In a TUM folder, an image is truncated, or of another kind, size or unit
-                than expected. A bag leaves such images out; it raises this error if none of the
-                first 30 pairs of images is usable, or no pair at all.
+        InputError: in files, an image is damaged, or of another kind, size or unit than expected.
+        A bag leaves such images out; the error then means that the first 30 pairs, or all, are
+        unusable.
         """
 
 
@@ -64,23 +63,18 @@ def open_sequence(
     max_gap_ns: int = MAX_PAIR_GAP_NS,
     depth_offset_ns: int = 0,
 ) -> Sequence:
-    """Open a folder of images or a bag.
+    """Open a recording in files (see `open_tum_folder`) or a bag (see `BagSequence`).
 
     Args:
-        path: The folder, or one file of a bag.
-        camera: Camera of the recording; None takes it from the folder's name or the bag.
-        depth_units_per_m: Depth units per meter; None: those of the layout of a folder (5000 for
-            TUM RGB-D), or of the encoding for a bag (1000 for whole numbers, 1 for floats).
-        choice: Topics of a bag that the user names; the other topics are found (see
-            `find_topics`).
+        camera: Camera of the recording; None: its own.
+        depth_units_per_m: Depth units per meter; None: those of the layout, or of the encoding.
+        choice: Topics of a bag that the user names; the others are found (see `find_topics`).
         max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
-        depth_offset_ns: Time by which the stamps of depth images are too late; it is subtracted
-            before pairing.
+        depth_offset_ns: Time by which the stamps of depth images are too late.
 
     Raises:
         InputError: The path does not exist, or is no usable recording.
-        ConfigError: The depth units of a folder are not positive, or the folder lists a file with
-            an impossible name.
+        ConfigError: The depth units are not positive, or a list names an impossible file.
     """
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hoid_bags.bag.stamps import header
 from hoid_bags.storage import bag_types as types
 from hoid_bags.storage.bag_types import Message, new_message
+from hoid_bags.storage.static_transforms import vector
 from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.messages import transform_from_msg
@@ -42,10 +43,7 @@ def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
 
 
 def compressed_image(stamp_ns: int, data: bytes, format_: str) -> Message:
-    """Return the sensor_msgs/CompressedImage of a JPEG, a PNG or compressed depth.
-
-    The data is stored unchanged; `format_` is the field `format` of the message.
-    """
+    """Return the sensor_msgs/CompressedImage of a JPEG, a PNG or compressed depth."""
     return new_message(
         types.COMPRESSED_IMAGE,
         header=header(stamp_ns, CAMERA_FRAME),
@@ -57,14 +55,8 @@ def compressed_image(stamp_ns: int, data: bytes, format_: str) -> Message:
 def camera_info(stamp_ns: int, camera: CameraModel) -> Message:
     """Return the sensor_msgs/CameraInfo of a camera whose images are not rectified."""
     distortion = camera.distortion or (0.0,) * 5
-    roi = new_message(
-        'sensor_msgs/msg/RegionOfInterest',
-        x_offset=0,
-        y_offset=0,
-        height=0,
-        width=0,
-        do_rectify=False,
-    )
+    whole = dict.fromkeys(('x_offset', 'y_offset', 'height', 'width'), 0)
+    roi = new_message('sensor_msgs/msg/RegionOfInterest', **whole, do_rectify=False)
     return new_message(
         types.CAMERA_INFO,
         header=header(stamp_ns, CAMERA_FRAME),
@@ -83,12 +75,11 @@ def camera_info(stamp_ns: int, camera: CameraModel) -> Message:
 
 def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:
     """Return the geometry_msgs/PoseStamped of the (4, 4) pose of the camera in the world."""
-    x, y, z = T_world_camera[:3, 3].tolist()
-    qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_world_camera[:3, :3]).tolist()
+    rotation = se3.quat_xyzw_from_rotation(T_world_camera[:3, :3])
     pose = new_message(
         'geometry_msgs/msg/Pose',
-        position=new_message('geometry_msgs/msg/Point', x=x, y=y, z=z),
-        orientation=new_message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
+        position=vector('Point', T_world_camera[:3, 3]),
+        orientation=vector('Quaternion', rotation),
     )
     return new_message(types.POSE_STAMPED, header=header(stamp_ns, WORLD_FRAME), pose=pose)
 
@@ -116,47 +107,34 @@ def imu(
     rate_radps: FloatArray | None = None,
     frame: str = IMU_FRAME,
 ) -> Message:
-    """Return the sensor_msgs/Imu of an accelerometer, of a gyro, or of both.
+    """Return the sensor_msgs/Imu of acceleration (3,) and angular velocity (3,) of an IMU.
 
     The orientation, and a sensor whose argument is None, are marked as missing: the first entry
     of the covariance is -1.
-
-    Args:
-        acceleration_mps2: (3,) acceleration along the axes of the IMU; None: unknown.
-        rate_radps: (3,) angular velocity about these axes; None: unknown.
     """
-    unknown = np.array([-1.0, *[0.0] * 8])
-    ax, ay, az = [0.0] * 3 if acceleration_mps2 is None else acceleration_mps2.tolist()
-    wx, wy, wz = [0.0] * 3 if rate_radps is None else rate_radps.tolist()
+    unknown, zero = np.array([-1.0, *[0.0] * 8]), np.zeros(3)
+    force = zero if acceleration_mps2 is None else acceleration_mps2
+    rate = zero if rate_radps is None else rate_radps
     return new_message(
         types.IMU,
         header=header(stamp_ns, frame),
-        orientation=new_message('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=0.0, w=1.0),
+        orientation=vector('Quaternion', np.array([0.0, 0.0, 0.0, 1.0])),
         orientation_covariance=unknown,
-        angular_velocity=new_message('geometry_msgs/msg/Vector3', x=wx, y=wy, z=wz),
+        angular_velocity=vector('Vector3', rate),
         angular_velocity_covariance=unknown if rate_radps is None else np.zeros(9),
-        linear_acceleration=new_message('geometry_msgs/msg/Vector3', x=ax, y=ay, z=az),
+        linear_acceleration=vector('Vector3', force),
         linear_acceleration_covariance=unknown if acceleration_mps2 is None else np.zeros(9),
     )
 
 
 def detection_array(detections: Detections, camera: CameraModel) -> Message:
     """Return the hoid_msgs/DetectionArray of ground-truth boxes in images of a camera."""
-    boxes = detections.boxes_xyxy_px.tolist()
+    edges = 'x_min', 'y_min', 'x_max', 'y_max'
+    boxes = [dict(zip(edges, box, strict=True)) for box in detections.boxes_xyxy_px.tolist()]
+    scores = detections.scores.tolist()
     entries = [
-        new_message(
-            'hoid_msgs/msg/Detection',
-            class_name=name,
-            class_id=-1,
-            score=score,
-            x_min=box[0],
-            y_min=box[1],
-            x_max=box[2],
-            y_max=box[3],
-        )
-        for name, score, box in zip(
-            detections.class_names, detections.scores.tolist(), boxes, strict=True
-        )
+        new_message('hoid_msgs/msg/Detection', class_name=name, class_id=-1, score=score, **box)
+        for name, score, box in zip(detections.class_names, scores, boxes, strict=True)
     ]
     return new_message(
         types.DETECTION_ARRAY,

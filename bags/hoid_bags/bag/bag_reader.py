@@ -39,22 +39,13 @@ def is_bag(path: Path) -> bool:
 
 
 class BagReader:
-    """Reader of a bag; a context manager.
+    """Context manager that reads a bag, of a damaged one what is readable.
 
-    Of a bag that is damaged or was cut off it reads everything that is readable. `fault` then
-    describes what is missing.
+    `fault` then describes what is missing.
     """
 
     def __init__(self, path: Path) -> None:
-        """Prepare to read.
-
-        Args:
-            path: The folder of the bag, or one .mcap or .db3 file, which may be compressed, or
-                the .bag file of ROS 1.
-
-        Raises:
-            InputError: The path does not exist, or is no bag.
-        """
+        """Prepare to read the folder of a bag or one of its files; InputError if it is no bag."""
         if not path.exists():
             raise InputError(f'{path}: no such bag')
         if not is_bag(path):
@@ -66,12 +57,7 @@ class BagReader:
         self._has_packed_messages = False
 
     def __enter__(self) -> Self:
-        """Open the bag.
-
-        Raises:
-            InputError: A file cannot be opened, or no message can be read because of a damaged
-                index.
-        """
+        """Open the bag; InputError if no file can be opened, or no message be read."""
         with ExitStack() as stack:
             try:
                 self._files = self._open_as_described(stack)
@@ -155,14 +141,10 @@ class BagReader:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """Yield the readable messages file by file; `fault` describes the others.
+        """Yield the readable messages file by file, from a log time on; `fault` tells of others.
 
         The messages of a file are in order of log time, except in an MCAP file without chunks,
-        where they are in the order of the file.
-
-        Args:
-            topics: Absolute names of the topics to read; None means all.
-            start_ns: Log time from which messages are read; None: from the start.
+        where they are in the order of the file. Without topics, those of all are read.
         """
         num_read = first_ns = last_ns = 0
         try:
@@ -206,12 +188,9 @@ class BagReader:
         return [file for file in self._files if isinstance(file, McapFile)]
 
     def _open_as_described(self, stack: ExitStack) -> list[_File]:
-        """Open the files that metadata.yaml lists, or all files if there is no metadata.yaml.
+        """Open the file, the files that metadata.yaml lists, or else all files of the folder.
 
-        If the path of the bag is that of one file, only this file is opened.
-
-        Raises:
-            InputError: A file cannot be opened, or metadata.yaml contradicts the files.
+        InputError: a file cannot be opened, or metadata.yaml contradicts the files.
         """
         if not self.path.is_dir():
             return [_open_file(self.path, stack)]
@@ -238,11 +217,7 @@ class BagReader:
         return sorted(files, key=lambda file: file.metadata.start_time)
 
     def _open_each(self, paths: Iterable[Path], stack: ExitStack) -> list[_File]:
-        """Open files of the bag; files that cannot be opened are left out and become the fault.
-
-        Raises:
-            InputError: No file can be opened.
-        """
+        """Open files; those that cannot be opened become the fault, InputError if none can."""
         files, errors = [], []
         for path in paths:
             try:
@@ -257,11 +232,7 @@ class BagReader:
         return files
 
     def _note_unusable_files(self) -> None:
-        """Set the fault if a file is cut off or has a damaged index.
-
-        Raises:
-            InputError: The index is damaged, and no message can be read without it.
-        """
+        """Set the fault if a file or its index is damaged; InputError if all is lost."""
         num_messages = sum(topic.num_messages for topic in self.topics)
         errors = [file.index_error for file in self._mcap_files if file.index_error is not None]
         if errors and not num_messages:
@@ -278,13 +249,10 @@ class BagReader:
 
 
 def _open_file(path: Path, stack: ExitStack) -> _File:
-    """Open one file of a bag, and have the stack close it.
+    """Open one file of a bag, and have the stack close it; InputError if that fails.
 
-    A compressed file is first unpacked into a temporary folder. A .db3 file with a log is copied
-    to one, and merged with the log there.
-
-    Raises:
-        InputError: The file cannot be opened. (Damage inside an .mcap file raises no error.)
+    A compressed file, and a .db3 file with a log, are first copied to a temporary folder. Damage
+    inside an .mcap file raises no error.
     """
     open_regular(path).close()
     if path.suffix == SUFFIX:
@@ -302,10 +270,7 @@ def _open_file(path: Path, stack: ExitStack) -> _File:
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    """Return the files of a folder that contain messages, by the endings of their names.
-
-    If a file exists both compressed and uncompressed, only the uncompressed one is returned.
-    """
+    """Return the files with messages, of one that is also compressed only the uncompressed."""
     names = {path.name for path in folder.iterdir() if path.name.endswith(_STORAGE_SUFFIXES)}
     packed = {name for name in names if name.endswith(SUFFIX)}
     return sorted(

@@ -45,12 +45,11 @@ _MAX_BAD_AT_START = 30  # chosen: reading ends if the first 30 images are all un
 
 
 class BagSequence:
-    """The paired color and depth images of a bag.
+    """The paired color and depth images of a bag, a `hoid_bags.sequence.Sequence`.
 
-    It has all members of the protocol `hoid_bags.sequence.Sequence`. Topics, stamps, camera and
-    ground truth are read when the bag is opened; images are read during iteration. A pair is left
-    out if one of its images cannot be decoded or has another size than the camera. After the
-    iteration, `fault` states the number of these pairs, unless it describes other damage.
+    Topics, stamps, camera and ground truth are read when the bag is opened; images during
+    iteration. A pair is left out if one of its images cannot be decoded or has another size than
+    the camera; `fault` then states the number of these pairs, unless it describes other damage.
     """
 
     def __init__(
@@ -250,11 +249,7 @@ class _Index:
             _LOG.warning('%s', text)
 
     def _report_problems(self, given_camera: CameraModel | None) -> None:
-        """Warn of topics with unusable messages.
-
-        Raises:
-            InputError: No message of an image topic, or of the camera_info, is usable.
-        """
+        """Warn of topics with unusable messages; InputError if images or camera_info lack any."""
         found = self._found
         is_empty = {
             found.color.name: not self._images[found.color.name],

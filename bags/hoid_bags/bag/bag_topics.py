@@ -1,14 +1,13 @@
-"""Choice of the topics of a bag: the topics of an RGB-D recording, or topics that a user names.
+"""Choice of the topics of a bag: those of an RGB-D recording, or those that a user names.
 
 `ros2 bag record -a` leaves every topic of a driver: each image in several encodings, infrared and
-unregistered depth beside the usable images, and images that other nodes draw. The choice follows
-what the messages contain and what the drivers call them.
+unregistered depth beside the usable images, and images that other nodes draw.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import takewhile
 from typing import Any, NamedTuple
 
@@ -74,54 +73,27 @@ class _Image(NamedTuple):
         return topics.image_base(self.topic.name)
 
 
+_Rank = Callable[[_Image], tuple[Any, ...]]  # the least is best
+
+
 def find_topics(
     reader: BagReader,
     choice: TopicChoice = TopicChoice(),  # noqa: B008 - immutable
 ) -> RecordedTopics:
     """Return the topics of an RGB-D recording in a bag.
 
-    Args:
-        choice: Topics that the user names. The others are chosen by the type of their messages,
-            the names that drivers use, and the size of the images.
-
-    Raises:
-        InputError: There are no color or no depth images, a named topic is missing, or several
-            topics are equally likely.
+    Topics that the user does not name are chosen by the type of their messages, the names that
+    drivers use, and the size of the images. InputError: there are no color or no depth images, a
+    named topic is missing, or several are equally likely.
     """
-    filled = [topic for topic in reader.topics if topic.num_messages and topic.is_readable]
-    sources = {part.source for part in reader.parts}
-    filled = [t for t in filled if t.name not in sources] + list(reader.parts)
-    images, problems = _images(reader, [t for t in filled if t.type_name in _IMAGES])
-    colors = [image for image in images if not image.head.is_depth]
-    depths = [image for image in images if image.head.is_depth]
-    presets = [CAMERA_TOPICS[choice.preset]] if choice.preset else list(CAMERA_TOPICS.values())
-    problem = reader.fault or (problems[0] if problems else None)
-    color = _color(reader, choice.color, colors, depths, presets, problem)
-    depth = _depth(reader, choice.depth, depths, color, presets, problem)
-    infos = [t for t in filled if t.type_name == types.CAMERA_INFO]
-    info = _named_topic(reader, choice.camera_info, infos) or _camera_info(color, infos, presets)
-    return RecordedTopics(
-        color.topic,
-        depth.topic,
-        info,
-        _truth(filled, topics.GROUND_TRUTH, types.POSE_STAMPED),
-        _truth(filled, topics.TRUE_DETECTIONS, types.DETECTION_ARRAY),
-        _depth_info(depth, [topic for topic in infos if topic != info], presets),
-        _truth(filled, topics.TF_STATIC.lstrip('/'), types.TF_MESSAGE),
-        _truth(filled, 'extrinsics/depth_to_color', types.EXTRINSICS),
-    )
+    return _Finder(reader, choice).find(choice)
 
 
 def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTopic, ...]:
-    """Return those of the named topics that have messages.
+    """Return those of the named topics that have messages, or all but /clock.
 
-    Args:
-        names: Names of topics, with or without leading slash; empty: all topics except /clock
-            and, with a warning, those of a ROS 1 bag whose types ROS 2 lacks.
-
-    Raises:
-        InputError: The bag lacks one of the topics, ROS 2 lacks its type, or none of them has
-            messages.
+    With a warning, those of a ROS 1 bag whose types ROS 2 lacks are left out. InputError: a named
+    topic is missing or of such a type, or there are no messages.
     """
     by_name = {topic.name: topic for topic in reader.topics}
     absolute = [f'/{name.lstrip("/")}' for name in names]
@@ -149,110 +121,149 @@ def _unreadable_text(found: Sequence[BagTopic]) -> str:
     return f'{len(found)} topics left out, whose types ROS 2 lacks: {", ".join(kinds)}'
 
 
-def _images(reader: BagReader, found: list[BagTopic]) -> tuple[list[_Image], list[str]]:
-    """Return the image topics whose first message is an image, and lines about the other topics.
+class _Finder:
+    """Finds the topics of a recording among those that have messages."""
 
-    A topic without any readable message is left out of both lists.
-    """
-    images, problems = [], []
-    for topic in found:
-        if topic.is_video:  # the size is known without decoding it
-            images.append(_Image(topic, ImageHead(is_depth=False, size_px=topic.video_px)))
-            continue
-        first = next(reader.messages([topic.name]), None)
-        try:
-            if first is not None:
-                images.append(_Image(topic, image_head(first.data, topic)))
-        except MessageError as error:
-            problems.append(f'{reader.path}: {topic.name}: {error}')
-    return images, problems
+    def __init__(self, reader: BagReader, choice: TopicChoice) -> None:
+        self._path = reader.path
+        self._presets = (
+            [CAMERA_TOPICS[choice.preset]] if choice.preset else list(CAMERA_TOPICS.values())
+        )
+        filled = [topic for topic in reader.topics if topic.num_messages and topic.is_readable]
+        sources = {part.source for part in reader.parts}
+        self._topics = [t for t in filled if t.name not in sources] + list(reader.parts)
+        self._problem: str | None = None  # why images may be missing
+        images = list(self._images(reader))
+        self._problem = reader.fault or self._problem
+        self._colors = [image for image in images if not image.head.is_depth]
+        self._depths = [image for image in images if image.head.is_depth]
 
+    def _images(self, reader: BagReader) -> Iterator[_Image]:
+        """Yield the image topics whose first message is an image."""
+        for topic in self._topics:
+            if topic.is_video:  # the size is known without decoding it
+                yield _Image(topic, ImageHead(is_depth=False, size_px=topic.video_px))
+            elif topic.type_name in _IMAGES:
+                first = next(reader.messages([topic.name]), None)
+                try:
+                    if first is not None:
+                        yield _Image(topic, image_head(first.data, topic))
+                except MessageError as error:
+                    self._problem = self._problem or f'{self._path}: {topic.name}: {error}'
 
-def _color(
-    reader: BagReader, name: str, found: list[_Image], depths: list[_Image],
-    presets: Sequence[CameraTopics], problem: str | None,
-) -> _Image:  # fmt: skip
-    """Return the color topic `name`; with an empty name, the best of the found topics.
+    def find(self, choice: TopicChoice) -> RecordedTopics:
+        """Return the topics (see `find_topics`)."""
+        color = self._choose('color', '--rgb', choice.color, self._colors, self._rank_of_color)
+        depth = self._choose(
+            'depth', '--depth', choice.depth, self._depths, self._rank_of_depth(color)
+        )
+        infos = [t for t in self._topics if t.type_name == types.CAMERA_INFO]
+        info = self._named_info(choice.camera_info, infos) or self._color_info(color, infos)
+        others = [topic for topic in infos if topic != info]
+        names = self._info_names(depth, 'depth_image')
+        return RecordedTopics(
+            color.topic,
+            depth.topic,
+            info,
+            self._only(topics.GROUND_TRUTH, types.POSE_STAMPED),
+            self._only(topics.TRUE_DETECTIONS, types.DETECTION_ARRAY),
+            next((topic for topic in others if topic.name in names), None),
+            self._only(topics.TF_STATIC.lstrip('/'), types.TF_MESSAGE),
+            self._only('extrinsics/depth_to_color', types.EXTRINSICS),
+        )
 
-    The suite's own topic is best, then that of a driver, then the one whose name fits best.
-
-    Raises:
-        InputError: There is no such topic, or several topics are equally good.
-    """
-
-    def rank(image: _Image) -> tuple[Any, ...]:
+    def _rank_of_color(self, image: _Image) -> tuple[Any, ...]:
+        """Rank the suite's own topic first, then that of a driver, then by the name."""
         text = image.base.lower()
         return (
-            not _is_of_driver(image, _OWN, 'rgb_image', depths),
-            not _is_of_driver(image, presets, 'rgb_image', depths),
+            not _is_of_driver(image, _OWN, 'rgb_image', self._depths),
+            not _is_of_driver(image, self._presets, 'rgb_image', self._depths),
             any(word in text for word in _OTHER_COLOR_WORDS),
             not any(word in text for word in _COLOR_WORDS),
             _RECTIFIED in text,  # camera_info describes the raw image
         )
 
-    return _choose(reader, 'color', '--rgb', name, found, rank, problem)
+    def _rank_of_depth(self, color: _Image) -> _Rank:
+        """Return the rank of depth by how likely it is registered to color."""
 
-
-def _depth(
-    reader: BagReader, name: str, found: list[_Image], color: _Image,
-    presets: Sequence[CameraTopics], problem: str | None,
-) -> _Image:  # fmt: skip
-    """Return the depth topic `name`; with an empty name, the likeliest to be registered to color.
-
-    The suite's own topic comes first, then that of a driver, then the size of the images and the
-    name of the topic decide.
-
-    Raises:
-        InputError: There is no such topic, or several topics are equally likely.
-    """
-
-    def rank(image: _Image) -> tuple[Any, ...]:
-        text = image.base.lower()
-        return (
-            not _is_of_driver(image, _OWN, 'depth_image', [color]),
-            not _is_of_driver(image, presets, 'depth_image', [color]),
-            any(word in text for word in _OTHER_DEPTH_WORDS),
-            None not in (image.head.size_px, color.head.size_px)
-            and image.head.size_px != color.head.size_px,
-            not any(word in text for word in _REGISTERED_WORDS),
-            -_num_shared_parts(image.base, color.base),
-            _RECTIFIED in text,
-        )
-
-    return _choose(reader, 'depth', '--depth', name, found, rank, problem)
-
-
-def _choose(
-    reader: BagReader, kind: str, option: str, name: str, found: list[_Image],
-    rank: Callable[[_Image], tuple[Any, ...]], problem: str | None,
-) -> _Image:  # fmt: skip
-    """Return the topic `name`; with an empty name, the found topic with the least rank.
-
-    Of several encodings of the images, raw is preferred, then compressedDepth.
-
-    Raises:
-        InputError: There is no such topic, or topics with different images have the least rank.
-    """
-    if name:
-        wanted = f'/{name.strip("/")}'
-        found = [i for i in found if wanted in (i.topic.name, i.base)]
-        if not found:
-            raise InputError(
-                f'{reader.path}: {option} {name}: has no such {kind} images; see "hoid info"'
+        def rank(image: _Image) -> tuple[Any, ...]:
+            text = image.base.lower()
+            return (
+                not _is_of_driver(image, _OWN, 'depth_image', [color]),
+                not _is_of_driver(image, self._presets, 'depth_image', [color]),
+                any(word in text for word in _OTHER_DEPTH_WORDS),
+                None not in (image.head.size_px, color.head.size_px)
+                and image.head.size_px != color.head.size_px,
+                not any(word in text for word in _REGISTERED_WORDS),
+                -_num_shared_parts(image.base, color.base),
+                _RECTIFIED in text,
             )
-    if not found:
-        raise InputError(problem or f'{reader.path}: has no {kind} images')
-    best = min(map(rank, found))
-    chosen = [image for image in found if rank(image) == best]
-    if len({image.base for image in chosen}) > 1:
-        names = ', '.join(sorted({image.base for image in chosen}))
-        raise InputError(
-            f'{reader.path}: several topics could be {kind}: {names}; give {option} TOPIC'
+
+        return rank
+
+    def _choose(
+        self, kind: str, option: str, name: str, found: list[_Image], rank: _Rank
+    ) -> _Image:
+        """Return the topic `name`; with an empty name, the found topic with the least rank.
+
+        Of several encodings, raw is preferred, then compressedDepth. InputError: there is no such
+        topic, or topics with different images have the least rank.
+        """
+        if name:
+            wanted = f'/{name.strip("/")}'
+            found = [i for i in found if wanted in (i.topic.name, i.base)]
+            if not found:
+                raise InputError(
+                    f'{self._path}: {option} {name}: has no such {kind} images; see "hoid info"'
+                )
+        if not found:
+            raise InputError(self._problem or f'{self._path}: has no {kind} images')
+        best = min(map(rank, found))
+        chosen = [image for image in found if rank(image) == best]
+        if len({image.base for image in chosen}) > 1:
+            names = ', '.join(sorted({image.base for image in chosen}))
+            raise InputError(
+                f'{self._path}: several topics could be {kind}: {names}; give {option} TOPIC'
+            )
+        return min(
+            chosen,
+            key=lambda i: (i.topic.type_name != types.IMAGE, not i.topic.name.endswith('Depth')),
         )
-    return min(
-        chosen,
-        key=lambda i: (i.topic.type_name != types.IMAGE, not i.topic.name.endswith('Depth')),
-    )
+
+    def _named_info(self, name: str, found: list[BagTopic]) -> BagTopic | None:
+        """Return the camera_info that the user names; None if `name` is empty."""
+        matching = [topic for topic in found if topic.name == f'/{name.strip("/")}']
+        if name and not matching:
+            raise InputError(
+                f'{self._path}: --info {name}: has no such camera_info; see "hoid info"'
+            )
+        return matching[0] if matching else None
+
+    def _color_info(self, color: _Image, found: list[BagTopic]) -> BagTopic | None:
+        """Return the camera_info beside the color topic, or else the only one of the bag."""
+        names = self._info_names(color, 'rgb_image')
+        at_place = [topic for name in names for topic in found if topic.name == name]
+        return at_place[0] if at_place else found[0] if len(found) == 1 else None
+
+    def _info_names(self, image: _Image, field: str) -> list[str]:
+        """Return names that the camera_info of an `rgb_image` or `depth_image` may have."""
+        names = [topics.camera_info_beside(image.topic.name)]
+        if image.base.endswith(_VIEWER_IMAGE):  # RealSense Viewer
+            names.append(f'{image.base.removesuffix(_VIEWER_IMAGE)}/info/camera_info')
+        if field == 'rgb_image':
+            names += [
+                image.base.removesuffix(preset.rgb_image) + preset.camera_info
+                for preset in self._presets
+                if _is_called(image.base, preset.rgb_image)
+            ]
+        return names
+
+    def _only(self, name: str, type_name: str) -> BagTopic | None:
+        """Return the only topic of a name and type; None if there is none or several."""
+        matching = [
+            t for t in self._topics if t.type_name == type_name and _is_called(t.name, name)
+        ]
+        return matching[0] if len(matching) == 1 else None
 
 
 def _is_of_driver(
@@ -260,8 +271,7 @@ def _is_of_driver(
 ) -> bool:
     """Return whether an image and one of its partners have one driver's names in one namespace.
 
-    Args:
-        field: Kind of the image: 'rgb_image' or 'depth_image'.
+    `field` is the kind of the image: `rgb_image` or `depth_image`.
     """
     other = 'depth_image' if field == 'rgb_image' else 'rgb_image'
     bases = {partner.base for partner in partners}
@@ -272,67 +282,10 @@ def _is_of_driver(
     return False
 
 
-def _camera_info(
-    color: _Image, found: list[BagTopic], presets: Sequence[CameraTopics]
-) -> BagTopic | None:
-    """Return the camera_info topic beside the color topic, or the only camera_info of the bag.
-
-    The result is None if no camera_info is beside the color topic, and the bag has none or more
-    than one.
-    """
-    names = _info_names(color, 'rgb_image', presets)
-    at_place = [topic for name in names for topic in found if topic.name == name]
-    return at_place[0] if at_place else found[0] if len(found) == 1 else None
-
-
-def _depth_info(
-    depth: _Image, found: list[BagTopic], presets: Sequence[CameraTopics]
-) -> BagTopic | None:
-    names = _info_names(depth, 'depth_image', presets)
-    return next((topic for topic in found if topic.name in names), None)
-
-
-def _info_names(image: _Image, field: str, presets: Sequence[CameraTopics]) -> list[str]:
-    """Return the names that the camera_info of an image topic may have, the likeliest first.
-
-    Args:
-        field: Its kind: 'rgb_image' or 'depth_image'.
-    """
-    names = [topics.camera_info_beside(image.topic.name)]
-    if image.base.endswith(_VIEWER_IMAGE):  # RealSense Viewer
-        names.append(f'{image.base.removesuffix(_VIEWER_IMAGE)}/info/camera_info')
-    if field == 'rgb_image':
-        names += [
-            image.base.removesuffix(preset.rgb_image) + preset.camera_info
-            for preset in presets
-            if _is_called(image.base, preset.rgb_image)
-        ]
-    return names
-
-
 def _num_shared_parts(first: str, second: str) -> int:
     """Return how many leading parts (between slashes) two topic names have in common."""
     parts = zip(first.split('/'), second.split('/'), strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], parts))
-
-
-def _named_topic(reader: BagReader, name: str, found: list[BagTopic]) -> BagTopic | None:
-    """Return the camera_info that the user names; None if `name` is empty.
-
-    Raises:
-        InputError: The bag has no such topic.
-    """
-    if not name:
-        return None
-    for topic in found:
-        if topic.name == f'/{name.strip("/")}':
-            return topic
-    raise InputError(f'{reader.path}: --info {name}: has no such camera_info; see "hoid info"')
-
-
-def _truth(found: list[BagTopic], name: str, type_name: str) -> BagTopic | None:
-    matching = [t for t in found if t.type_name == type_name and _is_called(t.name, name)]
-    return matching[0] if len(matching) == 1 else None
 
 
 def _is_called(topic: str, name: str) -> bool:

@@ -21,15 +21,10 @@ _METADATA_VERSION: Final = 9  # version that rosbag2 of Jazzy writes
 
 
 class BagWriter:
-    """Writer of an MCAP bag; a context manager.
+    """Context manager that writes an MCAP bag, which appears only when it is complete.
 
-    Messages are written to a hidden folder beside the bag, which is renamed to the bag at the end.
-    After an exception, the folder is removed. An incomplete bag is thus never taken for a complete
-    one.
-
-    Raises:
-        InputError: The path exists already. The context manager raises it too, if the bag cannot
-            be written.
+    Until then, messages are in a hidden folder beside it, which an exception removes. InputError:
+    the path exists already, or the bag cannot be written (as from all methods).
     """
 
     def __init__(self, path: Path, *, compress: bool = False) -> None:
@@ -71,14 +66,9 @@ class BagWriter:
                 raise write_error(self.path, cause) from cause
 
     def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
-        """Add a topic to the bag.
+        """Add a topic, whose name becomes absolute; without profile, it is reliable.
 
-        Args:
-            topic: Name of the topic. A relative name becomes absolute, as with `ros2 bag record`.
-            qos: Profile that its publisher offers; None: reliable.
-
-        Raises:
-            InputError: The definition of the type is unknown.
+        InputError: the definition of the type is unknown.
         """
         ensure_type(type_name)
         self._connections[topic] = self._writer.add_connection(
@@ -89,38 +79,19 @@ class BagWriter:
         )
 
     def write(self, topic: str, stamp_ns: int, message: Message) -> None:
-        """Write a message on a topic that was added.
-
-        Args:
-            topic: Name of the topic, as it was passed to `add_topic`.
-
-        Raises:
-            InputError: The bag cannot be written, for instance because the disk is full.
-        """
+        """Write a message on a topic of `add_topic`."""
         connection = self._connections[topic]
         self.write_serialized(topic, stamp_ns, serialize(message, connection.msgtype))
 
     def write_serialized(self, topic: str, stamp_ns: int, data: bytes | memoryview) -> None:
-        """Write a serialized message on a topic that was added.
-
-        Args:
-            topic: Name of the topic, as it was passed to `add_topic`.
-            data: The message (CDR).
-
-        Raises:
-            InputError: The bag cannot be written, for instance because the disk is full.
-        """
+        """Write the CDR bytes of a message on a topic of `add_topic`."""
         try:
             self._writer.write(self._connections[topic], stamp_ns, data)
         except OSError as error:
             raise write_error(self.path, error) from error
 
     def flush(self) -> None:
-        """Pass all messages to the operating system, so that a kill of this process loses none.
-
-        Raises:
-            InputError: The bag cannot be written, for instance because the disk is full.
-        """
+        """Pass all messages to the operating system, so that a kill of this process loses none."""
         try:
             self._writer.flush()
         except OSError as error:

@@ -56,11 +56,7 @@ def is_container(topic: BagTopic) -> bool:
 
 
 def parts_of(topic: BagTopic, first: bytes) -> tuple[BagTopic, ...]:
-    """Return the topics that the messages of a topic contain, by its first message.
-
-    Raises:
-        MessageError: The data is no message of its type.
-    """
+    """Return the topics that a topic contains, by its first message, or raise MessageError."""
     part = topic._replace(source=topic.name)
     if topic.type_name == types.RGBD:
         return tuple(
@@ -86,8 +82,7 @@ class PartReader:
     def read(self, log_ns: int, data: bytes) -> Iterator[BagMessage]:
         """Yield the messages that a message contains; a damaged one contains none.
 
-        Raises:
-            InputError: It is video, and PyAV is missing or has no decoder.
+        InputError: it is video, and PyAV is missing or has no decoder.
         """
         with suppress(MessageError):
             yield from (
@@ -111,7 +106,6 @@ class PartReader:
             yield self._message(image)
 
     def flush(self) -> Iterator[BagMessage]:
-        """Yield the images that the decoder still holds at the end of the recording."""
         if self._decoder is not None:
             for image in self._decoder.flush():
                 yield self._message(image)

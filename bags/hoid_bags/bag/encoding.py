@@ -52,10 +52,8 @@ class ColorEncoder(_Encoder):
     def message(self, listed: ListedImage) -> Message:
         """Return the message of an image; a file of the wanted encoding is used unchanged.
 
-        Raises:
-            InputError: The file cannot be read, is truncated or no image, or has another size than
-                the camera.
-            MessageError: The image cannot be encoded as JPEG.
+        InputError: the file cannot be used, or has another size than the camera. MessageError: the
+        image cannot be encoded.
         """
         stored = listed.load()
         image_bgr = decode_color(stored, listed.path)
@@ -85,10 +83,8 @@ class DepthEncoder(_Encoder):
     def message(self, listed: ListedImage) -> Message:
         """Return the message of a depth image.
 
-        Raises:
-            InputError: The file cannot be read, is truncated or no depth image, or the size of the
-                camera is no multiple of its size.
-            MessageError: The image cannot be encoded as PNG.
+        InputError: the file cannot be used, or the camera's size is no multiple of its size.
+        MessageError: the image cannot be encoded.
         """
         stored = listed.load()
         units = decode_depth(stored, listed.path)
@@ -142,9 +138,7 @@ def choose_depth_encoder(
 ) -> DepthEncoder:
     """Return the encoder of depth: 16-bit millimeters if this is exact, else 32-bit meters.
 
-    Raises:
-        InputError: PNG would round the depth and `round_to_mm` is False, or a file is no depth
-            image.
+    InputError: PNG would round the depth unless `round_to_mm`, or a file is no depth image.
     """
     not_mm = None if round_to_mm else first_not_whole_mm(listed, units_per_m)
     if not_mm is not None and encoding == PNG:

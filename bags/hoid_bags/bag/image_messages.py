@@ -22,10 +22,8 @@ _DEPTH_NAME = re.compile('depth|stereo|disparity', re.IGNORECASE)
 def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a color message.
 
-    Raises:
-        MessageError: The data is no image message, has an unsupported encoding, or cannot be
-            decoded.
-        InputError: The compressed data is empty, or a truncated JPEG or PNG.
+    MessageError: it is no image message, has an unsupported encoding, or cannot be decoded.
+    InputError: the compressed data is empty, or a truncated JPEG or PNG.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
@@ -37,13 +35,8 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
 def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a depth message, with 0 for "no reading".
 
-    Args:
-        units_per_m: Depth units per meter; 0: those of the encoding (1000 for whole numbers, 1 for
-            floats).
-
-    Raises:
-        MessageError: The data is no depth message, has an unsupported encoding or a wrong unit, or
-            cannot be decoded.
+    With 0 units per meter, whole numbers are in mm and floats in m. MessageError as of
+    `decode_color`, or for a wrong unit.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:
@@ -62,9 +55,7 @@ def image_head(data: bytes, topic: BagTopic) -> ImageHead:
     """Return kind and size of an image from its message, without decoding the image.
 
     A mono16 image is depth only if the topic's name contains depth, stereo or disparity.
-
-    Raises:
-        MessageError: The data is no message of the topic's type.
+    MessageError: the data is no message of this type.
     """
     message = deserialize(data, topic.type_name)
     encoding: str

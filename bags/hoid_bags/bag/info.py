@@ -30,7 +30,7 @@ class TopicSummary(NamedTuple):
 
     @property
     def bytes_per_s(self) -> float | None:
-        """Return mean size times rate; None if sizes were not counted or there are no messages."""
+        """Return mean size times rate; None if there are no messages or sizes."""
         if self.size_bytes is None or not self.num_messages:
             return None
         return self.size_bytes / self.num_messages * self.rate_hz
@@ -56,11 +56,7 @@ class BagSummary(NamedTuple):
 
 
 def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
-    """Return the summary of a bag; `sizes` counts the bytes of each topic, which reads all of it.
-
-    Raises:
-        InputError: The path is no bag, or the bag cannot be opened (see `BagReader`).
-    """
+    """Return the summary of a bag; `sizes` counts the bytes of each topic, which reads it all."""
     with BagReader(path) as reader:
         counted: Counter[str] = Counter()
         for topic, _, data in reader.messages() if sizes else ():

@@ -32,12 +32,9 @@ class BagMetadata(NamedTuple):
     last_ns: int  # log time of the last message
 
     def check(self, connections: Iterable[Connection], first_ns: int, last_ns: int) -> None:
-        """Check that the metadata agree with the content of the files.
+        """Raise InputError if the metadata contradict the files, so that they may hide messages.
 
         The numbers of messages must be equal; times may differ by one second.
-
-        Raises:
-            InputError: The metadata contradict the files, so that they may hide messages.
         """
         found: Counter[tuple[str, str]] = Counter()
         for connection in connections:
@@ -51,11 +48,7 @@ class BagMetadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> BagMetadata | None:
-    """Return the metadata in a bag's folder; None if the folder contains no metadata.yaml.
-
-    Raises:
-        InputError: The file cannot be read, is no plain YAML, or is not the metadata of a bag.
-    """
+    """Return the metadata in a folder, None if it has none; InputError if it is unusable."""
     path = folder / METADATA
     if not path.exists():
         return None

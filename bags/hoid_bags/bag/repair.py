@@ -18,15 +18,10 @@ _SCRATCH = re.compile(r'\.(?P<name>.*[^.].*)\.partial-[^.]+')  # name made by `s
 def repair(path: Path) -> Path:
     """Copy all readable messages to a new bag beside the old one, and return its path.
 
-    Args:
-        path: The hidden folder `.NAME.partial-XXXX` of a killed recording. It is removed after its
-            messages have been copied to the bag NAME, or to NAME_repaired if NAME exists. Or a
-            damaged bag (a folder or a file), which is kept; its messages are copied to a bag with
-            its name and `_repaired`. The suffix of a file is left out.
-
-    Raises:
-        InputError: The recorder still runs, nothing can be read, the definition of a message type
-            is unknown, or the new bag exists already or cannot be written.
+    A damaged bag (a folder or a file) is kept, and its copy has the suffix `_repaired`. The hidden
+    folder `.NAME.partial-XXXX` of a killed recording is removed once its messages are in the bag
+    NAME, or in NAME_repaired if NAME exists. InputError as of `copy_bag`, or if the recorder still
+    runs.
     """
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
     if scratch is None:
@@ -47,17 +42,10 @@ def repair(path: Path) -> Path:
 def copy_bag(
     source: Path, target: Path, *, compress: bool = False, expand: bool = False
 ) -> str | None:
-    """Copy all readable messages of a bag to a new MCAP bag.
+    """Copy all readable messages to a new MCAP bag; return a line about damage, None without.
 
-    The copy of a ROS 1 bag has messages of ROS 2. It lacks the topics whose types ROS 2 lacks; a
-    warning names them.
-
-    Args:
-        expand: Whether to write the images of videos and RGBD messages as topics of their own, to
-            which nodes can subscribe, in place of these messages.
-
-    Returns:
-        A line of text about damage of the source; None: no damage was found.
+    The copy of a ROS 1 bag has messages of ROS 2, and lacks topics of types that ROS 2 lacks, with
+    a warning. With `expand`, the images of videos and RGBD messages replace these messages.
 
     Raises:
         InputError: Nothing can be read, the definition of a message type is unknown, or the new

@@ -21,10 +21,7 @@ def header(stamp_ns: int, frame_id: str) -> Message:
 
 
 def begins_with_header(type_name: str) -> bool:
-    """Return whether messages of a type begin with a field `header`; False for unknown types.
-
-    The type is added to `shared_typestore` if it is not there yet.
-    """
+    """Return whether messages of a type begin with a field `header`; False if unknown."""
     try:
         ensure_type(type_name)
     except InputError:
@@ -34,11 +31,7 @@ def begins_with_header(type_name: str) -> bool:
 
 
 def header_stamp_ns(data: bytes) -> int:
-    """Return the stamp in ns of a serialized message that begins with a header.
-
-    Raises:
-        MessageError: The message is shorter than a stamp.
-    """
+    """Return the stamp (ns) of CDR bytes that begin with a header; MessageError if too short."""
     if len(data) < _CDR_HEADER_BYTES + _LITTLE.size:
         raise MessageError(f'a message of {len(data)} bytes has no header')
     sec, nanosec = _byte_order(data).unpack_from(data, _CDR_HEADER_BYTES)
@@ -46,14 +39,7 @@ def header_stamp_ns(data: bytes) -> int:
 
 
 def shift_header_stamp(data: bytes, offset_ns: int) -> bytes:
-    """Return a copy of a serialized message that begins with a header, with a shifted stamp.
-
-    Args:
-        data: The message (CDR).
-
-    Raises:
-        MessageError: The message is shorter than a stamp.
-    """
+    """Return a copy of CDR bytes that begin with a header, with a shifted stamp."""
     shifted = bytearray(data)
     stamp = divmod(header_stamp_ns(data) + offset_ns, NS_PER_S)
     _byte_order(data).pack_into(shifted, _CDR_HEADER_BYTES, *stamp)

@@ -62,10 +62,9 @@ def shared_typestore() -> Typestore:
 
 
 def ensure_type(type_name: str) -> None:
-    """Add a type such as `hoid_msgs/msg/Detection` and its fields' types to `shared_typestore`.
+    """Add a type such as `hoid_msgs/msg/Detection`, with its fields' types, to the type store.
 
-    Raises:
-        InputError: There is no .msg file of this name, or it cannot be parsed.
+    InputError: there is no .msg file of this name, or it cannot be parsed.
     """
     store = shared_typestore()
     if type_name in store.fielddefs:
@@ -84,15 +83,7 @@ def ensure_type(type_name: str) -> None:
 
 
 def new_message(type_name: str, /, **fields: Any) -> Message:
-    """Return a message of a type.
-
-    Args:
-        type_name: Name of the type, such as `std_msgs/msg/Header`.
-        **fields: Values of all its fields, where arrays of numbers are NumPy arrays (N,).
-
-    Raises:
-        InputError: The definition of the type is unknown.
-    """
+    """Return a message of a type; arrays of numbers are NumPy arrays (N,)."""
     ensure_type(type_name)
     return shared_typestore().types[type_name](**fields)
 
@@ -103,11 +94,9 @@ def serialize(message: Message, type_name: str) -> memoryview:
 
 
 def deserialize(data: bytes | memoryview, type_name: str) -> Message:
-    """Return the message in serialized bytes (CDR); arrays in it share the memory of the bytes.
+    """Return the message in CDR bytes; arrays in it share the memory of the bytes.
 
-    Raises:
-        MessageError: The bytes are no message of this type.
-        InputError: The definition of the type is unknown (see `ensure_type`).
+    MessageError: the bytes are no message of this type. InputError as of `ensure_type`.
     """
     ensure_type(type_name)
     try:
@@ -117,14 +106,7 @@ def deserialize(data: bytes | memoryview, type_name: str) -> Message:
 
 
 def message_class(topic: str, type_name: str) -> Any:
-    """Return the class of rclpy for a message type.
-
-    Args:
-        type_name: Name of the type, such as `std_msgs/msg/Header`.
-
-    Raises:
-        InputError: The package of the type is not built or not sourced.
-    """
+    """Return rclpy's class of a type; InputError if its package is not built or sourced."""
     package, _, name = type_name.partition('/msg/')
     try:
         return getattr(import_module(f'{package}.msg'), name)

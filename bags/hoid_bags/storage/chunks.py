@@ -68,58 +68,28 @@ class DamagedChunk(NamedTuple):
     num_lost: Mapping[str, int]  # lost messages by topic, as far as the index counts them
 
 
-def unpack(data: bytes, compression: str, size: int, checksum: int) -> bytes:
-    """Return the records of a chunk.
+def unpack(data: bytes, compression: str, size: int | None = None, checksum: int = 0) -> bytes:
+    """Return the records of a chunk: `size` bytes, or at most MAX_CHUNK_BYTES if it is unknown.
 
     rosbags and mcap verify the size only after they have unpacked everything. Here at most one
-    byte more than `size` is unpacked, so that a small file cannot fill the memory.
-
-    Args:
-        compression: Compression of the content: '' (none), 'zstd' or 'lz4'.
-        size: Number of bytes of the records, from the chunk's header.
-        checksum: CRC-32 of the records; 0 means that there is none.
-
-    Raises:
-        ReaderError: The compression is unknown, the content contradicts `size` or `checksum`, or
-            `size` is larger than MAX_CHUNK_BYTES.
-        ZstdError, RuntimeError: The content is damaged (zstd and lz4, respectively; see DAMAGE).
+    byte more is unpacked, so that a small file cannot fill the memory. One of `DAMAGE`: the
+    compression is unknown, or the content contradicts `size` or a checksum (CRC-32) that is not 0.
     """
-    if size > MAX_CHUNK_BYTES:
+    if size is not None and size > MAX_CHUNK_BYTES:
         raise ReaderError(f'a chunk claims {size} bytes, more than {MAX_CHUNK_BYTES}')
     if compression not in _UNPACKERS:
         raise ReaderError(f'unknown compression "{compression}"')
-    records = _UNPACKERS[compression](data, size + 1)
-    if len(records) != size:
-        raise ReaderError(f'a chunk of {size} bytes unpacks to another size')
+    limit = MAX_CHUNK_BYTES if size is None else size
+    records = _UNPACKERS[compression](data, limit + 1)
+    if len(records) > limit or size not in (None, len(records)):
+        raise ReaderError(f'a chunk of {limit} bytes unpacks to another size')
     if checksum and crc32(records) != checksum:
         raise ReaderError('checksum mismatch')
     return records
 
 
-def unpack_at_most(data: bytes, compression: str) -> bytes:
-    """Return the records of a chunk of a ROS 1 bag.
-
-    Args:
-        data: The chunk's content, as it is in the file.
-        compression: Compression of the content: '' (none), 'bz2' or 'lz4'.
-
-    Raises:
-        ReaderError: The content unpacks to more than MAX_CHUNK_BYTES.
-        OSError, EOFError, RuntimeError: The content is damaged.
-    """
-    records = _UNPACKERS[compression](data, MAX_CHUNK_BYTES + 1)
-    if len(records) > MAX_CHUNK_BYTES:
-        raise ReaderError(f'a chunk unpacks to more than {MAX_CHUNK_BYTES} bytes')
-    return records
-
-
 def unpack_message(data: bytes) -> bytes:
-    """Return a message that was compressed on its own.
-
-    Raises:
-        ReaderError: The data is truncated, or unpacks to more than MAX_CHUNK_BYTES.
-        ZstdError: The data is damaged or is not compressed with zstd.
-    """
+    """Return a message that was compressed on its own; else one of `DAMAGE`."""
     unpacker = ZstdDecompressor()
     message = unpacker.decompress(data, MAX_CHUNK_BYTES)
     if not unpacker.eof:
@@ -128,12 +98,7 @@ def unpack_message(data: bytes) -> bytes:
 
 
 def split_records(chunk: bytes) -> Iterator[Record]:
-    """Yield the positions of the records in an unpacked chunk.
-
-    Raises:
-        ReaderError: There is no record where one should begin, or it exceeds the chunk.
-        struct.error: The chunk ends within the opcode and length of a record.
-    """
+    """Yield the positions of the records in an unpacked chunk; else one of `DAMAGE`."""
     at = 0
     while at < len(chunk):
         opcode, size = _RECORD.unpack_from(chunk, at)
@@ -147,11 +112,7 @@ def split_records(chunk: bytes) -> Iterator[Record]:
 
 
 def messages(chunk: bytes) -> Iterator[ChunkMessage]:
-    """Yield the messages of an unpacked chunk in the order of the file.
-
-    Raises:
-        ReaderError, struct.error: The chunk is damaged (see `split_records`).
-    """
+    """Yield the messages of an unpacked chunk in the order of the file."""
     for opcode, start, end in split_records(chunk):
         if opcode == _MESSAGE:
             channel_id, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(chunk, start)

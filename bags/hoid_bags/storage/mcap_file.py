@@ -77,11 +77,7 @@ class McapFile(McapReader):
             self._scan()
 
     def meta_scan(self) -> None:
-        """Refuse rosbags' own scan, which unpacks without a limit.
-
-        Raises:
-            ReaderError: Always.
-        """
+        """Refuse rosbags' own scan, which unpacks without a limit."""
         raise _NoIndexError
 
     def messages(
@@ -92,13 +88,8 @@ class McapFile(McapReader):
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
         """Yield messages in order of log time: the topic, the log time (ns) and the bytes.
 
-        In a file without chunks, messages are yielded in the order of the file. A damaged chunk is
-        left out and added to `damage`.
-
-        Args:
-            connections: Topics to read, from the attribute `connections`.
-            start: First log time (ns); None: the beginning.
-            stop: Log time (ns) before which reading ends; None: the end.
+        In a file without chunks, the order is that of the file. A damaged chunk is added to
+        `damage`.
         """
         by_id = {connection.id: connection for connection in connections}
         first_ns, end_ns = start or 0, _MAX_TIME_NS if stop is None else stop
@@ -119,8 +110,8 @@ class McapFile(McapReader):
     ) -> Iterator[_Item]:
         """Yield a chunk's messages in order of log time; a damaged chunk has none.
 
-        First an item without a message is yielded, at the time of the chunk's first message. The
-        chunk is read after that, so that few chunks are in memory at the same time.
+        The first item has no message, and the time of the chunk's first message. The chunk is read
+        after that, so that few chunks are in memory at the same time.
         """
         yield _Item(chunk.message_start_time, None, b'')
         try:
@@ -159,13 +150,7 @@ class McapFile(McapReader):
         self.damage[offset] = DamagedChunk(self._path, offset, reason, +num_lost)
 
     def _check_index(self) -> None:
-        """Compare the message counts in the index, and set the file's first and last log time.
-
-        The index contains the counts by topic of each chunk and of the whole file.
-
-        Raises:
-            ReaderError: The counts disagree, or the file has no index (`_NoIndexError`).
-        """
+        """Check that the counts in the index agree, and set the times; ReaderError if not."""
         assert self.statistics is not None
         chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.values())]
         num_chunks = self.statistics.chunk_count
@@ -254,11 +239,7 @@ class _Scan:
         self._lost: Counter[int] | None = None
 
     def add(self, record: McapRecord, end: int) -> None:
-        """Add a record to the chunks, topics and counts.
-
-        Args:
-            end: Position in the file after the record, which is used for chunks only.
-        """
+        """Add a record to the chunks, topics and counts; a chunk ends at `end` in the file."""
         match record:
             case Chunk():
                 self._add_chunk(record, end)

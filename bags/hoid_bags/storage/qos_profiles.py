@@ -20,13 +20,7 @@ _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 w
 
 
 def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
-    """Return a reliable QoS profile in the form in which rosbag2 stores it with a topic.
-
-    `ros2 bag play` publishes the topic with the stored profile.
-
-    Args:
-        latched: Whether late subscribers also get the last messages (transient-local durability).
-    """
+    """Return a reliable profile as rosbag2 stores it; latched: with transient-local durability."""
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=depth,
@@ -41,13 +35,10 @@ def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
 
 
 def stored_qos(text: str) -> list[Qos]:
-    """Return the profiles that a recorder stored with a topic, in the form of `reliable_qos`.
+    """Return the profiles in the YAML text that a recorder stored; none if it is no list.
 
-    Reliability, durability and depth are read; an entry that is missing is the default. Text that
-    is no list of profiles contains none.
-
-    Args:
-        text: The YAML text in the bag; recorders older than Iron write names as numbers.
+    Reliability, durability and depth are read; an entry that is missing is the default. Recorders
+    older than Iron write names as numbers.
     """
     try:
         entries = parse_yaml(text, 'offered_qos_profiles')

@@ -20,7 +20,7 @@ from rosbags.typesys.base import TypesysError
 
 from hoid_bags.storage import bag_types
 from hoid_bags.storage.bag_types import TF_MESSAGE, ensure_type, shared_typestore
-from hoid_bags.storage.chunks import unpack_at_most
+from hoid_bags.storage.chunks import unpack
 from hoid_bags.storage.qos_profiles import reliable_qos
 from hoid_bags.storage.viewer_bag import Converter, viewer_topic
 from hoid_common import topics
@@ -45,11 +45,7 @@ class Ros1File(Reader):
         self._converters: dict[int, Converter] = {}  # by connection
 
     def open(self) -> None:
-        """Read the index.
-
-        Raises:
-            rosbags.rosbag1.ReaderError: The file is no ROS 1 bag, or has no complete index.
-        """
+        """Read the index; rosbags.rosbag1.ReaderError if there is no complete one."""
         super().open()
         for i, found in enumerate(self.connections):
             viewer = viewer_topic(found.topic, found.msgtype)
@@ -82,7 +78,7 @@ class Ros1File(Reader):
         chunk = super().read_chunk()
         (name,) = (name for name, unpack in decompressors.items() if unpack is chunk.decompressor)
         compression = '' if name == 'none' else name
-        return chunk._replace(decompressor=partial(unpack_at_most, compression=compression))
+        return chunk._replace(decompressor=partial(unpack, compression=compression))
 
     def messages(
         self,
@@ -90,17 +86,7 @@ class Ros1File(Reader):
         start: int | None = None,
         stop: int | None = None,
     ) -> Generator[tuple[Connection, int, bytes], None, None]:
-        """Yield messages in order of log time: the topic, the log time (ns) and the bytes (CDR).
-
-        Args:
-            connections: Topics to read, from the attribute `connections`; those that are not
-                readable are left out.
-            start: First log time (ns); None: the beginning.
-            stop: Log time (ns) before which reading ends; None: the end.
-
-        Raises:
-            SerdeError: A message is not of its type.
-        """
+        """Yield messages of readable topics in order of time: topic, log time (ns), CDR bytes."""
         readable = [c for c in connections if c.id in self._converters]
         found = super().messages(readable, start, stop) if readable else ()
         for connection, log_ns, data in found:

@@ -7,14 +7,18 @@ from hoid_common import se3
 from hoid_common.values import FloatArray
 
 
+def vector(kind: str, values: FloatArray) -> Message:
+    """Return the Point, Vector3 or Quaternion of geometry_msgs with values (3,) or (4,)."""
+    fields = dict(zip('xyzw', values.tolist(), strict=False))
+    return new_message(f'geometry_msgs/msg/{kind}', **fields)
+
+
 def transform(T_parent_child: FloatArray) -> Message:
     """Return the geometry_msgs/Transform of a (4, 4) matrix."""
-    x, y, z = T_parent_child[:3, 3].tolist()
-    qx, qy, qz, qw = se3.quat_xyzw_from_rotation(T_parent_child[:3, :3]).tolist()
     return new_message(
         'geometry_msgs/msg/Transform',
-        translation=new_message('geometry_msgs/msg/Vector3', x=x, y=y, z=z),
-        rotation=new_message('geometry_msgs/msg/Quaternion', x=qx, y=qy, z=qz, w=qw),
+        translation=vector('Vector3', T_parent_child[:3, 3]),
+        rotation=vector('Quaternion', se3.quat_xyzw_from_rotation(T_parent_child[:3, :3])),
     )
 
 

@@ -35,11 +35,7 @@ class Packet(NamedTuple):
 
 
 def video_packet(data: bytes, type_name: str) -> Packet:
-    """Return the content of a serialized message, whose codec is '' if it is no video.
-
-    Raises:
-        MessageError: The data is no message of this type.
-    """
+    """Return the content of a message, whose codec is '' if it is no video, or MessageError."""
     message = types.deserialize(data, type_name)
     if type_name == types.COMPRESSED_VIDEO:
         stamp, frame, name, size = message.timestamp, message.frame_id, message.format, None
@@ -60,16 +56,14 @@ class DecodedImage(NamedTuple):
     stamp_ns: int
     log_ns: int
     frame_id: str
-    image_bgr: ByteArray  # (H, W, 3) uint8
+    image_bgr: ByteArray
 
 
 class VideoDecoder:
     """Decodes the packets of one topic in the order of the recording.
 
-    Packets before the first key frame, and damaged ones, give no image.
-
-    Raises:
-        InputError: PyAV is not installed, or has no such decoder.
+    Packets before the first key frame, and damaged ones, give no image. InputError: PyAV is not
+    installed, or has no such decoder.
     """
 
     def __init__(self, topic: str, codec: str) -> None:
@@ -114,11 +108,7 @@ class VideoDecoder:
 
 
 class VideoFile:
-    """The images of a video file, to be read in their order.
-
-    Raises:
-        InputError: PyAV is not installed, or the file is no video.
-    """
+    """The images of a video file, to be read in their order; InputError if it is none."""
 
     def __init__(self, path: Path) -> None:
         self._av = _import_av(f'{path}: is video')
@@ -129,11 +119,7 @@ class VideoFile:
         self.size_px: tuple[int, int] = context.width, context.height
 
     def image(self, number: int) -> ByteArray:
-        """Return the (H, W, 3) uint8 BGR image of a number from 0 on; an earlier one is slow.
-
-        Raises:
-            InputError: The video is damaged, or has no such image.
-        """
+        """Return the (H, W, 3) uint8 BGR image of a number from 0 on; an earlier one is slow."""
         if number < self._next:
             self._open()
         try:

@@ -20,11 +20,7 @@ def has_log(path: Path) -> bool:
 
 
 def with_log(path: Path, folder: Path) -> Path:
-    """Copy a .db3 file into a folder, merge its log into the copy, and return the copy's path.
-
-    Raises:
-        InputError: The copy does not fit on the disk, or SQLite cannot read the file with the log.
-    """
+    """Copy a .db3 file into a folder, merge its log into the copy, and return the copy's path."""
     copy = folder / path.name
     try:
         shutil.copyfile(path, copy)

@@ -31,15 +31,8 @@ def associate(
     """Return the pairs (N, 2) of indices whose stamps lie less than `max_gap_ns` apart.
 
     As in the TUM benchmark's tool, the closest pairs are chosen first, and no image is used twice.
-    Pairs are ordered by the first index.
-
-    Args:
-        first_ns: (A,) stamps in order of time.
-        second_ns: (B,) stamps in order of time.
-        source: Name of the recording, with which an error begins.
-
-    Raises:
-        InputError: The stamps are much closer to each other than those of any camera.
+    Pairs are ordered by the first index. Stamps (A,) and (B,) are in order of time; InputError,
+    which begins with `source`, if they are much closer than those of any camera.
     """
     low = np.searchsorted(second_ns, first_ns - max_gap_ns, side='right')
     high = np.searchsorted(second_ns, first_ns + max_gap_ns, side='left')
@@ -62,21 +55,12 @@ def associate(
 def pair_images(
     color_ns: IntArray, depth_ns: IntArray, limit_ns: int, offset_ns: int, source: object
 ) -> IntArray:
-    """Return the pairs (N, 2) of indices of color and depth images, as `associate` does.
+    """Return the pairs (N, 2) of indices of color (A,) and depth (B,), as `associate` does.
 
-    A constant offset that probably pairs the wrong images is logged as a warning, and so are
-    color images without depth if they are more than a tenth.
-
-    Args:
-        color_ns: (A,) stamps in order of time.
-        depth_ns: (B,) stamps in order of time.
-        offset_ns: Time by which the stamps of depth images are too late; it is subtracted before
-            pairing.
-        source: Name of the recording, with which the error and the warning begin.
-
-    Raises:
-        InputError: No images make a pair, all stamps of a stream are zero, or the stamps are much
-            closer to each other than those of any camera.
+    `offset_ns`, by which the stamps of depth are too late, is subtracted first. A constant offset
+    that probably pairs the wrong images is logged as a warning, and so are color images without
+    depth if they are more than a tenth. InputError: there is no pair, or all stamps of a stream
+    are zero.
     """
     for kind, stamps_ns in (('color', color_ns), ('depth', depth_ns)):
         if len(stamps_ns) > 1 and not stamps_ns.any():
@@ -105,15 +89,7 @@ def _rate_hz(stamps_ns: IntArray) -> float:
 
 
 def _gap_text(first_ns: IntArray, second_ns: IntArray, limit_ns: int) -> str:
-    """Return one line that explains why color and depth images make no pair.
-
-    It states the gap between the streams, which is the median over all color images of the nearest
-    depth stamp minus the color stamp.
-
-    Args:
-        first_ns: (A,) stamps of color images in order of time.
-        second_ns: (B,) stamps of depth images in order of time.
-    """
+    """Return one line with the median gap of the streams, which explains why there is no pair."""
     after = np.clip(np.searchsorted(second_ns, first_ns), 1, max(len(second_ns) - 1, 1))
     near = np.stack([second_ns[after - 1], second_ns[np.minimum(after, len(second_ns) - 1)]])
     gaps_ns = (near - first_ns)[np.abs(near - first_ns).argmin(axis=0), np.arange(len(first_ns))]

@@ -37,11 +37,7 @@ _BONN_NAME = re.compile(r'(?<![a-z])bonn(?![a-z])', re.IGNORECASE)
 
 
 def camera_from_name(name: str) -> CameraModel | None:
-    """Return the published camera whose name a recording's name contains; None: it contains none.
-
-    `rgbd_dataset_freiburg1_xyz`, `fr1_xyz` and `fr1` all mean the camera of freiburg 1, and
-    `rgbd_bonn_crowd` means the camera of Bonn RGB-D Dynamic.
-    """
+    """Return the published camera whose name, such as fr1 or bonn, a name contains, or None."""
     if _BONN_NAME.search(name):
         return _BONN
     match = _TUM_NAME.search(name)
@@ -49,14 +45,7 @@ def camera_from_name(name: str) -> CameraModel | None:
 
 
 def find_camera(requested: str) -> CameraModel:
-    """Return the camera that an option names.
-
-    Args:
-        requested: fr1, fr2, fr3, bonn or the path of a YAML file.
-
-    Raises:
-        InputError: The option is neither a known name nor a readable and valid camera file.
-    """
+    """Return the camera of fr1, fr2, fr3, bonn or a YAML file; InputError if it is none."""
     known = TUM_CAMERAS.get(requested.lower())
     if known is not None:
         return known
@@ -69,11 +58,7 @@ def find_camera(requested: str) -> CameraModel:
 
 
 def read_camera_yaml(path: Path) -> CameraModel:
-    """Return the camera in a YAML file that `camera_calibration` or `camera_info_manager` wrote.
-
-    Raises:
-        InputError: The file cannot be read, or an entry is missing or invalid.
-    """
+    """Return the camera in a YAML file of `camera_calibration` or `camera_info_manager`."""
     loaded = read_yaml(path)
     if not isinstance(loaded, dict):
         raise InputError(

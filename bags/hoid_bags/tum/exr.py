@@ -31,8 +31,7 @@ def exr_size_px(data: bytes, name: object) -> tuple[int, int]:
 def decode_exr(data: bytes, name: object) -> Float32Array:
     """Return the (H, W) values of channel R, or of the first one if there is no R.
 
-    Raises:
-        InputError: The data is truncated, no such image, or compressed in another way than ZIP.
+    InputError, which begins with `name`: it is damaged, or compressed in another way than ZIP.
     """
     attributes, at = _header(data, name)
     width, height = _size_px(attributes, name)

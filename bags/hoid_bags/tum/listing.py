@@ -32,11 +32,7 @@ class ListedImage(NamedTuple):
     read: Callable[[], ImageData] | None = None  # None: the file is the image
 
     def load(self) -> ImageData:
-        """Return the image as it is stored, or as an array.
-
-        Raises:
-            InputError: The file cannot be read or is damaged.
-        """
+        """Return the image as it is stored, or as an array; InputError if it is unusable."""
         return self.read() if self.read is not None else read_image_bytes(self.path)
 
 

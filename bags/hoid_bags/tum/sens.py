@@ -51,9 +51,7 @@ class _Frame(NamedTuple):
 class SensFile:
     """The content of a file, without the images.
 
-    Raises:
-        InputError: The file is cut off in its head, of another version, or packed in a way that
-            ScanNet does not use.
+    InputError: it is cut off in its head, of another version, or packed as ScanNet does not.
     """
 
     def __init__(self, path: Path) -> None:

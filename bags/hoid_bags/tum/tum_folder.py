@@ -19,7 +19,7 @@ from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
 from hoid_common.io.images import depth_m_from_units
 from hoid_common.io.tum_text import NumberTable, read_numbers
-from hoid_common.values import CameraModel, IntArray, RgbdFrame, Trajectory
+from hoid_common.values import CameraModel, RgbdFrame, Trajectory
 
 _LOG = logging.getLogger(__name__)
 REGISTER_FILES = 'register the files to color'
@@ -40,6 +40,8 @@ class TumFolder:
     max_gap_ns: int = MAX_PAIR_GAP_NS
     depth_offset_ns: int = 0  # time by which the stamps of depth images are too late
     layout: Layout = TUM
+    fault: None = None  # reading damaged files raises an error instead
+    true_detections: None = None
 
     def __str__(self) -> str:
         """Return a line of text: what was taken for what; empty for the usual layout, TUM."""
@@ -60,26 +62,11 @@ class TumFolder:
 
     @property
     def name(self) -> str:
-        """Return the folder's name."""
         return self.path.name
-
-    @property
-    def fault(self) -> str | None:
-        """Return None, because reading a damaged folder raises an error instead."""
-        return None
-
-    @property
-    def true_detections(self) -> None:
-        """Return None, because the layout has no detections."""
-        return None
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Return the ground-truth poses; the trajectory is empty if their file has no rows.
-
-        The result is None if the file is missing. It is also None, with a warning in the log, if
-        the file cannot be read, or has rows and none of them is a pose.
-        """
+        """Return the poses; None if there is no file or, with a warning, no usable one."""
         path = self.layout.truth_path(self.path)
         try:
             return self.layout.read_truth(path) if path is not None else None
@@ -89,11 +76,7 @@ class TumFolder:
 
     @cached_property
     def imu(self) -> tuple[NumberTable | None, NumberTable | None]:
-        """Return angular velocities (N, 3) in rad/s and accelerations in m/s^2; None: none.
-
-        Raises:
-            InputError: A file cannot be read, or has rows and none of them is usable.
-        """
+        """Return angular velocities (N, 3) in rad/s and accelerations in m/s^2; None: none."""
         if self.layout.read_imu is not None:
             return self.layout.read_imu(self.path)
         gyro, accelerometer = (
@@ -104,28 +87,13 @@ class TumFolder:
 
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:
-        """Return the pairs (color, depth) of images, in order of time.
-
-        Their stamps differ by less than `max_gap_ns` after `depth_offset_ns` is subtracted from
-        that of the depth image.
-
-        Raises:
-            InputError: No images make a pair, or the stamps are too close to each other.
-        """
-        pairs = pair_images(
-            self.color_ns, self.depth_ns, self.max_gap_ns, self.depth_offset_ns, self.path
+        """Return the pairs (color, depth) of images, in order of time (see `pair_images`)."""
+        color_ns, depth_ns = (
+            np.array([image.stamp_ns for image in images], np.int64)
+            for images in (self.color, self.depth)
         )
+        pairs = pair_images(color_ns, depth_ns, self.max_gap_ns, self.depth_offset_ns, self.path)
         return tuple((self.color[i], self.depth[j]) for i, j in pairs.tolist())
-
-    @property
-    def color_ns(self) -> IntArray:
-        """Return the stamps (N,) of the color images in ns."""
-        return np.array([image.stamp_ns for image in self.color], np.int64)
-
-    @property
-    def depth_ns(self) -> IntArray:
-        """Return the stamps (N,) of the depth images in ns."""
-        return np.array([image.stamp_ns for image in self.depth], np.int64)
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -154,22 +122,18 @@ def open_tum_folder(
     max_gap_ns: int = MAX_PAIR_GAP_NS,
     depth_offset_ns: int = 0,
 ) -> TumFolder:
-    """Open a folder of images, and check its lists of images.
+    """Open a recording in files, and check its lists of images.
 
     Args:
-        path: The folder.
-        camera: Camera of the recording; None: the one that the layout states or, for TUM, the
-            published camera whose name the folder's name contains.
+        camera: Camera of the recording; None: the one that its files state or, for TUM, the
+            published one whose name the folder's name contains.
         depth_units_per_m: Depth units per meter in the files; None: those of the layout.
         max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
-        depth_offset_ns: Time by which the stamps of depth images are too late; it is subtracted
-            before pairing.
+        depth_offset_ns: Time by which the stamps of depth images are too late.
 
     Raises:
-        InputError: A list is missing, unreadable or empty, or names a missing file; the camera is
-            unknown; or no images make a pair.
-        ConfigError: The depth units are not positive, or a list contains a file name that no file
-            can have.
+        InputError: A file is missing or unusable, the camera is unknown, or no images make a pair.
+        ConfigError: The depth units are not positive, or a list names an impossible file.
     """
     if depth_units_per_m is not None and not 0 < depth_units_per_m < np.inf:
         raise ConfigError(f'depth units per meter must be positive, got {depth_units_per_m}')
