@@ -1,4 +1,4 @@
-"""Carries: how an object map follows the objects that people carry through a rendered room."""
+"""Carries: how maps and tracks follow the objects that people carry through a rendered room."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from scipy.spatial import cKDTree
 
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_benchmarks.rooms.object_truth import TrueObject
-from hoid_benchmarks.rooms.room_run import ObjectHistory
+from hoid_benchmarks.rooms.room_run import ObjectHistory, Tracks
 from hoid_common import se3
 from hoid_common.values import Detections, FloatArray, ObjectState
-from hoid_scene.objects.mapped_object import MapObject
 from hoid_synth.acting.acting import ObjectTrack
 from hoid_synth.room.world import PlacedProp
 from hoid_synth.room_truth import RoomTruth
@@ -32,6 +31,42 @@ _SAME_M = 0.35  # an object of the map farther from a true place is another obje
 _HIDDEN_S = 1.0
 
 
+class Placed(NamedTuple):
+    """An object of an object map, or a track, at one time."""
+
+    number: int
+    class_name: str
+    center_map_m: FloatArray  # (3,)
+    state: ObjectState
+    last_ns: int  # stamp of its last sighting
+    moved_ns: int = 0  # stamp of its last sighting at the place before; 0: it was not moved
+
+
+History = Mapping[int, Sequence[Placed]]
+"""Objects or tracks by the stamp (ns) of the image."""
+
+
+def placed_objects(history: ObjectHistory) -> History:
+    """Return the objects of an object map after each look."""
+    return {
+        stamp_ns: [
+            Placed(o.object_id, o.class_name, o.center_map_m, o.state, o.last_ns, o.moved_ns)
+            for o in objects
+        ]
+        for stamp_ns, objects in history.items()
+    }
+
+
+def placed_tracks(tracks: Tracks) -> History:
+    """Return the published tracks."""
+    return {
+        stamp_ns: [
+            Placed(t.track_id, t.class_name, t.position_map_m, t.state, stamp_ns) for t in found
+        ]
+        for stamp_ns, found in tracks.items()
+    }
+
+
 class TrueCarry(NamedTuple):
     """An object that a person carried from one place to another, in the map frame."""
 
@@ -48,13 +83,11 @@ class TrueCarry(NamedTuple):
 class CarryScores(NamedTuple):
     """Counts and errors of the carries of one or more rooms."""
 
-    num_known: int  # evaluated carries of objects that were in the map before
+    num_known: int  # evaluated carries of objects that were in the map, or tracked, before
     num_kept: int  # of these, with the same number at the new place
     put_down_m: FloatArray  # (M,) errors of the centers of objects found at the new place
-    num_handled: int  # times that the map called an object handled or moved
+    num_handled: int  # times that an object was called handled or moved
     num_false: int  # of these, nobody had touched the object
-    num_filled: int = 0  # last places of carried objects that the dense map shows
-    num_places: int = 0  # all of them (`count_filled`)
 
 
 def true_carries(truth: RoomTruth, sequence: BagSequence) -> list[TrueCarry]:
@@ -110,10 +143,8 @@ def _shown_s(
     return count / config.rate_hz
 
 
-def score_carries(
-    history: ObjectHistory, carries: list[TrueCarry], truth: RoomTruth
-) -> CarryScores:
-    """Return how the objects of a map followed the carries."""
+def score_carries(history: History, carries: list[TrueCarry], truth: RoomTruth) -> CarryScores:
+    """Return how the objects of a map, or the tracks, followed the carries."""
     num_known = num_kept = 0
     errors_m = []
     for carry in carries:
@@ -125,7 +156,7 @@ def score_carries(
         num_known += 1
         after = _found(history, truth, carry, carry.to_map_m, carry.until)
         if after is not None:
-            num_kept += after.object_id == before.object_id
+            num_kept += after.number == before.number
             errors_m.append(float(np.linalg.norm(after.center_map_m - carry.to_map_m)))
     departures = list(_departures(history))
     num_false = sum(not _is_true(d, carries, truth) for d in departures)
@@ -133,22 +164,22 @@ def score_carries(
 
 
 def _found(
-    history: ObjectHistory, truth: RoomTruth, carry: TrueCarry, place_m: FloatArray, end: int
-) -> MapObject | None:
-    """Return the object of the map that is at a true place (3,) just before a frame, or None."""
+    history: History, truth: RoomTruth, carry: TrueCarry, place_m: FloatArray, end: int
+) -> Placed | None:
+    """Return the object that is at a true place (3,) just before a frame, or None."""
     limit_ns = truth.stage.config.stamp_ns(end)
     stamps = [stamp_ns for stamp_ns in history if stamp_ns < limit_ns]
     near = [
         (float(np.linalg.norm(item.center_map_m - place_m)), item)
         for item in (history[max(stamps)] if stamps else ())
-        if item.is_present and item.class_name == carry.class_name
+        if item.state.is_at_rest and item.class_name == carry.class_name
     ]
     distance_m, found = min(near, key=lambda pair: pair[0], default=(np.inf, None))
     return found if distance_m < _SAME_M else None
 
 
 class _Departure(NamedTuple):
-    """The time at which the map first called an object handled or moved, after it was at rest."""
+    """The time at which an object was first called handled or moved, after it was at rest."""
 
     class_name: str
     from_map_m: FloatArray  # (3,) its center before
@@ -156,12 +187,12 @@ class _Departure(NamedTuple):
     stamp_ns: int
 
 
-def _departures(history: ObjectHistory) -> Iterator[_Departure]:
-    before: dict[int, MapObject] = {}
+def _departures(history: History) -> Iterator[_Departure]:
+    before: dict[int, Placed] = {}
     for stamp_ns in sorted(history):
-        objects = {item.object_id: item for item in history[stamp_ns]}
+        objects = {item.number: item for item in history[stamp_ns]}
         for item in objects.values():
-            old = before.get(item.object_id)
+            old = before.get(item.number)
             if old is None:
                 continue
             is_taken = item.state is ObjectState.HANDLED is not old.state

@@ -70,16 +70,16 @@ def object_table() -> ScoreTable[ObjectScores]:
 
 
 def carry_table() -> ScoreTable[CarryScores]:
-    """Return the table of objects that people carry."""
+    """Return the table of objects that people carry, by their source."""
     header = (
-        'room', 'known objects carried', 'same number', 'put-down error cm', 'called handled',
-        'of these false', 'new places filled',
+        'room', 'objects of', 'known objects carried', 'same number', 'put-down error cm',
+        'called handled', 'of these false',
     )  # fmt: skip
     return ScoreTable(
         header,
         lambda s: (
             str(s.num_known), str(s.num_kept), _errors(s.put_down_m), str(s.num_handled),
-            str(s.num_false), f'{s.num_filled} of {s.num_places}',
+            str(s.num_false),
         ),
     )  # fmt: skip
 

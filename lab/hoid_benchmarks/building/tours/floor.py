@@ -59,7 +59,7 @@ def floor(seed: int, num_rooms: int, sequences: Path, out: Path) -> Outcome:
     room = map_room(sequence, config)
     out.mkdir(parents=True, exist_ok=True)
     write_ply(out / f'floor-{seed}-{num_rooms}.ply', room.cloud)
-    scores, T = score(room, truth, sequence), truth.stage.T_world_camera
+    scores, T = score(room, truth), truth.stage.T_world_camera
     row: dict[str, Any] = {
         'rooms': num_rooms,
         'way m': float(np.linalg.norm(np.diff(T[:, :2, 3], axis=0), axis=1).sum()),
