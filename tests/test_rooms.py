@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
@@ -22,7 +22,7 @@ from hoid_benchmarks.rooms.object_truth import TrueObject, true_objects
 from hoid_benchmarks.rooms.placed_box import PlacedBox, least_area_axes
 from hoid_benchmarks.rooms.room_ghost import Ghost, cylinder_depth_m
 from hoid_benchmarks.rooms.room_run import MappedRoom, ObjectHistory, Tracks
-from hoid_benchmarks.rooms.room_scores import score
+from hoid_benchmarks.rooms.room_scores import level_error_deg, score
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.poses.keyframe_poses import KeyframePoses
@@ -122,7 +122,16 @@ def test_map_points_and_grid_cells_are_scored(truth: RoomTruth) -> None:
     assert scores.path_share == pytest.approx(apart.sum() / scores.num_points)
     assert scores.near_share >= 300 / scores.num_points
     assert scores.grid_share == pytest.approx(0.9)  # 3 of 30 rows are inverted
+    assert scores.level_deg == pytest.approx(0.0, abs=1e-5)
     assert np.isnan(scores.people_m)
+
+
+def test_the_level_is_the_angle_to_the_true_vertical(truth: RoomTruth) -> None:
+    found = room(truth, np.zeros((1, 3)), {})
+    assert found.grid is not None
+    up = found.grid.T_map_origin @ [0, np.sin(0.1), np.cos(0.1), 0]
+    assert level_error_deg(found, up[:3]) == pytest.approx(np.degrees(0.1))
+    assert np.isnan(level_error_deg(replace(found, grid=None), up[:3]))
 
 
 @pytest.mark.parametrize('new_ids', [False, True])

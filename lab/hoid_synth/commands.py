@@ -30,6 +30,8 @@ _FIELDS = {
     '--rooms': 'num_rooms',
     '--every': 'every',
     '--width': 'width_px',
+    '--pitch': 'pitch_deg',
+    '--roll': 'roll_deg',
     '--pace': 'pace',
     '--shutter': 'shutter_s',
     '--blur': 'motion_blur',
@@ -37,7 +39,8 @@ _FIELDS = {
     '--swing': 'exposure_swing',
 }
 """Options, and the fields of the configuration that they set."""
-_METAVARS = {'_m': 'M', '_s': 'S', '_mps': 'M/S', '_px': 'PX'}  # by the unit in a field's name
+# Placeholders, by the unit at the end of a field's name.
+_METAVARS = {'_m': 'M', '_s': 'S', '_mps': 'M/S', '_px': 'PX', '_deg': 'DEG'}
 
 
 def add_synth_arguments(parser: argparse.ArgumentParser) -> None:

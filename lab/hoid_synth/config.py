@@ -92,6 +92,12 @@ class SceneConfig(Config):
         maximum=30,
     )
     start_s: float = param(0.0, 'start time on the camera path in s', minimum=0.0, maximum=1e4)
+    pitch_deg: float = param(
+        0.0, 'angle by which the camera looks down in degrees', minimum=0.0, maximum=60.0
+    )
+    roll_deg: float = param(
+        0.0, 'angle by which the camera is rolled in degrees', minimum=-180.0, maximum=180.0
+    )
     pace: float = param(
         1.0, 'speed of the camera motion, relative to its default', minimum=0.1, maximum=10.0
     )

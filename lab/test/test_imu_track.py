@@ -44,3 +44,15 @@ def test_a_track_repeats_with_its_seed() -> None:
     np.testing.assert_array_equal(first.rates_radps, second.rates_radps)
     np.testing.assert_array_equal(first.accelerations_mps2, second.accelerations_mps2)
     assert np.all(np.diff(first.stamps_ns) == 5_000_000)
+
+
+def test_the_camera_looks_down_and_is_rolled_as_configured() -> None:
+    times_s = np.zeros(1)
+    level, turned = (
+        camera_poses(config, times_s)[0, :3, :3]
+        for config in (SceneConfig(), SceneConfig(pitch_deg=30.0, roll_deg=10.0))
+    )
+    angles_deg = [
+        np.degrees(np.arcsin([-R[2, 2], R[2, 0] / np.hypot(*R[2, :2])])) for R in (level, turned)
+    ]
+    np.testing.assert_allclose(np.abs(angles_deg[1] - angles_deg[0]), (30.0, 10.0))

@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from hoid_bags.sequence import open_sequence
 from hoid_benchmarks.markdown import markdown_table
 from hoid_benchmarks.objects.image_boxes import box_in_image
@@ -21,22 +23,30 @@ from hoid_benchmarks.objects.list_scores import (
     Verdict,
     score_list,
 )
-from hoid_benchmarks.objects.object_list import ListedObject, listed_recordings, read_list
+from hoid_benchmarks.objects.object_list import (
+    ListedObject,
+    listed_recordings,
+    read_list,
+    reference_up,
+)
 from hoid_benchmarks.plan.sequences import Store
-from hoid_benchmarks.rooms.room_run import map_room
+from hoid_benchmarks.rooms.room_run import MappedRoom, map_room
+from hoid_benchmarks.rooms.room_scores import level_error_deg
 from hoid_bringup.run.run_config import RunConfig
+from hoid_common.values import FloatArray, Trajectory
 from hoid_scene.objects.mapped_object import MapObject
 
 _DETECTORS = ('yolox_nano', 'yolov8n_int8')
 _HEADER = (
     'recording', 'detector', 'listed', 'found', 'right', 'double', 'wrong', 'unsure',
-    'precision', 'recall', 'doubles per object',
+    'precision', 'recall', 'doubles per object', 'level deg',
 )  # fmt: skip
 _ERROR_HEADER = (
     'recording', 'detector', 'error', 'object of the map', 'nearest listed object',
     'sum of scores, images', 'size m',
 )  # fmt: skip
-_BAR = ('bar', *[''] * 7, '>= 85 %', '>= 75 %', '< 0.05')
+_SAME_IMAGE_NS = 20_000_000  # the association limit of the ATE
+_BAR = ('bar', *[''] * 7, '>= 85 %', '>= 75 %', '< 0.05', '< 2')
 
 
 class _Row(NamedTuple):
@@ -44,6 +54,7 @@ class _Row(NamedTuple):
     detector: str
     scores: ListScores
     objects: tuple[MapObject, ...]
+    level_deg: float  # error of the vertical of the grid; NaN: no grid, or no reference
 
 
 def object_report(only: Sequence[str], store: Store, detector: str | None, out: Path) -> str:
@@ -88,7 +99,20 @@ def _evaluated(name: str, listed: list[ListedObject], store: Store, model: str, 
     images = {f.stamp_ns: f.image_bgr for f in sequence if f.stamp_ns in stamps_ns}
     path = out / f'{name}_{Path(model).stem}.jpg'
     write_picture(path, images, poses, camera, listed, present, scores)
-    return _Row(name, model, scores, present)
+    level_deg = _level_deg(room, sequence.ground_truth, reference_up(name))
+    return _Row(name, model, scores, present, level_deg)
+
+
+def _level_deg(room: MappedRoom, reference: Trajectory | None, up: FloatArray | None) -> float:
+    """Return the error of the grid's vertical by the reference, whose axis `up` is vertical."""
+    if reference is None or up is None:
+        return float('nan')
+    stamps_ns = room.trajectory.stamps_ns
+    rows = np.searchsorted(reference.stamps_ns, stamps_ns).clip(max=len(reference) - 1)
+    near = np.abs(reference.stamps_ns[rows] - stamps_ns) < _SAME_IMAGE_NS
+    R_map_camera = room.trajectory.T_world_camera[near, :3, :3]
+    R_camera_world = reference.T_world_camera[rows[near], :3, :3].transpose(0, 2, 1)
+    return level_error_deg(room, (R_map_camera @ R_camera_world @ up).mean(axis=0))
 
 
 def _score_rows(rows: Sequence[_Row]) -> Iterator[tuple[str, ...]]:
@@ -96,9 +120,10 @@ def _score_rows(rows: Sequence[_Row]) -> Iterator[tuple[str, ...]]:
     for model in dict.fromkeys(row.detector for row in rows):
         own = [row for row in rows if row.detector == model]
         for row in own:
-            yield f'`{row.recording}`', f'`{model}`', *_cells([row.scores])
+            level = f'{row.level_deg:.1f}' if np.isfinite(row.level_deg) else '-'
+            yield f'`{row.recording}`', f'`{model}`', *_cells([row.scores]), level
         if len(own) > 1:
-            yield 'all', f'`{model}`', *_cells([row.scores for row in own])
+            yield 'all', f'`{model}`', *_cells([row.scores for row in own]), ''
 
 
 def _cells(scores: Sequence[ListScores]) -> tuple[str, ...]:

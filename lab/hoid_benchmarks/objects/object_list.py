@@ -9,7 +9,7 @@ import numpy as np
 
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
-from hoid_common.values import Float32Array
+from hoid_common.values import Float32Array, FloatArray
 
 _LISTS = Path(__file__).with_name('lists')
 
@@ -26,6 +26,12 @@ class ListedObject(NamedTuple):
 def listed_recordings() -> list[str]:
     """Return the names of the recordings that have a list."""
     return sorted(path.stem for path in _LISTS.glob('*.yaml'))
+
+
+def reference_up(name: str) -> FloatArray | None:
+    """Return the axis (3,) that points up in the frame of the reference poses, or None."""
+    up = read_yaml(_LISTS / f'{name}.yaml').get('up')
+    return None if up is None else np.array(up, float)
 
 
 def read_list(name: str) -> list[ListedObject]:

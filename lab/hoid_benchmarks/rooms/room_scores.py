@@ -8,7 +8,7 @@ import numpy as np
 
 from hoid_benchmarks.rooms.room_run import MappedRoom, Tracks
 from hoid_common import se3
-from hoid_common.values import ObjectState
+from hoid_common.values import FloatArray, ObjectState
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import people_centers
 
@@ -22,6 +22,7 @@ class RoomScores(NamedTuple):
     near_share: float  # of map points within 3 cm of a static surface
     path_share: float  # of map points where people walked and no static surface is
     grid_share: float  # of known cells that are correct
+    level_deg: float  # angle between the vertical of the grid and the true one
     people_m: float  # median distance of person tracks from the nearest person
 
 
@@ -33,8 +34,17 @@ def score(room: MappedRoom, truth: RoomTruth) -> RoomScores:
         float(np.mean(truth.distance_m(points_m) < _NEAR_M)),
         float(np.mean(truth.on_paths(points_m))),
         _grid_share(room, truth),
+        level_error_deg(room, truth.T_world_map[2, :3]),
         _people_m(room.tracks, truth),
     )
+
+
+def level_error_deg(room: MappedRoom, up_map: FloatArray) -> float:
+    """Return the angle between the vertical of the grid and a direction (3,); NaN: no grid."""
+    if room.grid is None:
+        return float('nan')
+    cosine = room.grid.T_map_origin[:3, 2] @ up_map / np.linalg.norm(up_map)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def _grid_share(room: MappedRoom, truth: RoomTruth) -> float:

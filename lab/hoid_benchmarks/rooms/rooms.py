@@ -56,11 +56,11 @@ _TRACKS, _MAP = '`tracked_objects`', '`object_map`'
 _GHOST_FRAMES = 180
 _ROOT = Path(__file__).parents[3]
 _HEADER = (
-    'room', 'filter', 'points', 'within 3 cm', 'where people walked', 'grid cells right', 'people',
-    'new places filled', 'undetected',
+    'room', 'filter', 'points', 'within 3 cm', 'where people walked', 'grid cells right',
+    'level deg', 'people', 'new places filled', 'undetected',
 )  # fmt: skip
 _WANTED = (
-    'wanted', '', '', '>= 99 %', '< 0.1 %', '>= 97 %', '< 20 cm', 'all', '-> 0',
+    'wanted', '', '', '>= 99 %', '< 0.1 %', '>= 97 %', '< 2', '< 20 cm', 'all', '-> 0',
 )  # fmt: skip
 
 
@@ -181,5 +181,6 @@ def _cells(scores: RoomScores) -> tuple[str, ...]:
         f'{100 * scores.near_share:.2f} %',
         f'{100 * scores.path_share:.3f} %',
         f'{100 * scores.grid_share:.1f} %',
+        f'{scores.level_deg:.1f}',
         f'{100 * scores.people_m:.0f} cm' if np.isfinite(scores.people_m) else '-',
     )

@@ -31,6 +31,8 @@ def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
     angles = np.radians(0.28) * tremor[:, 3:]
     if config.path == 'rpy':
         roll = roll + np.radians(16) * np.sin(2 * np.pi * times_s / 3.1)
+    pitch = pitch - np.radians(config.pitch_deg)
+    roll = roll + np.radians(config.roll_deg)
     return _poses(position, yaw + angles[:, 0], pitch + angles[:, 1], roll + angles[:, 2])
 
 
