@@ -45,8 +45,8 @@ class VerificationConfig(Config):
     max_candidates: ClassVar[int] = 3  # largest number of places that are verified for one image
     min_votes: ClassVar[int] = 10  # matching features that make a keyframe a candidate
     max_hamming: ClassVar[int] = 60  # largest distance of two matching descriptors [bits]
-    # A place is rejected if more than this share of the points in view is contradicted: all depth
-    # readings around such a point lie behind it.
+    # A place is rejected if more than this share of the points in view is contradicted: all depths
+    # measured around such a point lie behind it.
     max_contradicted_share: ClassVar[float] = 0.1
     # A recognized place is ambiguous if more than this share of its number of found points is
     # found at a second place.

@@ -56,7 +56,7 @@ class CameraConfig(Config):
     # Baseline (m) of the virtual stereo camera that stands for the depth camera: the distance
     # between projector and camera of a Kinect (0.077 in ORB-SLAM3's TUM1.yaml).
     baseline_m: ClassVar[float] = 0.075
-    # ORB-SLAM3, TUM1.yaml, Stereo.ThDepth: number of baselines up to which a depth reading alone
+    # ORB-SLAM3, TUM1.yaml, Stereo.ThDepth: number of baselines up to which a depth alone
     # creates a map point. Points that are farther away are noisy.
     close_baselines: ClassVar[float] = 40.0
     # Not tuned: part of the standard deviation of a depth reading, converted to disparity, that is
@@ -65,7 +65,7 @@ class CameraConfig(Config):
 
     @property
     def close_limit_m(self) -> float:
-        """Return the depth [m] up to which a reading alone creates a map point."""
+        """Return the depth [m] up to which its measurement alone creates a map point."""
         return self.close_baselines * self.baseline_m
 
 

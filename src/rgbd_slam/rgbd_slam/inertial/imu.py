@@ -252,7 +252,7 @@ class Imu:
         self._trial_error(image_ns)
 
     def _trial_error(self, last_ns: int) -> float | None:
-        """Return `Path.trial_error` at the last tracked image, which `trust` learns as well."""
+        """Return the error of dead reckoning over the last seconds, from which `trust` learns."""
         if self._trial[0] != last_ns:
             path = self._path(last_ns, TRIED_NS)
             self._trial = last_ns, None if path is None else path.trial_error()

@@ -18,7 +18,7 @@ _SATURATED_SAMPLES = 4  # chosen: noise makes as many equal samples rare below t
 _UNIT_TOLERANCE = 1.5  # chosen: factor around 180 / pi within which the unit is deg/s
 _MIN_CORRELATION = 0.7  # chosen: below it, the rates are not those of the camera in another unit
 _MIN_SIGNAL_RADPS = 0.1  # chosen: below it, the tracked rates are mostly noise
-_DOUBTED_SIGNAL_RADPS = 0.05  # chosen: enough for a doubt if it lasts for 10 s
+_DOUBTED_SIGNAL_RADPS = 0.05  # chosen: tracked rates that should confirm a gyro within 10 s
 _MAX_UNEXPLAINED = 0.8  # chosen: share of the tracked rates that a good gyro leaves unexplained
 # Chosen: the mounting of the gyro counts as known once its rates correlate with the tracked ones
 # by more than this. The first number holds if the axes of the IMU are the given ones or parallel
@@ -97,7 +97,7 @@ class Trust:
         return not self._is_accelerometer_stuck and (self._gyro is None or self.uses_gyro)
 
     def may_level(self, up_sigma_rad: float) -> bool:
-        """Return whether gravity with this standard deviation levels the map."""
+        """Return whether gravity is known well enough, and confirmed, to level the map."""
         is_right = up_sigma_rad < _UNTRIED_SIGMA_RAD if self.agrees is None else self.agrees
         return self.uses_accelerometer and is_right
 

@@ -225,7 +225,7 @@ def _loops_between_groups(
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
-    """Return the pairs of groups that edges connect, with `shared` of the strongest edge."""
+    """Return the pairs of groups that edges of keyframes connect, each with its strongest edge."""
     ends = group_of[np.stack([edges.first, edges.second])]
     low, high = ends.min(0), ends.max(0)
     between = np.flatnonzero((low != high) & (low >= 0))
@@ -236,7 +236,7 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 
 
 def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
-    """Return the edges of keyframes in `rows`: parent and child, or `min_shared` points."""
+    """Return the edges of the spanning tree and of covisibility at keyframes in `rows`."""
     keyframes = atlas.keyframes
     pairs = atlas.edges()
     key = pairs.first * keyframes.capacity + pairs.second

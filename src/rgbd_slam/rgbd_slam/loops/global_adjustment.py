@@ -106,7 +106,7 @@ def _continued(
 def apply_solution(
     atlas: Atlas, problem: GlobalProblem, solution: BundleSolution, moves: Iterable[Move] = ()
 ) -> Move:
-    """Apply a solution to the map after its later corrections `moves`; return the motions."""
+    """Apply an adjustment to a map that `moves` have corrected since; return its motions."""
     keyframes, points = atlas.keyframes, atlas.points
     solved = se3.inverse(solution.T_camera_map)
     solved_m = np.ascontiguousarray(solution.points_m.T)
@@ -144,14 +144,14 @@ def _moved(
 
 
 def _still_in_map(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the rows of the uids that a table still has, and their positions in `uids`."""
+    """Return the rows of those elements that a table still has, and their positions in `uids`."""
     rows = table.rows_of(uids)
     known = np.flatnonzero(rows >= 0)
     return rows[known], known
 
 
 def _descendants(atlas: Atlas, rows: IntArray, first_uid: int) -> list[tuple[int, int]]:
-    """Return (child, parent) rows of the newer descendants of keyframes, parents first."""
+    """Return (child, parent) rows of the keyframes below `rows` that were inserted later."""
     found: list[tuple[int, int]] = []
     known = set(rows.tolist())
     queue = rows.tolist()

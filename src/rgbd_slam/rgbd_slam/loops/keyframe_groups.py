@@ -99,7 +99,7 @@ def spread_corrections(
 
 
 def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the positions of M keyframes (of groups N) and pairs (E,) with the same group."""
+    """Return all M combinations of a keyframe and a pair whose first group is the keyframe's."""
     starts = np.searchsorted(own, group)
     counts = np.searchsorted(own, group, side='right') - starts
     member = np.repeat(np.arange(len(group)), counts)

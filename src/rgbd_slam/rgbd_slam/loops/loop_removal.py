@@ -120,7 +120,7 @@ def _split_points(atlas: Atlas, parts: _Parts) -> None:
 
 
 def _separate_tree(atlas: Atlas, parts: _Parts) -> None:
-    """Give the keyframes of the later part parents in that part; a merged map gets its root."""
+    """Give keyframes of the later part, whose parent is in the other part, one in theirs."""
     parents = atlas.parents()
     if parts.root is not None:
         atlas.set_parent(parts.root, None)
@@ -136,7 +136,7 @@ def _separate_tree(atlas: Atlas, parts: _Parts) -> None:
 def _measured_pose(
     atlas: Atlas, camera: StereoCamera, a: int, b: int, T_a_b: FloatArray
 ) -> FloatArray:
-    """Return T_a_b (4, 4) of two keyframes by 20 or more points with depth that both observe."""
+    """Measure T_a_b (4, 4) of two keyframes by the points with depth that both observe."""
     keyframes = atlas.keyframes
     points_a, points_b = keyframes.points_of(a), keyframes.points_of(b)
     _, k_a, k_b = np.intersect1d(points_a, points_b, return_indices=True)

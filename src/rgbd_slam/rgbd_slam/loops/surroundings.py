@@ -138,7 +138,7 @@ class Surroundings:
         )
 
     def _visits(self, i: int, c: int) -> tuple[IntArray, IntArray]:
-        """Return the rows (N,) of the new visit around `i`, and those (H,) mapped around `c`."""
+        """Return the rows (N,) of recent keyframes around `i`, and (H,) mapped ones around `c`."""
         keyframes = self._atlas.keyframes
         visit, mapped = self._is_in_visit(i), self._is_near(c)
         if keyframes.map_id[i] == keyframes.map_id[c]:
@@ -149,7 +149,7 @@ class Surroundings:
         return np.flatnonzero(visit), np.flatnonzero(mapped)
 
     def _is_later(self, i: int, c: int) -> BoolArray:
-        """Return the mask by row of keyframes that were inserted nearer to `i` than to `c`."""
+        """Return the mask by row of keyframes whose insertion was nearer to `i` than to `c`."""
         uid = self._atlas.keyframes.uid
         return np.asarray(2 * uid > uid[i] + uid[c])
 

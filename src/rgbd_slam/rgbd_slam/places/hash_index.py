@@ -120,7 +120,7 @@ class HashIndex:
         return descriptors[rows]
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
-        """Return the (C,) descriptors and pool rows that have equal keys (T, N) in a table.
+        """Return the (C,) query and pool rows of descriptors with an equal key in one of T tables.
 
         Keys that are too common (`max_bucket`) are left out.
         """

@@ -21,7 +21,7 @@ class SoaTableRows(NamedTuple):
     capacity: int
     rows: NDArray[np.int32]  # (M,)
     columns: dict[str, Column]  # (M, ...) each
-    new_rows: NDArray[np.int32]  # (L,) of these, the rows that were allocated since then
+    new_rows: NDArray[np.int32]  # (L,) the changed rows that were allocated since that version
     fixed_columns: dict[str, Column]  # (L, ...) each
     next_uid: int
 
@@ -34,10 +34,9 @@ class SoaTable:
     """
 
     columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
-    fixed: ClassVar[tuple[str, ...]] = ()  # of these, columns that are sent of new rows only
-    # Of these, columns that are not in the rows that are sent.
-    local: ClassVar[tuple[str, ...]] = ('version', 'born')
-    wide: ClassVar[tuple[str, ...]] = ()  # of these, integers that do not fit into 32 bits
+    fixed: ClassVar[tuple[str, ...]] = ()  # columns that `rows_since` copies of new rows only
+    local: ClassVar[tuple[str, ...]] = ('version', 'born')  # columns that it does not copy
+    wide: ClassVar[tuple[str, ...]] = ()  # columns of integers that do not fit into 32 bits
 
     def __init__(self, capacity: int) -> None:
         self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) never used twice

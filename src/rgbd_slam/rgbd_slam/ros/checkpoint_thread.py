@@ -168,7 +168,7 @@ class CheckpointThread:
         return wrote_s
 
     def _begin(self) -> _Task | None:
-        """Return what to write; None if there is nothing. Runs between images."""
+        """Return the next checkpoint to write, if there is one. Runs between images."""
         session = self._find_session()
         if session is None or self.is_paused:
             return None
@@ -182,7 +182,7 @@ class CheckpointThread:
         return _Task(self._writer, header if is_same else None, keeps_stored=False)
 
     def _open(self, task: _Task) -> bool:
-        """Begin the transaction of a task; return False if there is none."""
+        """Begin the transaction of a checkpoint; return False if there is nothing to copy."""
         with self._lock:
             if task.keeps_stored and not self._keep_stored():
                 return False

@@ -156,7 +156,7 @@ class MapServices:
         return f'{written} written to {path}{note}'
 
     def _settle(self) -> bool:
-        """Let the mapper end its requests and a final adjustment; return whether it has."""
+        """Wait for the mapper's requests and a final adjustment; return whether both ended."""
         end_s = time.monotonic() + _SETTLE_S
         if not self._is_settled_by(end_s):
             return False
@@ -165,7 +165,7 @@ class MapServices:
         return self._is_settled_by(end_s)
 
     def _is_settled_by(self, end_s: float) -> bool:
-        """Wait until the mapper has completed all its work; return False at a monotonic time."""
+        """Wait until the mapper has ended all its work; return False if it has not by `end_s`."""
 
         def settled() -> bool | None:
             slam_map = self._session().map

@@ -24,10 +24,9 @@ class SceneMapClient:
         self._client = node.create_client(AddToMap, service)
 
     def add_to(self, path: Path, keyframes: KeyframePoses) -> str:
-        """Have the scene added to a closed map file; return what was added, to end a sentence.
+        """Ask the scene node to add its maps to a closed map file; return a phrase about it.
 
-        It must not be called in the node's thread. A scene that cannot be added is no error: the
-        map is complete without it.
+        It must not be called in the node's thread. A map is complete without a scene.
         """
         if not self._client.service_is_ready():
             return f'without a dense map, as {_SCENE} does not run,'
