@@ -129,7 +129,10 @@ class _Joiner:
         numbers = range(len(self._rows))
         excluded = [m for m in numbers if m in joined or self._is_forbidden(n, m)]
         fits = map_fits(
-            self._atlas, self._closer, own, np.concatenate([self._rows[m] for m in excluded])
+            self._atlas,
+            self._closer.detector,
+            own,
+            np.concatenate([self._rows[m] for m in excluded]),
         )
         links: list[Join] = []
         for fit in fits:
@@ -159,7 +162,9 @@ class _Joiner:
         """Close loops at every tenth of the keyframes (K,) in one map; yield those to others."""
         uids = set(self._atlas.keyframes.uid[own].tolist())
         for i in own[::_LINK_EVERY].tolist():
-            place = self._closer.find(i, np.flatnonzero(self._map_id != self._map_id[i]))
+            place = self._closer.detector.detect(
+                i, np.flatnonzero(self._map_id != self._map_id[i])
+            )
             if place is None:
                 continue
             self._closer.close_at(i, place)

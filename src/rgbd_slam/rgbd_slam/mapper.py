@@ -114,7 +114,7 @@ class Mapper:
             loops: Its loop edges, between rows of the saved map.
         """
         if not keep:
-            self.closer.close()  # its place index describes the old map
+            self.closer.adjuster.close()  # its place index describes the old map
             self.closer = LoopCloser(
                 self.map, self._configured_camera, self._config, background=self._background
             )
@@ -130,7 +130,7 @@ class Mapper:
 
     def close(self) -> None:
         """Stop the global adjustment in the background without applying it."""
-        self.closer.close()
+        self.closer.adjuster.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
         """Add the keyframe to the map and return its row, or None as described at `insert`.

@@ -6,29 +6,29 @@ from multiprocessing import Pipe
 
 import pytest
 
-from rgbd_slam import mapper
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.loops.loop_closer import LoopCloser
+from rgbd_slam.loops import loop_closer
+from rgbd_slam.loops.global_adjustment import GlobalAdjuster
 from rgbd_slam.processes import mapper_worker
 from rgbd_slam.processes.mapper_worker import MapperServer, Settle, run_mapper
 
 from .ring_world import CAMERA
 
 
-class FailingCloser(LoopCloser):
-    """Its background adjustment fails when it is polled."""
+class FailingAdjuster(GlobalAdjuster):
+    """Its background adjustment fails when the process polls it between two requests."""
 
-    is_adjusting = True
+    is_running = True
 
-    def poll(self) -> bool:
-        self.is_adjusting = False
+    def poll(self, timeout_s: float | None = None) -> bool:
+        self.is_running = timeout_s is not None
         return False
 
 
 def test_an_adjustment_that_failed_is_reported_once_as_its_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(mapper, 'LoopCloser', FailingCloser)
+    monkeypatch.setattr(loop_closer, 'GlobalAdjuster', FailingAdjuster)
     server = MapperServer(CAMERA, SlamConfig())
     assert not server.serve(Settle(0.0)).is_settled
     report = server.poll()

@@ -30,7 +30,6 @@ from rgbd_slam.places.place_finder import FoundPlace
 
 _AROUND = 10  # not tuned: neighbors of each of the two keyframes of a loop whose points are fused
 _NO_MAP = -1
-_NOTHING = np.empty(0, np.int64)
 # Chosen: largest number of keyframes whose poses are corrected around a loop with hardly any
 # drift. No recording of a room has as many; in a building, the limit keeps the time of such a loop
 # independent of the size of the map.
@@ -94,11 +93,11 @@ class LoopCloser:
         self._camera = camera
         self._config = config.places.loops
         self._mapping = config.mapping
-        self._detector = LoopDetector(atlas, camera, config)
+        self.detector = LoopDetector(atlas, camera, config)
         self._adjusted_map = _NO_MAP  # the map that was adjusted last
         self._has_grown = False  # whether keyframes have been added to that map since then
         self.last_join: Join | None = None  # of the last keyframe, if it showed a known place
-        self._adjuster = GlobalAdjuster(
+        self.adjuster = GlobalAdjuster(
             atlas, camera, self._config.global_iterations, background=background
         )
 
@@ -107,23 +106,19 @@ class LoopCloser:
 
         A finished global adjustment is applied first, even if closing loops is switched off.
         """
-        self.poll()
+        self.adjuster.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
         self.last_join = None
-        found = self.find(i) if self._config.enabled else None
+        found = self.detector.detect(i) if self._config.enabled else None
         return LoopEvent.NOTHING if found is None else self.close_at(i, found)
 
-    def find(self, i: int, excluded: IntArray = _NOTHING) -> FoundPlace | None:
-        """Return the loop match of the keyframe in row `i`; see `LoopDetector.detect`."""
-        return self._detector.detect(i, excluded)
-
     def close_at(self, i: int, place: FoundPlace) -> LoopEvent:
-        """Correct the map by a match that `find` returned; store it in `last_join`."""
+        """Correct the map by a match that `detector` has found; store it in `last_join`."""
         keyframes, c = self._atlas.keyframes, place.keyframe
         place_stamp_ns, stamp_ns = keyframes.stamp_ns[[c, i]].tolist()
         correction: tuple[float, float] | None = None
         if keyframes.map_id[i] == keyframes.map_id[c]:
-            turn_rad, distance_m = self._detector.correction(i, place.match)
+            turn_rad, distance_m = self.detector.correction(i, place.match)
             correction = distance_m, turn_rad
             event = self._close(i, place, *correction)
         else:
@@ -147,31 +142,19 @@ class LoopCloser:
     def index_places(self) -> None:
         """Index all keyframes now, which takes seconds for a loaded map of thousands of them."""
         if self._config.enabled:
-            self._detector.index_places()
-
-    def poll(self) -> bool:
-        """Apply a finished global adjustment; return whether there was one."""
-        return self._adjuster.poll()
-
-    @property
-    def is_adjusting(self) -> bool:
-        return self._adjuster.is_running
+            self.detector.index_places()
 
     def settle(self, limit_s: float) -> None:
         """Repeat the last global adjustment if keyframes have been added to its map since then.
 
         Waits up to `limit_s` for a running adjustment, and as long again for the repeated one.
         """
-        self._adjuster.poll(limit_s)
-        if self._has_grown and not self._adjuster.is_running:
+        self.adjuster.poll(limit_s)
+        if self._has_grown and not self.adjuster.is_running:
             keyframes = self._atlas.keyframes
             rows = np.flatnonzero(keyframes.alive & (keyframes.map_id == self._adjusted_map))
             self._adjust(rows[[np.argmax(keyframes.uid[rows])]])
-            self._adjuster.poll(limit_s)
-
-    def close(self) -> None:
-        """Stop a running global adjustment without applying it."""
-        self._adjuster.close()
+            self.adjuster.poll(limit_s)
 
     def _close(self, i: int, place: FoundPlace, distance_m: float, turn_rad: float) -> LoopEvent:
         """Optimize the pose graph with a new loop, and fuse the points around both keyframes.
@@ -191,7 +174,7 @@ class LoopCloser:
             self._atlas.loops = (*self._atlas.loops[:-1], loops[-1])
             return LoopEvent.NOTHING
         self._atlas.loops = loops
-        self._adjuster.rebase(move_map(self._atlas, region.rows, T_map_camera))
+        self.adjuster.rebase(move_map(self._atlas, region.rows, T_map_camera))
         self._fuse(i, c)
         if not is_small:
             self._adjust(ends)
@@ -199,7 +182,7 @@ class LoopCloser:
 
     def _merge(self, i: int, place: FoundPlace) -> LoopEvent:
         c, edge = place.keyframe, self._add_edge(i, place, LoopEvent.MERGED)
-        self._adjuster.rebase(merge_maps(self._atlas, i, c, edge.T_first_second))
+        self.adjuster.rebase(merge_maps(self._atlas, i, c, edge.T_first_second))
         self._fuse(i, c)
         self._adjust(np.array([c, i]))
         return LoopEvent.MERGED
@@ -223,7 +206,7 @@ class LoopCloser:
         return edge
 
     def _adjust(self, around: IntArray) -> None:
-        self._adjuster.start(around)
+        self.adjuster.start(around)
         self._adjusted_map = int(self._atlas.keyframes.map_id[around[0]])
         self._has_grown = False
 

@@ -11,7 +11,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.loops.essential_graph import motion_size
-from rgbd_slam.loops.loop_closer import LoopCloser
+from rgbd_slam.loops.loop_detection import LoopDetector
 from rgbd_slam.loops.surroundings import are_same_views
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.places.place_finder import FoundPlace
@@ -59,7 +59,9 @@ class _Match(NamedTuple):
         return self.place.match.T_map_camera @ se3.inverse(self.T_map_camera)
 
 
-def map_fits(atlas: Atlas, closer: LoopCloser, rows: IntArray, excluded: IntArray) -> list[MapFit]:
+def map_fits(
+    atlas: Atlas, detector: LoopDetector, rows: IntArray, excluded: IntArray
+) -> list[MapFit]:
     """Return the fit of a map with each other map that its keyframes match; change nothing.
 
     Args:
@@ -71,7 +73,7 @@ def map_fits(atlas: Atlas, closer: LoopCloser, rows: IntArray, excluded: IntArra
     # All keyframes: first a few that are spread evenly, then those between them.
     steps = [1 << n for n in range(len(rows).bit_length(), -1, -1)]
     for i in dict.fromkeys(i for step in steps for i in rows[::step].tolist()):
-        place = closer.find(i, excluded)
+        place = detector.detect(i, excluded)
         if place is None:
             continue
         others = matches[int(keyframes.map_id[place.keyframe])]

@@ -122,9 +122,9 @@ class MapperServer:
 
     def poll(self) -> MapperReport | None:
         """Apply the result of a background adjustment; report it, or that it has failed."""
-        was_adjusting = self._mapper.closer.is_adjusting
-        is_applied = self._mapper.closer.poll()
-        has_ended = was_adjusting and not self._mapper.closer.is_adjusting
+        was_adjusting = self._mapper.closer.adjuster.is_running
+        is_applied = self._mapper.closer.adjuster.poll()
+        has_ended = was_adjusting and not self._mapper.closer.adjuster.is_running
         return self._report(completes_request=False) if is_applied or has_ended else None
 
     def close(self) -> None:
@@ -135,7 +135,9 @@ class MapperServer:
         points = self.map.points
         self._version = self.map.skip_changes()
         loaded = Loaded(self._version, 0 if keep else int(points.uid[points.alive].min()))
-        return MapperReport(loaded, self._mapper.loops, True, not self._mapper.closer.is_adjusting)
+        return MapperReport(
+            loaded, self._mapper.loops, True, not self._mapper.closer.adjuster.is_running
+        )
 
     def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:
         """Return the report of the changes since the last report.
@@ -146,7 +148,7 @@ class MapperServer:
         """
         change = self.map.changes_since(self._version, with_features=not has_features)
         self._version = change.version
-        is_settled = not self._mapper.closer.is_adjusting
+        is_settled = not self._mapper.closer.adjuster.is_running
         return MapperReport(change, self._mapper.loops, completes_request, is_settled)
 
 
