@@ -22,7 +22,7 @@ from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState, restore
 from rgbd_slam.model.points import PointCounts
-from rgbd_slam.optimize.local_bundle_adjustment import local_bundle_adjustment
+from rgbd_slam.optimize.bundle_adjustment import local_bundle_adjustment
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.frame import Frame, check_octaves
 from rgbd_slam.model.points import PointTallies
 from rgbd_slam.model.tracked_frame import tracked_keyframe
-from rgbd_slam.optimize.noise_estimator import NoiseEstimator
+from rgbd_slam.optimize.measured_noise import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.slam_map import SlamMap, SlamStats

@@ -7,7 +7,7 @@ from hoid_common import se3
 from hoid_common.values import BoolArray, CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.optimize.bundle_problem import BundleProblem, adjust
+from rgbd_slam.optimize.bundle_adjustment import BundleProblem, adjust
 from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph
 
 CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 515.0, 318.0, 250.0), CameraConfig())

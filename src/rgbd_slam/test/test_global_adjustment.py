@@ -12,7 +12,7 @@ from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.loops.essential_graph import move_map
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster, apply_solution, global_problem, solve
 from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.optimize.bundle_problem import BundleSolution
+from rgbd_slam.optimize.bundle_adjustment import BundleSolution
 
 from .ring_world import CAMERA, RingWorld, mapped, ring_poses
 

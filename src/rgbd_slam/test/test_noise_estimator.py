@@ -11,7 +11,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.optimize.noise_estimator import NoiseEstimator
+from rgbd_slam.optimize.measured_noise import NoiseEstimator
 from rgbd_slam.slam import RgbdSlam
 
 from .world import CAMERA as MODEL

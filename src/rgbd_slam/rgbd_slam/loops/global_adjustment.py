@@ -24,9 +24,13 @@ from rgbd_slam.loops.essential_graph import move_map, region_around
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_change import Move
-from rgbd_slam.optimize.bundle_problem import BundleProblem, BundleSolution, adjust
-from rgbd_slam.optimize.local_bundle_adjustment import bundle_problem
-from rgbd_slam.optimize.residual_noise import with_residual_noise
+from rgbd_slam.optimize.bundle_adjustment import (
+    BundleProblem,
+    BundleSolution,
+    adjust,
+    bundle_problem,
+)
+from rgbd_slam.optimize.measured_noise import with_residual_noise
 from rgbd_slam.records.soa_table import SoaTable
 
 _NICE = 10  # chosen: tracking and mapping have priority on few cores (decision 016)

@@ -7,7 +7,7 @@ image at u_right = u - fx * b / z.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -62,6 +62,15 @@ class StereoCamera:
             config.relative_depth_noise,
             bounds,
             joint_noise=config.joint_noise,
+        )
+
+    def with_noise(self, pixel: float, disparity: float) -> StereoCamera:
+        """Return the camera with its noise of pixels and disparities multiplied by factors."""
+        return replace(
+            self,
+            pixel_noise=pixel * self.pixel_noise,
+            disparity_noise_px=disparity * self.disparity_noise_px,
+            relative_noise=disparity * self.relative_noise,
         )
 
     @cached_property
