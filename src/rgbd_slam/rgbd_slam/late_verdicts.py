@@ -15,10 +15,7 @@ _MAX_WAITING = 60  # number of keyframes without a verdict, and of verdicts with
 
 
 class LateVerdicts:
-    """Remembers the latest keyframes without a verdict, and verdicts that arrive before the image.
-
-    A verdict states which features of an image are on dynamic objects.
-    """
+    """Remembers the latest keyframes without a verdict, and verdicts before their image."""
 
     def __init__(self) -> None:
         self._keyframes: OrderedDict[int, int] = OrderedDict()  # stamp: number of features
@@ -40,11 +37,8 @@ class LateVerdicts:
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
         """Return whether verdicts call features of a keyframe dynamic, which has no verdict yet.
 
-        The result is False for an image that is none of the latest 60 keyframes without a verdict.
-        Verdicts on an image that has not arrived yet are stored for `filtered`.
-
-        Raises:
-            MessageError: Features are called dynamic, but the keyframe has another number of them.
+        Verdicts on an image that has not arrived yet are stored for `filtered`. Raises
+        MessageError if the keyframe has another number of features.
         """
         stamp_ns, num = verdicts.stamp_ns, len(verdicts.is_dynamic)
         if stamp_ns > self._newest_ns:

@@ -22,10 +22,8 @@ _LEVEL_SIGMA_RAD, _LEVEL_AFTER_NS = np.deg2rad(0.5), 30 * NS_PER_S
 class Leveling:
     """Turns the map frame with each new measurement of gravity, so that its z axis points up.
 
-    Measurements that are not trusted (`Imu.confirmed_up`), and those with a standard deviation
-    above 3 degrees, are not used. If the first trial of the accelerometer contradicts it, the
-    frame of the start comes back. The frame is kept from the measurement on whose standard
-    deviation is below 0.5 degrees, or which is more than 30 s later than the first used one.
+    If the first trial of the accelerometer contradicts it, the frame of the start comes back. The
+    frame is kept once gravity is known well, or 30 s after the first usable measurement.
     """
 
     def __init__(self, frames: RobotFrames, imu: Imu | None) -> None:
@@ -39,8 +37,8 @@ class Leveling:
     def update(self, result: TrackingResult, *, is_in_main_map: bool) -> bool:
         """Turn the map frame if gravity was measured at an image; return whether it was turned.
 
-        Nothing is turned outside the main map. Once gravity is known well enough, the frame is
-        fixed, and the IMU stops measuring gravity.
+        Nothing is turned outside the main map. Once the frame is fixed, the IMU stops measuring
+        gravity.
         """
         imu, frames = self._imu, self._frames
         if imu is None:

@@ -48,10 +48,9 @@ class Mapper:
 
     It uses two cameras that differ only in their noise (decision 003). Creating, fusing and
     culling points hardly depends on the noise and uses the configured camera, and so does loop
-    closing, which measures the noise itself in the map that it adjusts. Local bundle adjustment
-    weights residuals by the noise that the tracker measured and sent with the keyframe.
-
-    With `background`, global adjustment runs in a separate process.
+    closing, which measures the noise itself. Local bundle adjustment weights residuals by the
+    noise that the tracker measured. With `background`, global adjustment runs in a separate
+    process.
     """
 
     def __init__(
@@ -105,14 +104,7 @@ class Mapper:
     def load(
         self, state: MapState, first_uid: int, *, keep: bool, loops: Sequence[LoopEdge] = ()
     ) -> None:
-        """Load a saved map (`restore`), and index its places if closing loops is switched on.
-
-        Args:
-            state: The saved map.
-            first_uid: Uid of its first keyframe; the others get the next ones.
-            keep: True: keep the running map beside it. False: discard the running map.
-            loops: Its loop edges, between rows of the saved map.
-        """
+        """Load a saved map (`restore`), and index its places if closing loops is switched on."""
         if not keep:
             self.closer.adjuster.close()  # its place index describes the old map
             self.closer = LoopCloser(
@@ -166,7 +158,7 @@ class Mapper:
         return i
 
     def _match_neighborhood(self, i: int, reference: int) -> None:
-        """Search the points around keyframe `reference` in keyframe `i`; observe them there.
+        """Observe points around keyframe `reference` in keyframe `i`.
 
         If the mapper is late, these points did not exist yet when the tracker searched the frame.
         Without common points, the keyframe would not be connected with the map.
@@ -182,11 +174,10 @@ class Mapper:
         self.map.refresh(self.map.points_of(np.array([i])))
 
     def _add_depth_points(self, i: int, limit_m: float) -> None:
-        """Create points from features with depth that observe no point yet, the nearest first.
+        """Create points from features with depth that observe no point yet.
 
-        All such features nearer than `limit_m` that may create points become points. If keyframe
-        `i` then has fewer points nearer than this than `keyframes.min_new_points`, the nearest of
-        the other features fill up this number.
+        All such features nearer than `limit_m` become points. If keyframe `i` then has fewer near
+        points than `keyframes.min_new_points`, the nearest of the others fill up this number.
         """
         keyframes = self.map.keyframes
         n = int(keyframes.num_features[i])

@@ -1,9 +1,8 @@
 """Converts camera poses in the core's map to poses in the frames of a robot (REP 103, REP 105).
 
-The core's map frame is the optical frame of the first camera pose, as long as no saved map has
-replaced the map. A robot's map frame has its z axis up and is level with the base at the start, or
-is that of the saved map. Without a base frame, the camera is assumed to be level when it starts,
-until an accelerometer has measured gravity (`RobotFrames.level`).
+A robot's map frame has its z axis up and is level with the base at the start, or is that of the
+saved map. Without a base frame, the camera is assumed to be level when it starts, until an
+accelerometer has measured gravity (`RobotFrames.level`).
 """
 
 from __future__ import annotations
@@ -33,10 +32,7 @@ _MAX_TWIST_GAP_S = 0.5
 def camera_mount(roll_deg: float, pitch_deg: float, yaw_deg: float) -> FloatArray:
     """Return T_base_camera (4, 4) of a camera that is mounted turned and tilted on a level base.
 
-    Args:
-        roll_deg: Rotation about the viewing direction, clockwise as seen from behind the camera.
-        pitch_deg: Rotation downwards.
-        yaw_deg: Rotation to the left.
+    Roll is about the viewing direction, clockwise as seen from behind; pitch downwards, yaw left.
     """
     roll, pitch, yaw = np.deg2rad([roll_deg, pitch_deg, yaw_deg])
     turns = (
@@ -67,11 +63,9 @@ class _BasePose(NamedTuple):
 class RobotFrames:
     """Converts camera poses of the core to poses of the robot's base.
 
-    Args:
-        T_base_camera: (4, 4) pose of the camera's optical frame on the robot. None if no base
-            frame is configured; the camera's optical frame is then used as the base frame.
-        planar: Whether the base moves in the plane z = 0 only and does not tilt. It has no effect
-            without a base frame.
+    T_base_camera (4, 4) is the pose of the camera's optical frame on the robot. Without a base
+    frame (None), the camera's optical frame takes its place. A base that is `planar` moves in the
+    plane z = 0 only and does not tilt.
     """
 
     def __init__(self, T_base_camera: FloatArray | None = None, *, planar: bool = False) -> None:
@@ -93,18 +87,17 @@ class RobotFrames:
     ) -> RobotPose:
         """Return the robot's pose and velocity for a camera pose of the core.
 
-        The velocity is the mean velocity since the last call. It is zero, with a large covariance,
-        if it is unknown: at the first call, after more than 0.5 s, and if stamps do not increase.
+        The velocity is the mean since the last call. It is zero, with a large covariance, if
+        unknown.
 
         Args:
             stamp_ns: Stamp of the image.
             T_map_camera: (4, 4) pose in the core's map.
-            T_odom_camera: (4, 4) pose in the odometry frame of the core, the optical frame of the
+            T_odom_camera: (4, 4) pose in the core's odometry frame, the optical frame of the
                 camera in the first tracked image. Corrections of the map do not change it.
-            covariance: (6, 6) covariance of T_map_camera, as a small motion in the camera frame,
-                rotation first [rad^2, m^2].
-            image_covariance: (6, 6) part of this covariance whose errors differ from image to
-                image; it determines the covariance of the velocity. None: the whole covariance.
+            covariance: (6, 6) of T_map_camera, in the camera frame, rotation first [rad^2, m^2].
+            image_covariance: (6, 6) part of it whose errors differ from image to image, which
+                determines the covariance of the velocity. None: the whole covariance.
         """
         T_map_base = self._base(self.T_map_core @ T_map_camera)
         T_odom_base = self._base(self._T_odom_core @ T_odom_camera)
@@ -122,11 +115,7 @@ class RobotFrames:
         return pose
 
     def camera_at(self, T_map_base: FloatArray) -> FloatArray:
-        """Return the camera pose T_core_camera (4, 4) of a robot at the pose T_map_base (4, 4).
-
-        The base has x forward and z up. If no base frame is configured, the given pose is that of
-        the camera's body axes.
-        """
+        """Return T_core_camera (4, 4) of a robot at T_map_base (4, 4), x forward and z up."""
         return se3.inverse(self.T_map_core) @ T_map_base @ self._T_odom_core
 
     def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
@@ -154,10 +143,9 @@ class RobotFrames:
     def level(self, up_core: FloatArray) -> float:
         """Turn the z axis of the map frame along `up_core` (3,); return the angle [rad].
 
-        The new frame is the one that the mounting of the camera defines, turned about its origin
-        by the least angle, so that headings stay. The odometry frame does not turn: odom -> base
-        never jumps, map -> odom does. Nothing happens, and 0 is returned, if `is_fixed`, or if the
-        base moves in a plane.
+        It is turned about its origin by the least angle, so that headings stay. The odometry frame
+        does not turn: odom -> base never jumps, map -> odom does. Nothing happens, and 0 is
+        returned, if `is_fixed`, or if the base moves in a plane.
         """
         if self.is_fixed or self._planar:
             return 0.0
@@ -171,10 +159,7 @@ class RobotFrames:
         return flattened(T) if self._planar else T
 
     def _twist(self, now: _BasePose) -> tuple[FloatArray, FloatArray]:
-        """Return the mean velocity (6,) since the last pose, and its covariance (6, 6).
-
-        They are in the base frame, rotation first.
-        """
+        """Return the mean velocity (6,) of the base since the last pose, and its covariance."""
         last = self._last
         elapsed_s = 0.0 if last is None else (now.stamp_ns - last.stamp_ns) / NS_PER_S
         if last is None or not 0 < elapsed_s <= _MAX_TWIST_GAP_S:

@@ -62,10 +62,10 @@ class SlamSession:
         camera: The camera of the images that the features come from.
         config: Parameters of the core.
         frames: The frames of the robot, which contain the mounting of the camera.
-        background: Whether the mapper runs in a separate process, which `close` ends.
-        imu: An IMU, to which the caller adds samples as they arrive; None if there is none.
-        motion_sources: Sensors that predict the camera's motion and bridge images that cannot be
-            tracked, such as `ExternalOdometry` of the wheels.
+        background: True: the mapper runs in a separate process, as on a robot, which `close` ends.
+            False: each keyframe is mapped before `learn` returns, so that runs repeat bit for bit.
+        imu: An IMU, which predicts turns and bridges short losses; the caller adds its samples.
+        motion_sources: Further sensors that do so, such as `ExternalOdometry` of the wheels.
 
     Raises:
         ConfigError: No place index has the configured name.
@@ -115,10 +115,8 @@ class SlamSession:
     def track(self, features: Features) -> Tracked:
         """Return the estimated pose of one image. Call `learn` before tracking the next one.
 
-        While the session is paused, the image is ignored, and there is no pose.
-
-        Raises:
-            MessageError: A feature has an octave beyond the configured number of octaves.
+        While the session is paused, there is no pose. Raises MessageError for an octave beyond the
+        configured number.
         """
         self._dropped.add(features.stamp_ns)
         if self.is_paused:
@@ -145,10 +143,8 @@ class SlamSession:
         """Remove the observations of a keyframe's features that turned out to be dynamic.
 
         Verdicts on an image that has not arrived yet are applied when it is tracked. Those on an
-        image that is no keyframe, or that had verdicts before, are ignored.
-
-        Raises:
-            MessageError: Features are called dynamic, but the keyframe has another number of them.
+        image that is no keyframe, or that had verdicts before, are ignored. Raises MessageError if
+        the keyframe has another number of features.
         """
         if self._late.changes_keyframe(verdicts):
             self.map.mapper.retract(verdicts)
@@ -177,14 +173,9 @@ class SlamSession:
     def relocalize_near(self, T_map_base: FloatArray, sigma_m: float, sigma_rad: float) -> None:
         """Discard the pose; search near a given pose before the whole map from the next image on.
 
-        Args:
-            T_map_base: (4, 4) pose of the robot as in RViz, with x forward and z up. If no base
-                frame is configured, it is the pose of the camera's body axes.
-            sigma_m: Standard deviation of the position.
-            sigma_rad: Standard deviation of the heading.
-
-        Raises:
-            ConfigError: The session is mapping.
+        T_map_base (4, 4) is the pose of the robot as in RViz, with x forward and z up; without a
+        base frame, that of the camera's body axes. The standard deviations are those of position
+        and heading. Raises ConfigError if the session is mapping.
         """
         if self.map.is_growing:
             raise ConfigError('an initial pose needs the mode localization; see set_mode')

@@ -42,23 +42,9 @@ _MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
 class RgbdSlam:
     """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017).
 
-    `map` holds the keyframes and points and the mapper that extends them, `odometry` the last
-    tracked pose, `states` how that pose is known, and `trajectory` the poses of the frames so far.
-
-    Args:
-        camera: The camera of the images that the features come from.
-        config: Parameters.
-        frames: The robot's frames; None: the camera is level at the start.
-        background: True: the mapper runs in a separate process, as on a robot; call
-            `map.mapper.close` in the end. False: each keyframe is mapped before `learn` returns,
-            so that runs repeat bit for bit.
-        imu: An IMU, which predicts turns and bridges short losses; None if there is none.
-        motion_sources: Sensors that predict the camera's motion and bridge images that cannot be
-            tracked, such as `ExternalOdometry` of the wheels.
-
-    Raises:
-        ConfigError: No place index has the configured name.
-        MapperStoppedError: The mapping process does not start.
+    `map` holds keyframes, points and mapper, `odometry` the last tracked pose, `states` how that
+    pose is known, and `trajectory` the poses of the frames so far. The arguments are those of
+    `SlamSession`; without `frames`, the camera is level at the start.
     """
 
     def __init__(
@@ -94,19 +80,15 @@ class RgbdSlam:
         self._tallies = PointTallies(atlas.points)
 
     def process(self, features: Features) -> TrackingResult:
-        """Call `track` and then `learn`, and return the result; it raises the errors of both."""
+        """Call `track` and then `learn`."""
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> TrackingResult:
         """Return the estimated pose of one frame. Call `learn` before tracking the next one.
 
-        First, the changes that the mapper has finished are applied to the map. A lost camera is
-        relocalized; the very first frame, or one after a loss (`TrackingStates`), may start a map.
-        A copy of the last tracked image only gets a predicted pose (`RepeatedImages`).
-
-        Raises:
-            MessageError: A feature has an octave beyond the configured number of octaves.
-            MapperStoppedError: The mapping process has ended for good or does not respond.
+        First, the changes that the mapper has finished are applied to the map. A copy of the last
+        tracked image only gets a predicted pose (`RepeatedImages`). Raises MessageError for an
+        octave beyond the configured number.
         """
         repetition, original = self._repeated.add(features), self._tracked
         if (
@@ -131,11 +113,7 @@ class RgbdSlam:
     def learn(self, result: TrackingResult) -> TrackingResult:
         """Update estimates and trajectory from a tracked frame; insert it if it is a keyframe.
 
-        Returns the result of `track`, with `is_keyframe` and `stage_ms` completed; a result from
-        which nothing is to be learned is returned unchanged.
-
-        Raises:
-            MapperStoppedError: The mapping process has ended for good or does not respond.
+        Returns the result of `track`, with `is_keyframe` and `stage_ms` completed.
         """
         tracking = result.to_learn
         if tracking is None:  # lost, or the first frame of a map
@@ -225,15 +203,9 @@ class RgbdSlam:
     def _predict(
         self, original: TrackingResult, stamp_ns: int, repetition: Repetition
     ) -> TrackingResult:
-        """Return the predicted pose of an image that repeats the last tracked one.
+        """Return and record the predicted pose of an image that repeats the last tracked one.
 
-        The pose is added to the trajectory. Nothing is learned from the copy.
-
-        Args:
-            original: The result of the last tracked image.
-            stamp_ns: Stamp of the copy.
-            repetition: What the copy repeats. If its depth is not new, its pose is that of the
-                original.
+        If its depth is not new either, its pose is that of the original.
         """
         self.odometry.follow(stamp_ns)
         T_last_camera = np.eye(4)

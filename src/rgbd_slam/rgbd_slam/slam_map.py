@@ -79,21 +79,10 @@ class SlamMap:
 
     `atlas` has its tables in the core's map frame, the optical frame of the first camera pose;
     methods return poses and points in the robot's map frame (REP 105, z up). With a mapper in a
-    process of its own, `atlas` is the tracker's copy. It changes during `insert`, `update`,
-    `finish` and `load` only, so that the caller decides between which two images it changes.
-
-    Args:
-        camera: The camera.
-        config: Parameters of the core.
-        frames: The robot's frames.
-        background: True: the mapper runs in a process of its own, as on a robot. False: each
-            keyframe is mapped before `insert` returns, so that runs repeat bit for bit.
-
-    Raises:
-        ConfigError: No place index has the configured name.
-        MapperStoppedError: The mapping process does not start. All methods that update the map
-            raise it too: the process has ended for good or does not respond, or a saved map could
-            not be restored.
+    process of its own (`background`), `atlas` is the tracker's copy. It changes during `insert`,
+    `update`, `finish` and `load` only, so that the caller decides between which two images it
+    changes. These methods raise MapperStoppedError if the process has ended for good or does not
+    respond, or if a saved map could not be restored.
     """
 
     def __init__(
@@ -123,7 +112,7 @@ class SlamMap:
 
     @property
     def is_empty(self) -> bool:
-        """Return whether the map has no keyframe, not even one that waits for the mapper."""
+        """Return whether the map has no keyframe, not even a pending one."""
         return len(self.atlas.keyframes) == 0 and not self.atlas.pending
 
     @property
@@ -167,11 +156,7 @@ class SlamMap:
             self._use_loaded(self._loading)
 
     def finish(self) -> None:
-        """Wait until every keyframe is mapped and a final global adjustment has ended.
-
-        The adjustment is repeated if keyframes have been added since the last one. It is awaited
-        for a limited time, after which a warning is logged.
-        """
+        """Wait for all keyframes and for a final global adjustment, within its time limit."""
         self.mapper.finish()
         self.update()
 
@@ -217,10 +202,7 @@ class SlamMap:
         return self.frames.points_m(points.position_m[points.alive & is_main])
 
     def copy_poses(self) -> MapPoses:
-        """Copy the keyframe poses of the main map between two images.
-
-        `path_of` and `cameras_of` convert the copy, in any thread.
-        """
+        """Copy the keyframe poses of the main map, for `path_of` and `cameras_of`."""
         keyframes = self.atlas.keyframes
         map_id, rows = main_map(keyframes), keyframes.indices_by_uid()
         is_main = keyframes.map_id[rows] == map_id
@@ -233,15 +215,11 @@ class SlamMap:
         )
 
     def copy_points(self, map_id: int | None, first: int, count: int) -> CopiedPoints:
-        """Copy `count` rows of the table of points, without those after the last shown point.
+        """Copy `count` rows of the table of points from `first` on, up to the last shown point.
 
         A large map is copied part by part between images, because copying it at once would delay
-        an image. `shown_points_m` converts the copy, in any thread.
-
-        Args:
-            map_id: Id of the map whose points are shown; None: those of all maps.
-            first: The first row.
-            count: Number of rows, of which those beyond the end of the table are left out.
+        an image. `shown_points_m` converts the copy, in any thread. Points of the map `map_id`, or
+        of all, are shown.
         """
         points, rows = self.atlas.points, slice(first, first + count)
         is_shown = points.uid[rows] != DEAD
@@ -255,10 +233,7 @@ class SlamMap:
         )
 
     def path_of(self, poses: MapPoses) -> Trajectory:
-        """Return the poses T_map_base of the robot's base at this session's keyframes.
-
-        Only keyframes since the stamps last jumped back are included; their stamps increase.
-        """
+        """Return T_map_base at this session's keyframes since stamps last jumped back."""
         is_own = ~poses.is_loaded
         path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
         return self.frames.bases(path)
@@ -277,20 +252,13 @@ class SlamMap:
         """Return the camera poses T_map_camera of a kind: `final`, `online` or `keyframes`.
 
         Online poses are those that were estimated when the images arrived. Final poses follow from
-        the present map; call `finish` before. See `TrajectoryRecorder` for images that they lack.
-
-        Raises:
-            ConfigError: There is no such kind.
-            InputError: The file of old poses cannot be read.
+        the present map; call `finish` before. Raises ConfigError for another kind, and InputError
+        if the file of old poses cannot be read.
         """
         return Trajectory.joined(self.trajectory_parts(kind))
 
     def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
-        """Return the poses of `trajectory` in parts that any thread may iterate over.
-
-        Raises:
-            ConfigError: There is no such kind.
-        """
+        """Return the poses of `trajectory` in parts that any thread may iterate over."""
         # An adjustment before final poses are read moves keyframes but changes no numbers.
         self.has_changed |= kind == 'final'
         return map(self.frames.cameras, self.recorder.parts(kind))
@@ -298,11 +266,7 @@ class SlamMap:
     # ---- saving and loading
 
     def export(self) -> MapFile:
-        """Copy the map for a file (0.04 ms per keyframe).
-
-        Raises:
-            ConfigError: There is no map.
-        """
+        """Copy the map for a file (0.04 ms per keyframe); ConfigError: there is none."""
         atlas = self.atlas
         if len(atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
@@ -334,8 +298,8 @@ class SlamMap:
             extend: Whether the map will be extended, and not only localized in.
 
         Raises:
-            MapFileError: The map was made with a camera that differs too much to extend it, or
-                with other features.
+            MapFileError: The map has other features, or a camera that differs too much to extend
+                it.
         """
         state = content.seen_by(self._camera, *self._octaves, extend=extend).map
         self.frames.is_fixed = True
@@ -352,13 +316,10 @@ class SlamMap:
     def begin_load(self, loading: MapLoading, on_loaded: Callable[[], None]) -> None:
         """Begin to load a saved map, and continue in the running one meanwhile.
 
-        Another thread must call `loading.restore`; a later `update` then exchanges the maps. A
-        mapper in this process needs no other thread. If the running map is kept, the mapper must
-        be settled; otherwise the running map gets no new keyframes.
-
-        Args:
-            loading: The saved map.
-            on_loaded: Called by the `update` that exchanges the maps, between two images.
+        Another thread must call `loading.restore`; a later `update` then exchanges the maps,
+        between two images, and calls `on_loaded`. A mapper in this process needs no other thread.
+        If the running map is kept, the mapper must be settled; otherwise the running map gets no
+        new keyframes.
         """
         loading.first_uid = self.take_uids(len(loading))
         self._loading, self._on_loaded = loading, on_loaded
@@ -367,8 +328,7 @@ class SlamMap:
     def load(self, content: MapFile, *, extend: bool = True) -> IntArray:
         """Replace the map by a saved one, and return the (K,) uids of its keyframes.
 
-        Raises:
-            MapFileError: As in `prepare_load`; the running map is unchanged.
+        If it raises MapFileError (`prepare_load`), the running map is unchanged.
         """
         loading = self.prepare_load(content, extend=extend)
         self.finish_load(loading)

@@ -29,16 +29,11 @@ _MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe 
 def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Remove new points that few frames find, or that keyframe `i` should observe but does not.
 
-    A point is weak if it has at most three observations, of which one with depth counts twice. Its
-    age is the number of keyframes since the one that created it.
-
-    - A point that is weak, or at most three keyframes old, is removed if it was found in less than
-    the share `min_found_ratio` of the frames that should show it.
-    - A weak point that is at least two keyframes old is removed if it should be visible in
-    keyframe `i` (`visible_points`), but the keyframe does not observe it.
-
-    Only points around keyframe `i` are tested, whatever the size of the map. Other points stay
-    until they come into view again.
+    A point is weak if it has at most three observations, of which one with depth counts twice. A
+    point that is weak, or at most three keyframes old, is removed if it was found in less than the
+    share `min_found_ratio` of the frames that should show it. A weak point that is at least two
+    keyframes old is removed if it should be visible in keyframe `i`, but the keyframe does not
+    observe it. Only points around keyframe `i` are tested, whatever the size of the map.
     """
     points, uid = atlas.points, atlas.keyframes.uid[i]
     j = atlas.points_of(_around(atlas, i))
@@ -63,10 +58,9 @@ def _around(atlas: Atlas, i: int) -> IntArray:
 def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: float) -> None:
     """Remove neighbors of keyframe `i` whose close points are nearly all seen by three others.
 
-    A neighbor shares at least 15 points with keyframe `i`. It is removed if more than the share
-    `redundant_share` of its close points are observed by at least three other keyframes, in an
-    octave at most one above its own. If hardly any point is close, as in a hall, all points are
-    considered.
+    More than the share `redundant_share` of its close points must be observed by at least three
+    other keyframes, in an octave at most one above its own. If hardly any point is close, as in a
+    hall, all points are considered.
     """
     for neighbor in atlas.covisible(i, NEAR_SHARED).tolist():
         if _is_redundant(atlas, neighbor, config.redundant_share, close_limit_m):

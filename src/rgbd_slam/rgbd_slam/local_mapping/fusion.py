@@ -35,16 +35,9 @@ def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: Mapp
 
 
 def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig) -> None:
-    """Search points in a keyframe; observe them there, or fuse them with the points it observes.
+    """Search points (P,) in keyframe `i`; observe them there, or fuse them with its points.
 
     A feature that observes no point and may not create one (`may_seed`) is left as it is.
-
-    Args:
-        atlas: The map.
-        camera: The camera.
-        i: Row of the keyframe.
-        j: (P,) rows of the points; those that the keyframe observes already are skipped.
-        config: Parameters.
     """
     keyframes = atlas.keyframes
     own = keyframes.point_of_feature[i]

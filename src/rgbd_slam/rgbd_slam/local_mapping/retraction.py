@@ -12,9 +12,8 @@ from rgbd_slam.model.keyframes import NO_POINT
 def retract_observations(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
     """Remove the observations of a keyframe's dynamic features, and the points made from these.
 
-    Points that another keyframe created lose only these observations. The features may not create
-    points from now on. Nothing is removed if the image is no keyframe of this session, or has
-    another number of features.
+    Points that another keyframe created lose only these observations. Nothing is removed if the
+    image is no keyframe of this session, or has another number of features.
     """
     keyframes, points = atlas.keyframes, atlas.points
     rows = np.flatnonzero(

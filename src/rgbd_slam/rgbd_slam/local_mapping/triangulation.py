@@ -3,7 +3,7 @@
 As in the local mapping of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017), features without a point
 are matched along epipolar lines. A match becomes a point if the point lies in front of both
 cameras and reprojects to both features. The point is where both rays meet or, if the angle between
-them is too small, where a depth reading places it.
+them is too small, where a depth measurement places it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
 _FAR_M = 1e4  # chosen: depth that stands for infinity
 _EPIPOLAR_CHI2 = 3.841  # 95 % quantile of chi-square, one degree of freedom
-_DEPTH_SHARE = 0.3  # not tuned: largest relative error of a depth reading
+_DEPTH_SHARE = 0.3  # not tuned: largest relative error of a depth measurement
 # ORB-SLAM3, LocalMapping.cc, CreateNewMapPoints, ratioFactor: 1.5 times the scale factor, by which
 # the ratio of the distances may differ from that of the octaves.
 _SCALE_MARGIN = 1.5
@@ -111,10 +111,9 @@ def epipolar_segments(
 ) -> FloatArray:
     """Return the (N, 4) u, v [px] of both ends of features' epipolar segments in the second view.
 
-    A depth measurement of feature `k` limits the segment to 30 % around this depth; otherwise it
-    extends from `min_depth_m` to infinity. The part nearer to the second camera than `min_depth_m`
-    is cut off. The segment is NaN if nothing remains, or if the depth in the second camera does
-    not increase along the ray.
+    A depth limits the segment to 30 % around it; otherwise it extends from `min_depth_m` to
+    infinity, in both cameras. It is NaN if nothing remains, or if the ray leads away from the
+    second camera.
     """
     depth = views.first.depth_m[k].astype(np.float64)
     near = np.where(depth > 0, (1 - _DEPTH_SHARE) * depth, min_depth_m)
@@ -139,10 +138,9 @@ def depth_from_parallax(
 ) -> FloatArray:
     """Return the (N,) depths [m] of matched features in the first camera; negative behind it.
 
-    The depth is that of the point on the ray of the first camera that is nearest to the ray of the
-    second camera (least squares). For rays that are parallel up to `min_parallax_rad`, it is the
-    depth measurement of the first camera, or follows from that of the second one; without either,
-    it is 0.
+    The depth is that of the point on the first ray that is nearest to the second ray (least
+    squares). For rays that are parallel up to `min_parallax_rad`, it is the depth measurement of
+    the first camera, or follows from that of the second one; without either, it is 0.
     """
     R, t = views.T_second_first[:3, :3], views.T_second_first[:3, 3]
     ones = np.ones(len(first))

@@ -21,14 +21,9 @@ _COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden 
 def is_view_covered(
     atlas: Atlas, camera: StereoCamera, frame: Frame, last: TrackedFrame, max_keyframes: int
 ) -> bool:
-    """Return whether a surface in the frame hides most map points in view of the last pose.
+    """Return whether a surface in a lost frame hides most map points in view of the last pose.
 
-    Args:
-        atlas: The map.
-        camera: The camera.
-        frame: A frame in which the camera was not found.
-        last: The last tracked frame.
-        max_keyframes: Largest number of keyframes whose points are compared.
+    At most `max_keyframes` keyframes around the last pose are compared.
     """
     T_camera_map, seen = last.current_pose(atlas), last.current_points(atlas)
     local_map = find_local_map(atlas, seen[seen != NO_POINT], last.reference_uid, max_keyframes)

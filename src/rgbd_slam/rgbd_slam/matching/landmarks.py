@@ -18,11 +18,11 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 class Landmarks(NamedTuple):
     """N landmarks to match a frame with: map points, or depth measurements of the last frame."""
 
-    point: IntArray  # (N,) row of the map point; NO_POINT for a depth reading
+    point: IntArray  # (N,) row of the map point; NO_POINT for a depth measurement
     position_m: FloatArray  # (N, 3) in the map frame
     octave: ByteArray  # (N,) of the feature in the frame or keyframe that they were taken from
     angle_deg: Float32Array  # (N,) of the same feature
-    descriptors: ByteArray  # (N, 32) of the map point, or of the feature with the depth reading
+    descriptors: ByteArray  # (N, 32) of the map point, or of the feature with the depth measurement
 
     def select(self, keep: BoolArray) -> Landmarks:
         return Landmarks._make(column[keep] for column in self)
@@ -117,17 +117,10 @@ def match_near_projections(
     radius_px: FloatArray,
     max_hamming: int,
 ) -> Matches:
-    """Return one-to-one matches of landmarks with features near their predicted projections.
+    """Return one-to-one matches of N landmarks with features in windows around projections (3, N).
 
-    The octave of a feature may differ by one from that of the landmark. Matches whose features
-    have turned in the image by an unusual angle are left out (`rotation_consistent`).
-
-    Args:
-        landmarks: N landmarks.
-        frame: The frame that is searched.
-        projection_px: (3, N) predicted u, v, u_right of the landmarks.
-        radius_px: (N,) half sides of the search windows.
-        max_hamming: Largest Hamming distance of a match [bits].
+    `radius_px` (N,) are half sides of the windows. The octave of a feature may differ by one from
+    that of the landmark. Matches whose features have turned by an unusual angle are left out.
     """
     octave = landmarks.octave.astype(np.int8)
     queries = Queries(

@@ -32,19 +32,12 @@ class LocalMap(NamedTuple):
 
 
 def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
-    """Return the points of the keyframes that share most observed points with a frame.
+    """Return the points of at most `limit` keyframes that share most observed points with a frame.
 
-    Candidates are the last reference keyframe and its covisible keyframes, so that the cost does
-    not depend on the size of the map. If the last reference keyframe is pending or removed, its
-    nearest ancestor in the map takes its place; without one, the local map is empty. If no
-    candidate observes any of the points, all keyframes that observe some are candidates. If none
-    does, the reference keyframe stays the last one, and the local map has its points only.
-
-    Args:
-        atlas: The map.
-        seen: Rows of the points that the frame observes.
-        last_reference_uid: Uid of the reference keyframe of the last frame.
-        limit: Largest number of keyframes that are used: those that observe most of these points.
+    Candidates are the last reference keyframe, or its nearest ancestor in the map, and its
+    covisible keyframes, so that the cost does not depend on the size of the map; without any, the
+    local map is empty. If no candidate observes any of the points `seen`, all keyframes that do
+    are candidates. If none does, the local map has the points of the reference keyframe only.
     """
     anchor = atlas.anchor(last_reference_uid)
     if anchor is None or anchor.row is None:
@@ -88,18 +81,12 @@ def visible_points(
     points: IntArray,
     radius: float,
 ) -> VisiblePoints:
-    """Return the points that a camera should see, and the queries that search for these points.
+    """Return the points that a camera should see, and the queries that search for them.
 
     A point is visible if it projects into the image, at a distance at which some octave can detect
     it, and is seen from a direction similar to those of its keyframes (ORB-SLAM3, Frame.cc,
-    isInFrustum). Rows are selected by `take`, which is several times as fast as masks.
-
-    Args:
-        atlas: The map.
-        camera: The camera.
-        T_camera_map: (4, 4) predicted pose.
-        points: (P,) rows of the points that are considered.
-        radius: Factor on the sizes of the search windows of ORB-SLAM3.
+    isInFrustum). `radius` is a factor on the search windows of ORB-SLAM3. Rows are selected by
+    `take`, which is several times as fast as masks.
     """
     table = atlas.points
     x = to_camera(T_camera_map, table.position_m.take(points, 0).T)

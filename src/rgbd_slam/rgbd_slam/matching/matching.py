@@ -24,7 +24,7 @@ _LANES = np.uint32(0x00FF00FF)  # every other byte: counts are added in 16-bit l
 
 
 class Queries(NamedTuple):
-    """Q landmarks (map points or depth readings) to be searched in a frame, as parallel arrays."""
+    """Q landmarks (map points or depth measurements) to be searched in a frame, as parallel arrays."""
 
     projection_px: FloatArray  # (3, Q) predicted u, v, u_right
     radius_px: FloatArray  # (Q,) half sides of the square search windows
@@ -68,16 +68,10 @@ def match_by_projection(
 ) -> Matches:
     """Return one-to-one matches of queries with features near their projections.
 
-    A candidate lies in the search window and in the octave range of a query; if it has a depth
-    measurement, its u_right lies in the window as well.
-
-    Args:
-        queries: The map points to search.
-        frame: The frame with N features.
-        max_distance: Largest Hamming distance of a match [bits].
-        ratio: Largest ratio of the distances of the best and the second best candidate, if both
-            are in the same octave; 1.0: no ratio test.
-        free: (N,) mask of the features that may be matched; None: all of them.
+    A candidate lies in the search window and in the octave range of a query; if it has depth, its
+    u_right lies in the window as well. If the best two are in the same octave, their distances
+    [bits] may have at most the given ratio (1.0: no test). `free` (N,) masks the features that may
+    be matched.
     """
     pairs = hoid_native.match_by_projection(
         queries.projection_px,

@@ -57,12 +57,8 @@ class Atlas(MapTables):
     ) -> int:
         """Store a keyframe without observations and return its row.
 
-        Args:
-            frame: The features of the keyframe.
-            T_map_camera: (4, 4) pose.
-            map_id: The map that the keyframe belongs to.
-            parent: Row of the parent in the spanning tree; None for the first keyframe of a map.
-            uid: The uid of the keyframe, never used before; None: the next unused one.
+        `parent` is the row of its parent in the spanning tree, None for the first keyframe of a
+        map. Its `uid` must be new; None: the next unused one.
         """
         kf = self.keyframes
         i = int(kf.allocate(1, self.version, uid)[0])
@@ -87,16 +83,12 @@ class Atlas(MapTables):
         self.keyframes.version[i] = self.version
 
     def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> Move:
-        """Move keyframes by rigid motions, with the points whose reference keyframes they are.
+        """Move keyframes (N,) by motions (N, 4, 4), with the points that refer to them.
 
         Returns the motions as they were applied: made exactly rigid, because rounding errors of
         poses would grow threefold with each loop. Only the motions are sent to the copies of the
-        map, not the moved points. Keyframes whose motion is invalid stay (`PoseGuard`).
-
-        Args:
-            i: (N,) rows of the keyframes.
-            T_new_old: (N, 4, 4) motions in the map frame.
-            map_id: The map that keyframes and points belong to from now on; None: as before.
+        map, not the moved points. Keyframes whose motion is invalid stay (`PoseGuard`). With
+        `map_id`, keyframes and points belong to that map from now on.
         """
         is_valid = self.guard.are_valid(T_new_old, 'keyframes')
         i, T_new_old = i[is_valid], T_new_old[is_valid]
@@ -110,10 +102,8 @@ class Atlas(MapTables):
         """Remove a keyframe, whose parent takes its place in the spanning tree.
 
         Points that no other keyframe observes are removed as well. Poses relative to the keyframe
-        become relative to the parent by a `Redirect`.
-
-        Raises:
-            ValueError: The keyframe is the root of its map, which has no parent.
+        become relative to the parent by a `Redirect`. Raises ValueError for the root of a map,
+        without a parent.
         """
         kf = self.keyframes
         parent = kf.index_of(int(kf.parent_uid[i]))
@@ -140,13 +130,7 @@ class Atlas(MapTables):
     # ---- points and observations
 
     def add_points(self, i: int, k: IntArray, position_m: FloatArray) -> IntArray:
-        """Create N points in features `k` (N,) of keyframe `i`, and return their rows (N,).
-
-        Args:
-            i: Row of the keyframe.
-            k: (N,) features of the keyframe.
-            position_m: (N, 3) positions in the map frame.
-        """
+        """Create points at positions (N, 3) in features of keyframe `i`; return their rows."""
         points = self.points
         j = points.allocate(len(k), self.version)
         points.position_m[j] = position_m
@@ -161,10 +145,9 @@ class Atlas(MapTables):
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
-        """Set the positions (N, 3) of points `j` (N,), in the frame of their map.
+        """Set the positions (N, 3) of points; remove those not below `MAX_POSITION_M`, or NaN.
 
-        Points with a coordinate that is NaN, or not below `MAX_POSITION_M`, are removed: an
-        adjustment may move a point without parallax and depth to any distance.
+        An adjustment may move a point without parallax and depth to any distance.
         """
         self.points.position_m[j] = position_m
         self.points.shifted[j] = self.version
@@ -189,8 +172,8 @@ class Atlas(MapTables):
     def unobserve(self, i: int, k: IntArray) -> None:
         """Remove the observations of features `k` (N,) of keyframe `i`, where there are any.
 
-        Points that no keyframe observes any more are removed. A point whose reference keyframe is
-        `i` gets another one.
+        Points without observations are removed; those whose reference keyframe is `i` get another
+        one.
         """
         kf, points = self.keyframes, self.points
         k = k[kf.point_of_feature[i, k] != NO_POINT]
@@ -221,9 +204,9 @@ class Atlas(MapTables):
     def replace_points(self, old: IntArray, new: IntArray) -> None:
         """Fuse points: observations of row `old[n]` become observations of row `new[n]`.
 
-        A keyframe that observes several of the points that become one keeps one observation: that
-        of `new[n]`, if it has one. Call `refresh` afterwards for the statistics of `new`. `old`
-        and `new` are disjoint, and `old` has no repetitions.
+        A keyframe that observes several of the points that become one keeps one observation,
+        preferably that of `new[n]`. Call `refresh` afterwards. `old` and `new` are disjoint, `old`
+        is unique.
         """
         if len(old) == 0:
             return
@@ -305,12 +288,9 @@ class Atlas(MapTables):
     ) -> IntArray:
         """Add N keyframes of an earlier session, without observations, and return their rows (N,).
 
-        Args:
-            columns: (N, ...) columns of the keyframes.
-            parent: (N,) index of the parent among them, or DEAD for a root.
-            features: (F, ...) columns of their features, sorted by keyframe.
-            first_uid: The uid of the first one; the others get the next ones. None: the next
-                unused one.
+        `columns` (N, ...) are those of the keyframes, `features` (F, ...) those of their features,
+        sorted by keyframe, and `parent` (N,) the index of the parent among them, or DEAD. The uids
+        count from `first_uid` on; None: from the next unused one.
         """
         kf = self.keyframes
         kf.reserve_features(int(columns['num_features'].max()))
@@ -326,10 +306,9 @@ class Atlas(MapTables):
     ) -> None:
         """Exchange the content of this atlas with that of another one, which has a restored map.
 
-        The tables stay the same objects, because others refer to them; their columns are
-        exchanged. The old content is not freed here: that takes 90 ms for 10,000 keyframes.
-        Afterwards the map has a version, and its points have the uids of the mapper, which are
-        higher by `uid_offset`.
+        The tables stay the same objects, because others refer to them. The old content is not
+        freed here: that takes 90 ms for 10,000 keyframes. The uids of the points become those of
+        the mapper, higher by `uid_offset`.
         """
         for table, new in ((self.keyframes, loaded.keyframes), (self.points, loaded.points)):
             if new.capacity < table.capacity:  # rows of the old map may still be looked up
@@ -347,12 +326,7 @@ class Atlas(MapTables):
         self.version = version
 
     def append_points(self, columns: Mapping[str, Column], reference: IntArray) -> IntArray:
-        """Add N points of an earlier session and return their rows (N,).
-
-        Args:
-            columns: (N, ...) columns of the points.
-            reference: (N,) rows of their reference keyframes.
-        """
+        """Add points of an earlier session, with reference keyframes (N,); return their rows."""
         points, kf = self.points, self.keyframes
         j = points.append(columns, self.version)
         points.reference_keyframe_uid[j] = points.first_keyframe_uid[j] = kf.uid[reference]
@@ -360,14 +334,11 @@ class Atlas(MapTables):
         return j
 
     def append_observations(self, blocks: Iterable[Observations], points: IntArray) -> None:
-        """Add the observations of appended points (P,), whose columns already count them.
+        """Add the observations of appended points (P,) in ascending rows, which count them.
 
-        Connections of the keyframes and statistics of the points are then computed from them.
-
-        Args:
-            blocks: The observations, sorted by keyframe. There are several blocks, so that no
-                call holds the lock of the interpreter for long.
-            points: Ascending rows of the points.
+        Connections of the keyframes and statistics of the points are computed from them. There are
+        several blocks, sorted by keyframe, so that no call holds the lock of the interpreter for
+        long.
         """
         rows = []
         for seen in blocks:

@@ -158,7 +158,7 @@ class Frame:
 
     stamp_ns: int
     measurement_px: Float32Array  # (N, 3) u, v, u_right; u_right is NaN without depth
-    depth_m: Float32Array  # (N,); 0 = no reading
+    depth_m: Float32Array  # (N,); 0: no measurement
     octave: ByteArray  # (N,)
     angle_deg: Float32Array  # (N,) in [0, 360)
     descriptors: ByteArray  # (N, 32)

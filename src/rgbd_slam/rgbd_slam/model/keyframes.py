@@ -157,12 +157,7 @@ class KeyframeTable(SoaTable):
             self.grow_features(max_features)
 
     def append_features(self, rows: IntArray, columns: Mapping[str, Column]) -> None:
-        """Store the features of keyframes (N,) whose numbers of features are known.
-
-        Args:
-            rows: (N,) rows of the keyframes.
-            columns: (F, ...) values of the features by column, sorted by keyframe.
-        """
+        """Store the columns (F, ...) of the features of keyframes (N,), sorted by keyframe."""
         counts = self.num_features[rows]
         ends = np.cumsum(counts)
         is_run = bool((np.diff(rows) == 1).all())

@@ -48,7 +48,7 @@ class MapState(Record):
     parent: Annotated[Int32Array, column('i4', 'keyframes')]
     num_features: Annotated[Int32Array, column('i4', 'keyframes')]
     uv_px: Annotated[Float32Array, column('f4', 'features', 2)]  # undistorted
-    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: no reading
+    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: none
     octave: Annotated[ByteArray, column('u1', 'features')]
     angle_deg: Annotated[Float32Array, column('f4', 'features')]
     descriptors: Annotated[ByteArray, column('u1', 'features', 32)]
@@ -153,8 +153,7 @@ def restore(
         state: The saved map, made with the same camera; it has at least one keyframe.
         camera: The camera.
         first_uid: The uid of the first saved keyframe; None: the next unused one.
-        keep: True: keep the running map beside the saved one, with higher map ids. False: remove
-            the running map.
+        keep: Whether to keep the running map beside the saved one, with higher map ids.
         loops: Its loop edges, with the rows of the keyframes in `state` as their numbers.
     """
     if keep:
@@ -194,10 +193,7 @@ def _saved_points(state: MapState) -> dict[str, Array]:
 def _observations(state: MapState, i: IntArray, j: IntArray) -> Iterator[Observations]:
     """Yield the observations of a saved map in blocks of keyframes.
 
-    Args:
-        state: The saved map.
-        i: (K,) rows of its keyframes in the atlas.
-        j: (P,) rows of its points in the atlas.
+    `i` (K,) and `j` (P,) are the rows of its keyframes and points in the atlas.
     """
     end = 0
     for start in range(0, len(state), _BLOCK):

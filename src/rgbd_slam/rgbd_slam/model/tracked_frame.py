@@ -42,14 +42,9 @@ class TrackedFrame:
 def tracked_frame(
     frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference_uid: int
 ) -> TrackedFrame:
-    """Return a tracked frame whose pose is stored relative to a keyframe, which may be pending.
+    """Return a tracked frame whose pose is stored relative to a keyframe of known pose.
 
-    Args:
-        frame: The frame.
-        T_map_camera: (4, 4) pose.
-        points: (N,) row of the point that each feature observes, or NO_POINT.
-        atlas: The map.
-        reference_uid: Uid of the keyframe, whose pose must be known.
+    `points` (N,) are the rows of the points that its features observe, or NO_POINT.
     """
     T_map_reference = atlas.pose(reference_uid)
     assert T_map_reference is not None

@@ -77,9 +77,8 @@ class TrajectoryRecorder:
     def pose(self, n: int) -> FloatArray | None:
         """Return T_map_camera (4, 4) of the `n`-th frame by the current map; None if unknown.
 
-        It is in the frame of the map of its reference keyframe, which need not be the main map.
-        It is unknown while the reference keyframe is pending, and if it was removed long ago:
-        only the latest one or two thousand removed keyframes are searched.
+        It is in the map of its reference keyframe. It is unknown while that is pending, or if it
+        is not among the latest one or two thousand removed keyframes.
         """
         frame = self._frames[n]
         map_ids, poses = self._references(frame['reference_uid'])
@@ -104,13 +103,9 @@ class TrajectoryRecorder:
     def link(
         self, before: TrackedFrame | None, after: TrackedFrame | None, T_before_after: FloatArray
     ) -> None:
-        """Store the motion between two maps, so that the final poses include both.
+        """Store the measured pose (4, 4) of the first frame of a map in that of the last before.
 
-        Args:
-            before: The last frame in the previous map; None: nothing is stored.
-            after: The first frame of the new map; None: nothing is stored.
-            T_before_after: (4, 4) measured pose of camera `after` in the frame of camera
-                `before`.
+        The final poses then include both maps. Without one of the frames, nothing is stored.
         """
         if before is not None and after is not None:
             T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
@@ -121,15 +116,9 @@ class TrajectoryRecorder:
     ) -> None:
         """Correct the final poses of bridged frames by the first tracked pose after them.
 
-        The difference between the tracked and the predicted pose is spread over the time since
-        the last tracked frame. The online poses stay as published. Nothing is corrected if the
-        camera was found in another map.
-
-        Args:
-            num_bridged: Number of the latest frames whose poses were predicted.
-            T_map_predicted: (4, 4) pose of `found` as it was predicted like those of the bridged
-                frames.
-            found: The tracked frame.
+        The difference between the tracked and the predicted pose (4, 4) of `found` is spread over
+        the time since the last tracked frame. The online poses stay as published. Nothing is
+        corrected if the camera was found in another map.
         """
         first = len(self) - num_bridged
         if not 0 < first < len(self):
@@ -160,19 +149,16 @@ class TrajectoryRecorder:
     def final(self) -> Trajectory:
         """Return the poses that follow from the current keyframe poses of the main map.
 
-        Frames of other maps are left out unless links connect these maps with the main one.
-        Frames are also left out if neither their reference keyframe nor an ancestor of it exists
-        any more, and while their reference keyframe is pending.
+        Left out are frames of other maps without a link to the main one, and frames of which
+        neither the reference keyframe nor an ancestor is in the map.
         """
         return Trajectory.joined(self.parts('final'))
 
     def parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the trajectory of a kind (`final`, `online` or `keyframes`) in parts.
 
-        Any thread may iterate over the parts while frames are added.
-
-        Raises:
-            ConfigError: There is no such kind.
+        Any thread may iterate over the parts while frames are added. Raises ConfigError for
+        another kind.
         """
         if kind == 'final':
             return self._final()
@@ -250,12 +236,8 @@ class _PoseSnapshot:
     def of(self, uids: IntArray, removed: NDArray[np.void]) -> tuple[IntArray, FloatArray]:
         """Return the rows (K,) of keyframes or their nearest existing ancestors, and their poses.
 
-        Args:
-            uids: (K,) of keyframes, including removed ones.
-            removed: Removed keyframes, as returned by `_by_uid`.
-
-        Returns:
-            The rows (K,), and T_map_keyframe (K, 4, 4) of the keyframes themselves.
+        The poses (K, 4, 4) are those of the keyframes themselves, which may be among the `removed`
+        ones.
         """
         T_parent_camera = np.tile(np.eye(4), (len(uids), 1, 1))
         while (

@@ -1,8 +1,9 @@
 """The pose of an image relative to 3-D points, from matches of which many may be wrong.
 
-With 15 depth readings or more, hypotheses align 3-D points in closed form (Horn, JOSA A 1987, by
-the SVD of Arun et al., PAMI 1987); with fewer, they come from pixels alone (PnP). Both are RANSAC
-(Fischler and Bolles, CACM 1981); all hypotheses of 3-D points are computed and scored at once.
+With 15 depth measurements or more, hypotheses align 3-D points in closed form (Horn, JOSA A 1987,
+by the SVD of Arun et al., PAMI 1987); with fewer, they come from pixels alone (PnP). Both are
+RANSAC (Fischler and Bolles, CACM 1981); all hypotheses of 3-D points are computed and scored at
+once.
 """
 
 from __future__ import annotations
@@ -38,12 +39,9 @@ class Alignment(NamedTuple):
 def align_points(
     points_a_m: FloatArray, points_b_m: FloatArray, weights: FloatArray | None = None
 ) -> FloatArray:
-    """Return T_a_b (..., 4, 4) that maps points b onto points a with the least squared distance.
+    """Return T_a_b (..., 4, 4) that maps points b onto a (..., N, 3) with least squared distances.
 
-    Args:
-        points_a_m: (..., N, 3) points in frame a.
-        points_b_m: (..., N, 3) the same points in frame b.
-        weights: (..., N) weights of the squared distances; equal ones by default.
+    The distances have weights (..., N); equal ones by default.
     """
     w = np.ones(points_a_m.shape[:-1]) if weights is None else weights
     w = (w / w.sum(axis=-1, keepdims=True))[..., None]
@@ -69,15 +67,8 @@ def align_image(
 ) -> Alignment | None:
     """Return the pose with which most of N matches agree, by RANSAC; None if fewer than 15 agree.
 
-    A match agrees if its reprojection error is below 4 times its `sigma_px`.
-
-    Args:
-        measurement_px: (N, 3) undistorted u, v, u_right of the features.
-        sigma_px: (N,) standard deviations of pixels, 1 in octave 0; they grow with the octave.
-        depth_m: (N,) depth measurements of the features; 0: none.
-        points_m: (N, 3) the matched points, all in one frame.
-        camera: The camera of the image.
-        rng: Draws the samples; a seeded generator makes runs repeat.
+    A match of u, v, u_right (N, 3) with a point (N, 3) agrees if its reprojection error is below 4
+    times its `sigma_px` (N,), which is 1 in octave 0.
     """
     if len(points_m) < _MIN_INLIERS:
         return None

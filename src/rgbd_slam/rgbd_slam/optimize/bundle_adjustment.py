@@ -24,28 +24,20 @@ from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO, GATES
 
 @dataclass(frozen=True, eq=False)
 class BundleProblem:
-    """Keyframes, points and observations as parallel arrays.
+    """Keyframes, points and M observations as parallel arrays.
 
-    Attributes:
-        T_camera_map: (C, 4, 4) poses of the keyframes; the first `num_free` are optimized.
-        num_free: Number of optimized keyframes.
-        points_m: (3, P) points in the map frame.
-        camera: (M,) index of the keyframe of each observation.
-        point: (M,) index of the point of each observation. A keyframe observes a point at most
-            once.
-        measured_px: (3, M) u, v, u_right; u_right is NaN without depth.
-        inv_sigma2: (M,) 1 / variance of u, and equally of v, of each observation [1/px^2]. The
-            outlier test applies it to u_right as well. In the fit, the disparity u - u_right has a
-            variance of its own, which the camera states, unless `joint_noise` is on.
+    A keyframe observes a point at most once. The outlier test applies `inv_sigma2` to u_right as
+    well. In the fit, the disparity u - u_right has a variance of its own, which the camera states,
+    unless `joint_noise` is on.
     """
 
-    T_camera_map: FloatArray
-    num_free: int
-    points_m: FloatArray
-    camera: IntArray
-    point: IntArray
-    measured_px: FloatArray
-    inv_sigma2: FloatArray
+    T_camera_map: FloatArray  # (C, 4, 4) poses of the keyframes
+    num_free: int  # so many of the first keyframes are optimized
+    points_m: FloatArray  # (3, P) in the map frame
+    camera: IntArray  # (M,) index of the keyframe of each observation
+    point: IntArray  # (M,) index of the point of each observation
+    measured_px: FloatArray  # (3, M) u, v, u_right; u_right is NaN without depth
+    inv_sigma2: FloatArray  # (M,) 1 / variance of u, and equally of v [1/px^2]
 
 
 class BundleSolution(NamedTuple):
@@ -87,8 +79,7 @@ def local_bundle_adjustment(
     """Adjust keyframe `i`, the keyframes that share most points with it, and their points.
 
     The root of a map keeps its pose, and so do up to `fixed_window` other keyframes that observe
-    these points. Nothing is adjusted without a keyframe of each kind. Observations that are
-    outliers are removed from the map.
+    these points. Observations that are outliers are removed from the map.
     """
     free = np.concatenate([[i], atlas.covisible(i, NEAR_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0

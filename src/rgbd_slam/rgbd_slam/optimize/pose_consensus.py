@@ -76,13 +76,7 @@ class ViewRegion(NamedTuple):
     def contains(
         self, camera: StereoCamera, measured_px: Float32Array, depth_m: Float32Array
     ) -> BoolArray:
-        """Return the (N,) mask of features in or near the region.
-
-        Args:
-            camera: The camera.
-            measured_px: (N, 3) u, v, u_right of the features.
-            depth_m: (N,) depths of the features; 0: none, tested by direction only.
-        """
+        """Return the (N,) mask of features in the region; without depth, by direction only."""
         u, v = measured_px[:, :2].T
         x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
         location = np.stack([x, y, np.log(np.maximum(depth_m, MIN_DEPTH_M))])
@@ -170,15 +164,10 @@ class PoseConsensus:
     ) -> Consensus:
         """Return the pose that the well-observed points support, starting from an initial one.
 
-        If too few matches are of well-observed points, all matches decide. If the consensus is
-        switched off (`enabled`), it is the pose that fits all matches best.
-
-        Args:
-            problem: N matches.
-            is_well_observed: (N,) mask of the matches whose points several keyframes have seen.
-            T_camera_map: (4, 4) initial pose.
-            is_initial: True for a pose that only guides the search for more matches. A small bias
-                does no harm there, so that no biasing region is searched for.
+        If too few of the N matches are of well-observed points, all decide. If the consensus is
+        switched off, it is the pose that fits all best. For an initial pose (`is_initial`), which
+        only guides the search for more matches, a small bias does no harm, and no biasing region
+        is searched for.
         """
         fit_to_all = optimize_pose(self.camera, problem, T_camera_map, self.prior)
         if not self._config.enabled:
@@ -281,10 +270,8 @@ class PoseConsensus:
     ) -> PoseEstimate:
         """Return the pose refitted to more matches if it is consistent with the hypothesis.
 
-        If the inliers of the hypothesis fit the pose of all matches as well, that pose is
-        returned. If not, the pose is refitted to all matches that fit the hypothesis, and returned
-        if it increases the cost of these inliers by at most `max_cost_increase`, else the pose of
-        the hypothesis.
+        First the pose of all matches is tried, then that of the matches that fit the hypothesis,
+        which may increase the cost of its inliers by `max_cost_increase`.
         """
         if self._supports(deciding, hypothesis, fit_to_all, 0.0):
             return fit_to_all

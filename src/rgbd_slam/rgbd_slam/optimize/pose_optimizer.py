@@ -39,20 +39,15 @@ class PosePrior(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PoseProblem:
-    """N matches of one image with landmarks, which are map points or depth readings.
+    """N matches of one image with landmarks, which are map points or depth measurements.
 
-    Attributes:
-        points_m: (N, 3) landmarks in the map frame.
-        measured_px: (N, 3) u, v, u_right; u_right is NaN without depth.
-        inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2], at the
-            configured noise. The outlier test applies it to u_right as well. In the fit, the
-            disparity u - u_right has a variance of its own, which the camera states, unless
-            `joint_noise` is on.
+    The outlier test applies `inv_sigma2` to u_right as well. In the fit, the disparity u - u_right
+    has a variance of its own, which the camera states, unless `joint_noise` is on.
     """
 
-    points_m: FloatArray
-    measured_px: FloatArray
-    inv_sigma2: FloatArray
+    points_m: FloatArray  # (N, 3) landmarks in the map frame
+    measured_px: FloatArray  # (N, 3) u, v, u_right; u_right is NaN without depth
+    inv_sigma2: FloatArray  # (N,) 1 / variance of u, and equally of v [1/px^2]
 
     @classmethod
     def of(

@@ -27,16 +27,11 @@ class Preintegrated(NamedTuple):
 def preintegrated(
     steps_s: FloatArray, rates_radps: FloatArray, forces_mps2: FloatArray, is_wanted: BoolArray
 ) -> Preintegrated:
-    """Return the integrals at the start and at the end of wanted steps.
+    """Return the integrals at the start and at the end of the M - 1 wanted of N steps.
 
     `PreintegratedImuMeasurements` (Forster et al., T-RO 2017) takes a force to be constant along
-    the axes at the start of its step. The force in the middle of each step is turned accordingly.
-
-    Args:
-        steps_s: (N,) positive durations of the steps.
-        rates_radps: (N, 3) mean rate of each step, without bias.
-        forces_mps2: (N, 3) specific force in the middle of each step, without bias.
-        is_wanted: (N,) whether the integrals are wanted at the end of a step; there are M - 1.
+    the axes at the start of its step. The force (N, 3) in the middle of each step is turned
+    accordingly. Rates (N, 3) and forces are without bias.
     """
     half_turns = np.zeros((len(steps_s), 6))
     half_turns[:, :3] = 0.5 * steps_s[:, None] * rates_radps

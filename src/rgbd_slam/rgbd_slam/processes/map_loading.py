@@ -26,22 +26,12 @@ from rgbd_slam.records.shared_record import SharedRecord
 
 
 class MapLoading:
-    """A saved map that replaces the running one, or is added to it.
+    """A saved map, in the core's map frame, that replaces the running one or is added to it.
 
     Any thread may make this object and call `restore`. Afterwards `atlas` is the restored map,
-    until the tracker exchanges its contents for those of the running map; None: `restore` has not
-    ended, or has failed.
-
-    Args:
-        state: The saved map, in the core's map frame.
-        camera: The camera with its configured noise.
-        config: Parameters of the core.
-        running: The tracker's copy of the running map, which is kept beside the saved one and must
-            not change until `restore` has ended; None: the running map is discarded.
-        loops: The loop edges of the saved map, between its rows.
-        places: Makes the place index of the restored map; making it at the first relocalization
-            would take 2 s for 10,000 keyframes. None: no index is made.
-        made_with: The camera of the saved map.
+    until the tracker exchanges its contents for those of the running map. A running map that is
+    kept must not change until `restore` has ended. `places` makes the index of the restored map
+    beforehand, which would take the first relocalization 2 s for 10,000 keyframes.
     """
 
     def __init__(

@@ -1,13 +1,10 @@
 """The mapper in a separate process: tracking does not wait for keyframes, and shares no lock.
 
 The reason is GTSAM, which holds Python's interpreter lock for 100 to 250 ms (decision 020). The
-mapping process owns the map. The tracker sends it keyframes, receives the rows that changed, and
-applies these to its own copy between two frames. That copy is complete: when the process dies, a
-new one continues with it. The request that the process was working on is lost unless it begins or
-loads a map, and so is a running global adjustment.
-
-Requests wait in a queue of the tracker's process, and at most eight are sent ahead. If the mapper
-is late for long, some of the waiting keyframes can therefore be removed again (`_thin_out`).
+tracker's copy of the map is complete: when the process dies, a new one continues with it. The
+request that the process was working on is lost unless it begins or loads a map, and so is a
+running global adjustment. Requests wait in a queue of the tracker's process, and at most eight are
+sent ahead, so that waiting keyframes can be removed again if the mapper is late (`_thin_out`).
 """
 
 from __future__ import annotations
@@ -67,18 +64,10 @@ class MapperStoppedError(HoidError):
 class MapperProcess:
     """The tracker's end of the mapping process: sends keyframes, and updates its copy of the map.
 
-    Args:
-        camera: The camera with its configured noise.
-        atlas: The tracker's copy of the map.
-        config: Parameters of the core.
-        worker: Handle of the mapping process; None: start one.
-        clock: Returns the time [s] of a monotonic clock, for `waiting_s`.
-
-    Raises:
-        MapperStoppedError: The process does not start. Methods that receive reports (`update`,
-            `wait`, `finish_load` and `finish`) raise it too, if the process has ended before it
-            completed a request, if a loaded map could not be restored for the tracker, or if they
-            wait for a report that is late.
+    `worker` is the handle of the process (None: start one), and `clock` a monotonic clock [s].
+    Methods that receive reports raise MapperStoppedError if the process has ended before it
+    completed a request, if a loaded map could not be restored for the tracker, or if a report is
+    late.
     """
 
     def __init__(
@@ -143,9 +132,8 @@ class MapperProcess:
     def insert(self, request: KeyframeRequest) -> None:
         """Queue a keyframe, which is pending until it is in the tracker's map.
 
-        It may be dropped instead: every other unsent keyframe if more than 64 requests are queued,
-        and one that the mapper cannot insert. Poses relative to it then become relative to its
-        reference keyframe.
+        If the mapper cannot insert it, or if more than 64 requests are queued (`_thin_out`), it is
+        dropped: poses relative to it become relative to its reference keyframe.
         """
         T_reference_camera = se3.orthonormalized(request.T_reference_camera)
         self._atlas.pending[request.uid] = PendingKeyframe(

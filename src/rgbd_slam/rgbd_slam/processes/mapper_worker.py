@@ -142,9 +142,7 @@ class MapperServer:
     def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:
         """Return the report of the changes since the last report.
 
-        Args:
-            completes_request: Whether the report answers a request.
-            has_features: Whether the tracker has the features of the new keyframe already.
+        With `has_features`, the tracker has the features of the new keyframe already.
         """
         change = self.map.changes_since(self._version, with_features=not has_features)
         self._version = change.version

@@ -54,9 +54,8 @@ class DroppedFrameCounter:
     def add(self, stamp_ns: int) -> None:
         """Add the stamp of the next image, and count the images that are missing before it.
 
-        Nothing is counted until the period of the stream is known, from five intervals. It is
-        measured anew after a stamp that is not later than the last one, or a gap of more than a
-        second.
+        The period of the stream is known from five intervals. It is measured anew after a stamp
+        that is not later than the last one, or a gap of more than a second.
         """
         last_ns, self._last_ns = self._last_ns, stamp_ns
         if last_ns is None or not 0 < stamp_ns - last_ns <= _PAUSE_NS:

@@ -30,10 +30,9 @@ class InertialMotion:
     """Predicts the motion of the camera by a gyro, and bridges up to 1.5 s without tracking.
 
     The rotation is measured. After 0.1 s, so is the position, if there is an accelerometer that
-    agrees with the tracked motion (`DeadReckoning`). Otherwise the position follows from the
-    velocity, which decays to zero with a time constant of 0.4 s (an Ornstein-Uhlenbeck process).
-    The variance of the velocity is learned from the tracked motion, and gives the covariance of
-    the position.
+    agrees with the tracked motion (`DeadReckoning`). Otherwise it follows from the velocity, which
+    decays with a time constant of 0.4 s (an Ornstein-Uhlenbeck process) and whose variance is
+    learned.
     """
 
     def __init__(self, imu: Imu) -> None:
@@ -86,11 +85,9 @@ class InertialMotion:
         )
 
     def rotation_prior(self) -> MeasuredRotation | None:
-        """Return how the camera has turned since the last tracked image by a filtered attitude.
+        """Return the turn of the camera since the last tracked image by a filtered attitude.
 
-        The tracked rotation of that image counts for a part only. None is returned if `predict`
-        returns None, if priors are switched off, and before the filter has averaged 0.1 s of
-        images.
+        The tracked rotation of that image counts for a part only.
         """
         correction, rotation = self._attitude.R_tracked_filtered, self._rotation()
         if correction is None or rotation is None or not self._imu.gives_prior:

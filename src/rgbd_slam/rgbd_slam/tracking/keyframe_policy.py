@@ -43,10 +43,9 @@ _ROW = 1 << 16  # chosen: more than the number of cells in a row of the image
 class KeyframePolicy:
     """Selects a frame as a keyframe once it tracks clearly fewer map points than before.
 
-    The number is compared with that of the frames since the last keyframe and with the number of
-    points of the reference keyframe. A frame that tracks few near points, and could create many,
-    is selected as well. `close_px` is the disparity above which a depth measurement alone creates
-    a map point.
+    The number is compared with the frames since the last keyframe and with the points of the
+    reference keyframe. A frame that tracks few near points, and could create many, is selected as
+    well. Points are near if their disparity is above `close_px`.
     """
 
     def __init__(self, atlas: Atlas, config: KeyframeConfig, close_px: float) -> None:
@@ -70,10 +69,9 @@ class KeyframePolicy:
     def wants(self, tracking: TrackerOutput) -> bool:
         """Return whether a frame should become a keyframe. Call it once for every tracked frame.
 
-        While a keyframe is pending, which the mapper has not inserted yet, only a change of the
-        view counts. While tracking is good, no keyframe is requested within `min_gap_s` of the
-        last one, and, with `skip_known_views`, none in a view that an old keyframe has already.
-        The result is False if neither the reference keyframe nor an ancestor of it is in the map.
+        While a keyframe is pending, only a change of the view counts. While tracking is good, no
+        keyframe is requested within `min_gap_s` of the last one, and, with `skip_known_views`,
+        none in a view that an old keyframe has already.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
@@ -99,9 +97,8 @@ class KeyframePolicy:
     def _leaves_pending(self, tracking: TrackerOutput) -> bool:
         """Return whether the view has changed since the newest keyframe, which is still pending.
 
-        The points of the pending keyframe may be enough for the present view once they are in the
-        map. If the view has changed, a keyframe must be inserted that overlaps with both views:
-        otherwise a late mapper could not connect the present view with the map.
+        Then a keyframe must be inserted that overlaps with both views: otherwise a late mapper
+        could not connect the present view with the map.
         """
         T_map_pending = self._atlas.pose(max(self._atlas.pending))
         if T_map_pending is None:

@@ -93,8 +93,8 @@ class ExternalOdometry:
         """Return the measured motion, or None if it is unknown.
 
         Its standard deviation grows linearly with time, because the error of a wheel's velocity
-        lasts. `image_covariance` is half the covariance of the motion between two images, so that
-        the difference of two poses has the covariance of that motion.
+        lasts. The difference of two poses has the covariance of the motion between them, hence the
+        half.
         """
         if self._T_last_camera is None:
             return None

@@ -51,13 +51,9 @@ class Odometry:
     """Accumulates the motions between tracked frames, as the pose `T_odom_camera`.
 
     Corrections of the map do not change this pose. Motion sources predict the motion up to the
-    next image. Those that measure it, the gyro for up to 1.5 s, also replace the tracker while the
-    camera is lost, which is called bridging here.
-
-    Args:
-        atlas: The map, which determines the current pose of the last frame.
-        gyro: The motion source of a gyro, whose predictions come first; None if there is none.
-        further_sources: Other sensors, such as external odometry, whose predictions come last.
+    next image: a gyro first, then the last velocity, then further ones. Those that measure it, the
+    gyro for up to 1.5 s, also replace the tracker while the camera is lost, which is called
+    bridging here.
     """
 
     def __init__(
@@ -150,8 +146,7 @@ class Odometry:
         """Add the motion from the last frame to a newly tracked one, by the current map.
 
         After bridged images, the motion of the source is added instead, because their published
-        poses are not corrected. Also updates the velocity and the covariances. The new frame
-        replaces the last one, which must exist.
+        poses are not corrected. Also updates the velocity and the covariances.
         """
         assert self.last is not None
         tracked = tracking.tracked

@@ -64,11 +64,8 @@ def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> Floa
     """Return the (N, 6) deviations of middle poses from the parabola through the others.
 
     They are twists from the middle pose to the parabola, in the camera frame of the middle pose,
-    rotation first [rad, m], scaled to the error of a single pose, as if all had equal noise.
-
-    Args:
-        stamps_ns: (N, WINDOW) strictly increasing stamps of successive poses.
-        T_odom_camera: (N, WINDOW, 4, 4) these poses.
+    rotation first [rad, m], scaled to the error of a single pose, as if all had equal noise. Each
+    of the (N, WINDOW) successive poses has a stamp; stamps increase strictly.
     """
     others = np.arange(WINDOW) != _HALF_WINDOW
     times_s = S_PER_NS * (stamps_ns[:, others] - stamps_ns[:, _HALF_WINDOW, None])

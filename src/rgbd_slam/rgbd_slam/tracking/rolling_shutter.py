@@ -87,15 +87,11 @@ class RollingShutter:
         self._weighted_s = self._information = 0.0
 
     def compensated(self, frame: Frame, camera: StereoCamera, twist: FloatArray) -> Frame:
-        """Return the frame as if all rows had been exposed at the time of the middle row.
+        """Return the undistorted frame as if all rows had been exposed with the middle row.
 
-        Features without a depth measurement are assumed at the median depth. The frame is returned
-        as it is if no readout time is known, no feature has depth, or the camera is at rest.
-
-        Args:
-            frame: The frame, without lens distortion.
-            camera: Its camera.
-            twist: (6,) velocity of points in the camera frame, rotation first [rad/s, m/s].
+        The twist (6,) is that of points in the camera frame, rotation first [rad/s, m/s]. Features
+        without depth are assumed at the median depth. The frame is returned as it is if no readout
+        time is known, no feature has depth, or the camera is at rest.
         """
         if self.readout_s == 0 or not frame.has_depth.any() or not twist.any():
             return frame
@@ -113,9 +109,8 @@ class RollingShutter:
     def add(self, view: MovingView, atlas: Atlas, camera: StereoCamera) -> None:
         """Update the estimated readout time with a tracked image.
 
-        Without a gyro, the residuals of ten images with points that have depth give a new
-        estimate. From the first image on whose rotation a gyro has measured, only comparisons of
-        such an image with the one before the last count. Five of them give a new estimate.
+        From the first image on whose rotation a gyro has measured, such images are compared with
+        the one before the last; until then, the residuals of points with depth are used.
         """
         if view.is_measured:
             self._add_pair(view, camera, atlas.octave_scale)
@@ -161,7 +156,7 @@ class RollingShutter:
         The first image and its depth predict where the second one shows a point. A rolling shutter
         displaces it from there if the camera has changed its velocity or the point its row.
         Matches that do not fit the poses are compared as well, because displaced features do not
-        fit. Both results are 0 if fewer than 30 points are matched with depth in both images.
+        fit.
         """
         k_first, k_second = _common(first, second)
         if len(k_first) < _MIN_MATCHES:
@@ -228,14 +223,8 @@ def _linearized(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives (6, 3, N) and residuals (3, N) of u, v and disparity of points.
 
-    Both are divided by the standard deviations of a measurement. The derivatives are by a twist
-    that moves the points.
-
-    Args:
-        camera: The camera with its measured noise.
-        x: (3, N) points in the camera frame [m].
-        measured_px: (3, N) u, v, u_right.
-        scale: (N,) size of a pixel of each feature's octave in pixels of the image.
+    Both are divided by the standard deviations of a measurement, which grow with the size (N,) of
+    a pixel of the feature's octave. The derivatives are by a twist that moves the points (3, N).
     """
     sigma = np.empty((3, len(scale)))
     sigma[:2] = camera.pixel_noise * scale
@@ -265,14 +254,9 @@ def _marginal_of_time(
 ) -> tuple[float, float]:
     """Return the information [1/s^2] about a readout time, and its product with this time [1/s].
 
-    The readout time is the one that explains the residuals. The pose is marginalized out by the
-    Schur complement, with robust weights (Cauchy). Both results are 0 if the pose is not
-    determined.
-
-    Args:
-        by_pose: (6, 3, N) derivatives of the normalized residuals by the pose.
-        by_time: (3, N) derivatives by the readout time.
-        residual: (3, N) normalized residuals.
+    The readout time is the one that explains the normalized residuals (3, N). The pose is
+    marginalized out by the Schur complement, with robust weights (Cauchy). Both results are 0 if
+    the pose is not determined.
     """
     weight = 1 / (1 + np.square(residual / _CAUCHY_SCALE))
     columns = np.concatenate([by_pose, by_time[None], residual[None]]).reshape(8, -1)

@@ -122,16 +122,9 @@ class Tracker:
         """Return the tracked frame; None if no pose has enough inliers.
 
         Initial poses are tried from the cheapest to the most expensive search and refined with the
-        local map. The first convincing result is returned, or else the one with most inliers. None
-        is also returned if the map does not know the reference keyframe of the last frame any
-        more.
-
-        Args:
-            frame: The frame.
-            last: The previous tracked frame.
-            *T_camera_last: (4, 4) predicted motions since the last frame, the most likely first.
-                They only place the search windows; the matches determine the pose.
-            prior: A prior of the pose, which counts beside the matches; None if there is none.
+        local map. The first convincing result is returned, or else the one with most inliers. The
+        predicted motions T_camera_last (4, 4), the most likely first, only place the search
+        windows; the prior counts beside the matches.
         """
         self._consensus.prior = prior
         if self._atlas.anchor(last.reference_uid) is None:
@@ -152,13 +145,9 @@ class Tracker:
     def track_relocalized(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference_uid: int
     ) -> TrackerOutput | None:
-        """Track a frame from the points that relocalization found in it; None if too few fit.
+        """Track a frame near a pose from the points (N,) found in it; None if too few fit.
 
-        Args:
-            frame: The frame.
-            T_camera_map: (4, 4) its approximate pose.
-            points: (N,) point that each feature observes, or NO_POINT.
-            reference_uid: Uid of a keyframe that observes many of these points.
+        `reference_uid` is a keyframe that observes many of these points.
         """
         self._consensus.prior = None
         k = np.flatnonzero(points != NO_POINT)
@@ -202,8 +191,7 @@ class Tracker:
     ) -> _FramePose | None:
         """Return the pose from landmarks found near their predicted projections; None if few fit.
 
-        `radii_px` are half sides of search windows in octave 0. They are tried in this order until
-        one gives `few_matches` matches.
+        Half sides of search windows in octave 0 are tried until one gives `few_matches` matches.
         """
         projection_px = self._project(landmarks, T_camera_map)
         scale = self._atlas.octave_scale[landmarks.octave]

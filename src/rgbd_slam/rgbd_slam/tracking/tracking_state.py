@@ -57,14 +57,12 @@ class TrackingState(Enum):
 class TrackingStates:
     """The state of tracking, the time without a tracked image, and the rule for new maps.
 
-    Each public method but `wants_map` is an event with its transition.
-
-    A lost camera starts a new map (`wants_map`) after `new_map_after_s`, or earlier on new ground.
-    If something covers the view, such as a person or a hand, it is better to wait: the map is
-    behind it. Whether a surface hides the map is evaluated at the last known pose, which is
-    accurate only for the first image after the loss. Therefore, a view counts as covered only if
-    it was covered in that image and still is. A loss in a map in which fewer than 15 images were
-    tracked continues the loss after which this map was started, whose first image then decides.
+    Each public method but `wants_map` is an event with its transition. A lost camera starts a new
+    map after `new_map_after_s`, or earlier on new ground. If something covers the view, such as a
+    person or a hand, it is better to wait: the map is behind it. Whether a surface hides the map
+    is evaluated at the last known pose, which is accurate only for the first image after the loss.
+    Therefore, a view counts as covered only if it was covered in that image and still is. A loss
+    in a map in which fewer than 15 images were tracked continues the loss before it.
     """
 
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: SlamConfig) -> None:
@@ -129,9 +127,8 @@ class TrackingStates:
     def missed(self, *, is_followed: bool, is_recorded: bool) -> None:
         """Register that the image was not tracked.
 
-        Args:
-            is_followed: Whether a motion source continues the pose.
-            is_recorded: Whether this pose is as accurate as a tracked one (`BridgedMotion`).
+        A motion source may continue the pose, which is recorded if it is as accurate as a tracked
+        one.
         """
         self.state = TrackingState.DEAD_RECKONED if is_followed else TrackingState.LOST
         if is_recorded:
@@ -152,12 +149,7 @@ class TrackingStates:
         self.state, self._lost_ns, self.num_bridged = TrackingState.LOST, 0, 0
 
     def wants_map(self, frame: Frame, last: TrackedFrame | None) -> bool:
-        """Return whether a new map should start with a frame; call it once for each missed one.
-
-        Args:
-            frame: The frame.
-            last: The last tracked frame; None: there is none, and only the time decides.
-        """
+        """Return whether a new map should start with a missed frame; call it once for each."""
         lost_s, limit_s = self.lost_s, self.new_map_after_s
         if last is None or lost_s > limit_s:
             return lost_s > limit_s

@@ -77,16 +77,10 @@ class WarmUp:
     def _reestimate(
         self, n: int, tracked: TrackedFrame, is_static: BoolArray, camera: StereoCamera
     ) -> None:
-        """Replace the pose of a frame in the trajectory by one that its static points decide.
+        """Replace the pose of frame `n` in the trajectory by one that its static points decide.
 
-        Nothing is replaced if the frame observes too few static points, if too few matches fit the
-        new pose, or if the trajectory has no pose of the frame.
-
-        Args:
-            n: Row of the frame in the trajectory.
-            tracked: The frame.
-            is_static: (capacity + 1,) mask of the static points of the map.
-            camera: The camera with its measured noise.
+        Nothing is replaced if the frame observes too few points of the mask `is_static` (capacity
+        + 1,), if too few matches fit the new pose, or if the trajectory has no pose of the frame.
         """
         points = tracked.current_points(self._atlas)
         k = np.flatnonzero(points != NO_POINT)
