@@ -22,7 +22,7 @@ class Landmarks(NamedTuple):
     position_m: FloatArray  # (N, 3) in the map frame
     octave: ByteArray  # (N,) of the feature in the frame or keyframe that they were taken from
     angle_deg: Float32Array  # (N,) of the same feature
-    descriptors: ByteArray  # (N, 32) of the map point, or of the feature with the depth measurement
+    descriptors: ByteArray  # (N, 32) of the map point, or of the feature with depth
 
     def select(self, keep: BoolArray) -> Landmarks:
         return Landmarks._make(column[keep] for column in self)

@@ -24,7 +24,7 @@ _LANES = np.uint32(0x00FF00FF)  # every other byte: counts are added in 16-bit l
 
 
 class Queries(NamedTuple):
-    """Q landmarks (map points or depth measurements) to be searched in a frame, as parallel arrays."""
+    """Q landmarks (map points or depth measurements) to be searched in a frame."""
 
     projection_px: FloatArray  # (3, Q) predicted u, v, u_right
     radius_px: FloatArray  # (Q,) half sides of the square search windows
