@@ -36,7 +36,7 @@ LAYERS = {
     """,
     'hoid_filter': """
         strategy_registry < config drawing < extraction < motion < strategy < detections
-        < node_config < strategies masked_images < feature_filter < live_filter
+        < strategies masked_images < feature_filter < live_filter
         < ros < node
     """,
     'hoid_scene': """

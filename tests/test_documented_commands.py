@@ -25,7 +25,7 @@ from hoid_benchmarks.plan.plan import load_plan
 from hoid_bringup.cli import argument_parser, main
 from hoid_bringup.live.node_specs import NODE_CONFIGS
 from hoid_common.config import EXPERT
-from hoid_common.io.trajectory_io import write_tum
+from hoid_common.io.tum_text import write_tum
 from hoid_common.values import Trajectory
 from hoid_synth.config import SceneConfig
 from hoid_synth.scene import render

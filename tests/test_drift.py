@@ -10,7 +10,7 @@ from hoid_bringup.run.offline import run_offline
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common import se3
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.values import Trajectory
 from hoid_system_tests.drift import end_drift_m, interpolated
 

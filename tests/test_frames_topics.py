@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo
 from tf2_msgs.msg import TFMessage
 
 from hoid_common import se3
-from hoid_common.poses.pose_buffer import PoseBuffer
+from hoid_common.poses.frames import PoseBuffer
 from hoid_common.ros import conversions, qos
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import NS_PER_S, Features, FloatArray

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_common import se3
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.ros import conversions
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray

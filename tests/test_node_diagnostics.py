@@ -14,8 +14,8 @@ from sensor_msgs.msg import Image
 from hoid_common import topics
 from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.ros import conversions
-from hoid_common.ros.clocks import ignore_negative_clock_times
-from hoid_common.ros.logs import bridge_logging
+from hoid_common.ros.lifecycle import bridge_logging
+from hoid_common.ros.run import ignore_negative_clock_times
 from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.filter_peer import DEPTH_M, IMAGE
 from hoid_system_tests.probe import Probe

@@ -12,7 +12,7 @@ import yaml
 from hoid_bringup.live.node_specs import NODE_CONFIGS
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_common.config import EXPERT
-from hoid_common.io.param_file import load_params
+from hoid_common.io.yaml_file import load_params
 from hoid_system_tests.detector_bench import write_model
 from hoid_system_tests.parameter_client import ParameterClient
 from hoid_system_tests.probe import Probe

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from hoid_bringup.live.node_specs import NODE_CONFIGS
-from hoid_common.io.param_file import load_params
-from hoid_common.io.yaml_file import read_yaml
+from hoid_common.io.yaml_file import load_params, read_yaml
 
 FILES = sorted((Path(__file__).parents[1] / 'src').glob('*/config/*.yaml'))
 

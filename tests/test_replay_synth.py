@@ -16,7 +16,7 @@ from hoid_bags.storage.bag_types import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, PO
 from hoid_bringup import cli
 from hoid_common import topics
 from hoid_common.io import images
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_synth.bag import write_bag
 from hoid_synth.config import SceneConfig
 

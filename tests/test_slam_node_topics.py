@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from hoid_common import se3
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.ros import conversions, qos
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hoid_bags.tum.cameras import read_camera_yaml
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 
 pytestmark = pytest.mark.slow
 

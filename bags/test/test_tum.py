@@ -12,7 +12,7 @@ from hoid_bags.sequence import open_sequence
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common import se3
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.trajectory_io import read_tum, write_tum, write_tum_parts
+from hoid_common.io.tum_text import read_tum, write_tum, write_tum_parts
 from hoid_common.values import CameraModel, Trajectory
 
 FolderMaker = Callable[..., Path]

@@ -30,7 +30,7 @@ from hoid_bringup.run.summary import Spread, Summary
 from hoid_common import se3
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import HoidError
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.values import (
     ByteArray,
     FilterResult,

@@ -14,9 +14,8 @@ from hoid_common.errors import MessageError
 from hoid_common.inputs.input_config import InputConfig
 from hoid_common.ros import conversions
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.inputs import Inputs
+from hoid_common.ros.inputs import Inputs, Synchronizer
 from hoid_common.ros.parameters import AcceptsEmptyLists, Parameters
-from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_system_tests.probe import Probe
 

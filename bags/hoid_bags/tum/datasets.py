@@ -15,7 +15,7 @@ from hoid_bags.tum.cameras import camera_from_name
 from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.image_size import image_size_px
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.io.untrusted import read_text
 from hoid_common.values import (
     NS_PER_S,

@@ -16,8 +16,7 @@ from hoid_bags.tum import datasets, phones, sens
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
 from hoid_bags.tum.listing import FolderCamera, Images
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import read_tum
-from hoid_common.io.tum_text import NumberTable
+from hoid_common.io.tum_text import NumberTable, read_tum
 from hoid_common.values import Trajectory
 
 COLOR_LIST = 'rgb.txt'

@@ -27,7 +27,7 @@ from hoid_benchmarks.faults.samples import Samples
 from hoid_bringup import cli
 from hoid_common.errors import HoidError
 from hoid_common.io.depth import is_reading
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.values import ByteArray, CameraModel, Float32Array
 
 SILENT = 98

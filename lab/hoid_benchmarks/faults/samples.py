@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hoid_bags.convert import convert
 from hoid_common import se3
-from hoid_common.io.trajectory_io import write_tum
+from hoid_common.io.tum_text import write_tum
 from hoid_common.values import CameraModel, Trajectory
 
 CAMERA = CameraModel(160, 120, 150.0, 150.0, 79.5, 59.5)

@@ -32,7 +32,7 @@ from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.provenance import machine as this_machine
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import HoidError, InputError
-from hoid_common.io.trajectory_io import read_tum, write_tum
+from hoid_common.io.tum_text import read_tum, write_tum
 
 _TRUTH = 'ground_truth.txt'
 _KEPT = ('trajectory.txt', 'trajectory_online.txt', _TRUTH, 'features.csv')

@@ -13,7 +13,7 @@ from hoid_benchmarks.jobs.results import Result, key_value, result_path, spread
 from hoid_benchmarks.plan.plan import Experiment
 from hoid_benchmarks.report.views import setting_of
 from hoid_bringup.evaluate.evaluation import AlignedTrajectory, align
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.values import S_PER_NS, FloatArray, IntArray
 
 Plot = dict[str, Any]  # a plotly figure: data and layout

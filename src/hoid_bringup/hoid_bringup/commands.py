@@ -28,7 +28,7 @@ from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import Summary
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.files import write_error
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from rgbd_slam.robot_frames import camera_mount
 
 _CAMERA_ROLL = 'detector.camera_roll_deg'

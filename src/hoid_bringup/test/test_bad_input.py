@@ -13,7 +13,7 @@ from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.storage.bag_types import IMU
 from hoid_bringup import cli
 from hoid_common import se3
-from hoid_common.io.trajectory_io import write_tum
+from hoid_common.io.tum_text import write_tum
 from hoid_common.values import Trajectory
 
 STAMPS_S = (1.0, 1.1, 1.2)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hoid_bringup import cli
-from hoid_common.io.trajectory_io import write_tum
+from hoid_common.io.tum_text import write_tum
 from hoid_common.values import Trajectory
 
 ROOT = Path(__file__).parents[3]

@@ -16,7 +16,7 @@ from hoid_bringup.run.outputs import staged, write_outputs
 from hoid_bringup.run.provenance import Provenance, commit
 from hoid_bringup.run.summary import FilterCounts, RunResult, Spread, summarize
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import read_tum, write_tum
+from hoid_common.io.tum_text import read_tum, write_tum
 from hoid_common.slam_status import SlamState, SlamStatus
 from hoid_common.values import Trajectory
 

@@ -6,7 +6,7 @@ import pytest
 
 from hoid_common.config import Config, param, section
 from hoid_common.errors import ConfigError
-from hoid_common.io.param_file import load_params
+from hoid_common.io.yaml_file import load_params
 
 
 @dataclass(frozen=True)

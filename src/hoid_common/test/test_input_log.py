@@ -1,5 +1,4 @@
-from hoid_common.inputs.input_log import InputLog
-from hoid_common.inputs.input_watch import InputWatch
+from hoid_common.inputs.input_watch import InputLog, InputWatch
 
 
 class Lines:

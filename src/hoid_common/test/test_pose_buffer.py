@@ -1,7 +1,7 @@
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.poses.pose_buffer import PoseBuffer
+from hoid_common.poses.frames import PoseBuffer
 from hoid_common.values import FloatArray
 
 MS = 1_000_000

@@ -5,7 +5,7 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.errors import MessageError
-from hoid_common.poses.static_frames import StaticFrames
+from hoid_common.poses.frames import StaticFrames
 from hoid_common.values import FloatArray
 
 

@@ -18,12 +18,11 @@ from hoid_common.values import BoolArray, ByteArray, Detections, Float32Array, I
 from hoid_detector.config import DetectorConfig
 from hoid_detector.expected_objects import confirmed_rows
 from hoid_detector.model.class_names import known_names, with_person
-from hoid_detector.model.decoders import Candidates, Size
+from hoid_detector.model.decoders import Candidates, Size, nms
 from hoid_detector.model.finished_boxes import MAX_SCORE
 from hoid_detector.model.layouts import Layout, recognize
 from hoid_detector.model.letterbox import Letterbox, Placement, Preprocessing, open_size
 from hoid_detector.model.network import Network
-from hoid_detector.model.nms import nms
 from hoid_detector.model.probe import AUTO, Probe
 from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turned
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hoid_common.values import Float32Array, IntArray
-from hoid_detector.model.nms import MAX_CANDIDATES, nms
+from hoid_detector.model.decoders import MAX_CANDIDATES, nms
 
 
 def iou(a: Float32Array, b: Float32Array) -> float:

@@ -18,8 +18,8 @@ from hoid_common.values import (
     Float32Array,
     RgbdFrame,
 )
+from hoid_filter.config import STOP, DetectionInputConfig
 from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalVerdict
-from hoid_filter.node_config import STOP, DetectionInputConfig
 
 # Chosen: at 30 images/s on a busy processor, motion is still segmented in 7 of them per second
 # (decision 031).

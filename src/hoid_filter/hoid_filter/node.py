@@ -16,17 +16,15 @@ from hoid_common.errors import MessageError
 from hoid_common.io.depth import DepthUnitWarning
 from hoid_common.ros import conversions
 from hoid_common.ros.frame_tree import LiveAlignment
-from hoid_common.ros.inputs import Inputs
+from hoid_common.ros.inputs import Inputs, Synchronizer
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
-from hoid_common.ros.sync import Synchronizer
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import CameraModel, RgbdFrame
-from hoid_filter.config import HANDLED_CLASSES
+from hoid_filter.config import HANDLED_CLASSES, FilterNodeConfig
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.live_filter import LiveFilter
-from hoid_filter.node_config import FilterNodeConfig
 from hoid_filter.ros.outputs import FilterOutputs
 
 _POLL_S = 0.05  # chosen: a tenth of the default of `detections.wait_s`

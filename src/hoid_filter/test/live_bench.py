@@ -15,9 +15,9 @@ from hoid_common.values import (
     Float32Array,
     RgbdFrame,
 )
+from hoid_filter.config import DetectionInputConfig
 from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalVerdict
 from hoid_filter.live_filter import LiveFilter
-from hoid_filter.node_config import DetectionInputConfig
 
 MS = 1_000_000
 S = 1_000_000_000

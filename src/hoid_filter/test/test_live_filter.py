@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hoid_common.errors import MessageError
-from hoid_filter.node_config import STOP
+from hoid_filter.config import STOP
 
 from .live_bench import MS, Bench, FakeFilter, S, frame_at, started
 

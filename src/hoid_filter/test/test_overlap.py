@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hoid_filter.detections.overlap import areas_px2, clip_boxes
+from hoid_filter.detections.sanitize import areas_px2, clip_boxes
 from hoid_native import intersections_over_union, overlap_ratios
 
 Box = NDArray[np.float64]

@@ -13,7 +13,7 @@ from hoid_common.errors import HoidError
 from hoid_common.io.untrusted import expand_home
 from hoid_common.poses.keyframe_poses import KeyframePoses, SessionKeyframes
 from hoid_common.ros import qos
-from hoid_common.ros.conversions.keyframes import keyframe_poses_from_msg
+from hoid_common.ros.conversions.slam import keyframe_poses_from_msg
 from hoid_common.ros.execution.timers import set_period
 from hoid_common.ros.inputs import Inputs, checked_callback
 from hoid_common.ros.large_messages.publisher import OnDemandPublisher

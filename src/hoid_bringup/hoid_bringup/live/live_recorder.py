@@ -19,7 +19,7 @@ from hoid_bringup.live.node_specs import SLAM
 from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.inputs.input_config import BEST_EFFORT, RELIABLE
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.conversions.slam import slam_status_from_msg
 from hoid_common.ros.execution.executor import SteadyExecutor

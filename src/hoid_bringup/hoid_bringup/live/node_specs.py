@@ -14,7 +14,7 @@ from hoid_common.config import EXPERT, Config
 from hoid_common.errors import ConfigError
 from hoid_common.process.signals import FAILURE_SIGNAL
 from hoid_detector.config import DetectorNodeConfig
-from hoid_filter.node_config import FilterNodeConfig
+from hoid_filter.config import FilterNodeConfig
 from hoid_scene.config.scene_config import SceneNodeConfig
 from rgbd_slam.config.node_config import SlamNodeConfig
 

@@ -19,7 +19,7 @@ from hoid_bringup.run.options import add_set_argument, add_strategy_argument, as
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.camera_topics import CAMERA_TOPICS
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.param_file import load_params
+from hoid_common.io.yaml_file import load_params
 from hoid_common.process.limits import require_node_limits
 from hoid_common.process.shared_memory import clean_shared_memory
 from hoid_common.store.map_directory import existing_map

@@ -14,7 +14,7 @@ from hoid_bringup.evaluate.plots import plot_run
 from hoid_bringup.run.summary import RunResult, Summary, summarize
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, write_error
-from hoid_common.io.trajectory_io import write_tum
+from hoid_common.io.tum_text import write_tum
 from hoid_common.values import FloatArray, Trajectory
 from hoid_scene import export
 from hoid_scene.grid.grid import write_map_server

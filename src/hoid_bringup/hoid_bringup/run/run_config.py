@@ -11,8 +11,7 @@ from hoid_bringup.run.parameter_names import by_node, full_names
 from hoid_common.config import Config, section
 from hoid_common.errors import ConfigError
 from hoid_detector.config import DetectorNodeConfig
-from hoid_filter.config import ExtractionConfig
-from hoid_filter.node_config import FilterNodeConfig
+from hoid_filter.config import ExtractionConfig, FilterNodeConfig
 from hoid_filter.strategy import needs_detections
 from hoid_scene.config.scene_config import SceneNodeConfig
 from rgbd_slam.config.node_config import SlamNodeConfig

@@ -19,7 +19,7 @@ from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.view.view_log import ESTIMATED_PATH, TRUE_PATH, ViewLog
 from hoid_common import se3
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import read_tum
+from hoid_common.io.tum_text import read_tum
 from hoid_common.values import FloatArray, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_scene.export import read_ply

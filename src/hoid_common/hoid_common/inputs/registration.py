@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from hoid_common.errors import MessageError
-from hoid_common.poses.static_frames import StaticFrames
+from hoid_common.poses.frames import StaticFrames
 from hoid_common.values import CameraModel, Float32Array, FloatArray
 from hoid_native import Pinhole, register_depth
 

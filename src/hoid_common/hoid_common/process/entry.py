@@ -1,4 +1,4 @@
-"""Entry point of a node, which handles SIGINT before the imports of the node, a second."""
+"""Entry point of a node, which handles SIGINT while its imports take a second."""
 
 from __future__ import annotations
 

@@ -19,8 +19,7 @@ from rclpy.node import Node
 
 from hoid_common import topics
 from hoid_common.errors import HoidError
-from hoid_common.inputs.input_log import InputLog
-from hoid_common.inputs.input_watch import InputWatch
+from hoid_common.inputs.input_watch import InputLog, InputWatch
 from hoid_common.log_throttle import Backoff, LogThrottle
 from hoid_common.process.shared_memory import PROFILE_VARIABLE, uses_fast_dds
 from hoid_common.ros import qos

@@ -14,8 +14,7 @@ from tf2_msgs.msg import TFMessage
 from hoid_common import topics
 from hoid_common.errors import MessageError
 from hoid_common.inputs.registration import DepthAligner
-from hoid_common.poses.pose_buffer import PoseBuffer
-from hoid_common.poses.static_frames import StaticFrames
+from hoid_common.poses.frames import PoseBuffer, StaticFrames
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg, transform_to_msg
 from hoid_common.ros.diagnostics import Diagnostics

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 
 from hoid_common.errors import ConfigError, HoidError
 from hoid_common.process.shared_memory import restrict_segments, shared_memory_problem
 from hoid_common.ros.diagnostics import Diagnostics
-from hoid_common.ros.logs import bridge_logging
 from hoid_common.ros.parameters import AcceptsEmptyLists
 
 _PROBLEM, _SHARED_MEMORY = 'configuring', 'shared memory'
@@ -85,3 +86,34 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     on_shutdown = on_deactivate
+
+
+class _NodeHandler(logging.Handler):
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self._logger = node.get_logger()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = self.format(record)
+        # rclpy raises an error when a line of code logs with another severity than before, hence a
+        # line for each severity.
+        if record.levelno >= logging.CRITICAL:
+            self._logger.fatal(text)
+        elif record.levelno >= logging.ERROR:
+            self._logger.error(text)
+        elif record.levelno >= logging.WARNING:
+            self._logger.warning(text)
+        elif record.levelno >= logging.INFO:
+            self._logger.info(text)
+        else:
+            self._logger.debug(text)
+
+
+def bridge_logging(node: Node) -> None:
+    """Forward Python log records to a node's logger, and no longer to one bridged before."""
+    root = logging.getLogger()
+    for handler in [h for h in root.handlers if isinstance(h, _NodeHandler)]:
+        root.removeHandler(handler)
+    root.addHandler(_NodeHandler(node))
+    # rclpy's severities have the same numbers as `logging`'s levels.
+    root.setLevel(int(node.get_logger().get_effective_level()))

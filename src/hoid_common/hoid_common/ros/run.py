@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import logging
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from threading import Event, Thread
 from types import FrameType
@@ -16,17 +18,23 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time_source import TimeSource
+from rosgraph_msgs.msg import Clock
 
 from hoid_common.errors import ConfigError, HoidError
+from hoid_common.log_throttle import LogThrottle
 from hoid_common.process.entry import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
 from hoid_common.process.signals import FAILURE_SIGNAL, NODE_END_SIGNALS
-from hoid_common.ros.clocks import ignore_negative_clock_times
 from hoid_common.ros.execution.executor import SteadyExecutor
 
 _EXIT_LIMIT_S = 10  # chosen, not tuned: twice the time that a child process gets to end
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # options of mallopt, from glibc's malloc.h
 _failure = Event()  # set when FAILURE_SIGNAL has come
 _KEPT_BYTES = 64 << 20  # chosen: a 1080p image with its depth takes 15 MB (decision 017)
+_LOG_PERIOD_S = 5.0  # chosen: shortest time between two log lines
+_logger = logging.getLogger(__name__)
+_throttle = LogThrottle(_LOG_PERIOD_S)
+_set_time = TimeSource.clock_callback
 
 
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
@@ -170,3 +178,16 @@ def limit_exit_time() -> None:
     default action ends the process helps.
     """
     signal.alarm(_EXIT_LIMIT_S)
+
+
+def ignore_negative_clock_times() -> None:
+    TimeSource.clock_callback = _set_valid_time
+
+
+def _set_valid_time(source: TimeSource, msg: Clock) -> None:
+    if msg.clock.sec >= 0:
+        _set_time(source, msg)
+    elif _throttle.allow('negative', time.monotonic()) is not None:
+        _logger.warning(
+            '/clock: negative time of %d s ignored; check its publisher', msg.clock.sec
+        )

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 from hoid_common.errors import MapFileError
 from hoid_common.io.files import scratch_folder
-from hoid_common.store.foreign import APPLICATION_ID, VERSION, check_content, check_header
+from hoid_common.store.checks import APPLICATION_ID, VERSION, check_content, check_header
 from hoid_common.store.table import Table
 
 SUFFIX = '.hoidmap'

@@ -1,4 +1,4 @@
-"""Decoders of network outputs into candidate boxes in pixels of the input, by kind of output."""
+"""Decoders of network outputs into candidate boxes in pixels of the input, and NMS."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +15,7 @@ from hoid_common.values import BoolArray, Float32Array, IntArray
 
 Size = tuple[int, int]  # (width, height) of the network input, px
 Outputs = Sequence[NDArray[Any]]
+MAX_CANDIDATES = 1000  # chosen: more boxes reach the threshold only if it is near zero
 
 
 class Candidates(NamedTuple):
@@ -142,3 +144,18 @@ def in_pixels(found: Candidates, size_wh: Size, *, normalized: bool) -> Candidat
 
 def float32(output: NDArray[Any]) -> Float32Array:
     return np.asarray(output, np.float32)
+
+
+def nms(
+    boxes_xyxy_px: Float32Array, scores: Float32Array, class_ids: IntArray, iou: float
+) -> IntArray:
+    """Return the indices of the boxes (N, 4) that are kept, highest score first."""
+    order = np.argsort(-scores, kind='stable')[:MAX_CANDIDATES]
+    if len(order) < 2:
+        return order
+    boxes_xywh_px = boxes_xyxy_px[order]
+    boxes_xywh_px[:, 2:] -= boxes_xywh_px[:, :2]
+    kept = cv2.dnn.NMSBoxesBatched(
+        boxes_xywh_px.tolist(), scores[order].tolist(), class_ids[order].tolist(), -1.0, iou
+    )
+    return order[np.sort(np.asarray(kept, np.int64).ravel())]

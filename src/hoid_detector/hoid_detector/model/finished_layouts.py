@@ -31,8 +31,7 @@ from hoid_detector.model.finished_boxes import (
     num_columns_of,
     order_in_name,
 )
-from hoid_detector.model.output_kinds import is_boxes, is_count, is_labels, is_scores
-from hoid_detector.model.probe import AUTO, Probe
+from hoid_detector.model.probe import AUTO, Probe, is_boxes, is_count, is_labels, is_scores
 
 _PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.py
 

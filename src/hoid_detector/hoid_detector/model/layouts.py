@@ -32,7 +32,9 @@ from hoid_detector.model.finished_layouts import (
     table_decoder,
 )
 from hoid_detector.model.letterbox import Preprocessing
-from hoid_detector.model.output_kinds import (
+from hoid_detector.model.probe import (
+    AUTO,
+    Probe,
     is_boxes,
     is_class_scores,
     is_labels,
@@ -40,7 +42,6 @@ from hoid_detector.model.output_kinds import (
     is_no_object_last,
     is_scores,
 )
-from hoid_detector.model.probe import AUTO, Probe
 
 _COCO_CLASSES = len(COCO)
 # Numbers of columns of logits with one column for each id of COCO from 0 to 90, without and with

@@ -9,8 +9,8 @@ from itertools import count
 import numpy as np
 
 from hoid_common.values import PERSON, S_PER_NS, BoolArray, Detections, FloatArray
-from hoid_filter.detections.overlap import areas_px2, clip_boxes
 from hoid_filter.detections.prediction import match_greedily
+from hoid_filter.detections.sanitize import areas_px2, clip_boxes
 from hoid_native import intersections_over_union
 
 _MIN_IOU = 0.2  # chosen: least overlap of a predicted box and a detection of the same object

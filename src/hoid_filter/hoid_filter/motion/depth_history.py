@@ -12,7 +12,6 @@ from hoid_common import se3
 from hoid_common.values import Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera, rays_of
 from hoid_filter.motion.downscaled_view import DownscaledView
-from hoid_filter.motion.shutter_shift import shift_px
 from hoid_native import depth_ranges_3x3, occlusion_log_odds
 
 # Chosen, least time between stored images: every image of a 30 Hz camera is stored, and every
@@ -30,6 +29,13 @@ _MIN_OCCLUDING_RATIO = 0.1
 # Chosen: where a larger ratio of a segment is in front, unchanged depth of its other pixels is no
 # evidence that it is static.
 _MIXED_RATIO = 0.25
+# Chosen: the readout time of a Kinect, 30.6 ms (Ringaby and Forssen, ICCV 2011), because the
+# filter does not know the readout time of its camera. While a camera turns slowly, the shift of
+# the image rows is below the other tolerances.
+_READOUT_S = 0.03
+# The least tolerance of a tracked point, 6 sigmas of 0.25 px. The measured noise already contains
+# smaller shifts, and to count them again hides surface that moves slowly (decision 050).
+_MIN_SHIFT_PX = 1.5
 
 
 class _Baseline(NamedTuple):
@@ -173,3 +179,14 @@ def _widened(range_m: Float32Array, by_px: FloatArray) -> Float32Array:
     widened_m = np.stack([nearest_m, farthest_m], axis=2)
     widened_m[~is_known] = 0
     return np.asarray(widened_m, np.float32)
+
+
+def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
+    """Return the largest shift [px] (...) of a row between two images, against the middle row.
+
+    Turn rates are (..., 3). A shift below 1.5 px counts as none, because the measured noise
+    contains it.
+    """
+    change_radps = np.linalg.norm(turn_radps - earlier_radps, axis=-1)
+    shift_px = 0.5 * _READOUT_S * focal_px * change_radps
+    return np.where(shift_px < _MIN_SHIFT_PX, 0.0, shift_px)

@@ -6,7 +6,7 @@ import numpy as np
 
 from hoid_common.values import PERSON, BoolArray, ByteArray, Detections, Float32Array, ObjectState
 from hoid_filter.config import FilterConfig
-from hoid_filter.detections.overlap import areas_px2
+from hoid_filter.detections.sanitize import areas_px2
 from hoid_filter.detections.tracks import BoxTracker, TrackLimits
 from hoid_filter.motion.moving_regions import MovingRegions
 from hoid_filter.strategies.dynamic_mask import (

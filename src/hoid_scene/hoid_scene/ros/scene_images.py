@@ -15,7 +15,7 @@ from hoid_common.errors import HoidError, MessageError
 from hoid_common.inputs.input_config import RELIABLE
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.ros import conversions
-from hoid_common.ros.conversions.keyframes import tracked_image_from_msg
+from hoid_common.ros.conversions.slam import tracked_image_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import LiveAlignment
 from hoid_common.ros.inputs import Inputs

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from hoid_common import topics
 from hoid_common.errors import InputError
 from hoid_common.ros import conversions
-from hoid_common.ros.conversions.keyframes import keyframe_poses_from_msg
+from hoid_common.ros.conversions.slam import keyframe_poses_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_handlers import ServiceHandlers
 from hoid_common.store.map_directory import CLOUD, GRID, OBJECTS, FileKind, path_in

@@ -19,7 +19,7 @@ from hoid_common.poses.keyframe_poses import (
     TrackedImage,
 )
 from hoid_common.ros import conversions, qos
-from hoid_common.ros.conversions.keyframes import keyframe_poses_to_msg, tracked_image_to_msg
+from hoid_common.ros.conversions.slam import keyframe_poses_to_msg, tracked_image_to_msg
 from hoid_common.ros.large_messages.publisher import OnDemandPublisher
 from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import FrameConfig

@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from hoid_common import topics
 from hoid_common.errors import InputError
-from hoid_common.io.trajectory_io import write_tum_parts
+from hoid_common.io.tum_text import write_tum_parts
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_handlers import ServiceHandlers
 from hoid_common.ros.execution.service_thread import ServiceThread

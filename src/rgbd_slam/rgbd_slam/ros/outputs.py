@@ -8,7 +8,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from hoid_common import se3, topics
-from hoid_common.poses.static_frames import StaticFrames
+from hoid_common.poses.frames import StaticFrames
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.conversions.slam import slam_status_to_msg
 from hoid_common.ros.diagnostics import Diagnostics

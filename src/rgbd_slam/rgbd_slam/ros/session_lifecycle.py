@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 from hoid_common import topics
 from hoid_common.errors import ConfigError, HoidError, InputError, MapFileError
 from hoid_common.inputs.camera_info_check import CameraInfoCheck
-from hoid_common.poses.static_frames import StaticFrames
+from hoid_common.poses.frames import StaticFrames
 from hoid_common.ros.conversions import stamp_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamStatus

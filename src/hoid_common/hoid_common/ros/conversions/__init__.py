@@ -12,10 +12,12 @@ from hoid_common.messages import (
     transform_from_msg,
 )
 from hoid_common.ros.conversions.clouds import Cloud, cloud_from_msg, cloud_to_msg
-from hoid_common.ros.conversions.detections import detections_to_msg
-from hoid_common.ros.conversions.detections_2d import (
+from hoid_common.ros.conversions.detections import (
     detections_2d_from_msg,
     detections_2d_to_msg,
+    detections_to_msg,
+    dynamic_objects_from_msg,
+    dynamic_objects_to_msg,
 )
 from hoid_common.ros.conversions.features import (
     FeatureCounts,
@@ -26,18 +28,17 @@ from hoid_common.ros.conversions.features import (
     features_to_msg,
 )
 from hoid_common.ros.conversions.geometry import (
+    camera_frame,
+    header_to_msg,
     odometry_to_msg,
     pose_to_msg,
     pose_with_sigmas_from_msg,
+    stamp_to_msg,
     transform_to_msg,
     twist_to_msg,
 )
-from hoid_common.ros.conversions.headers import (
-    camera_frame,
-    header_to_msg,
-    stamp_to_msg,
-)
 from hoid_common.ros.conversions.images import (
+    ReceivedImage,
     camera_to_msg,
     color_from_msg,
     color_to_msg,
@@ -45,7 +46,6 @@ from hoid_common.ros.conversions.images import (
     compressed_depth_to_msg,
     depth_from_msg,
     depth_to_msg,
+    image_from_cdr,
     mask_to_msg,
 )
-from hoid_common.ros.conversions.objects import dynamic_objects_from_msg, dynamic_objects_to_msg
-from hoid_common.ros.conversions.received_images import ReceivedImage, image_from_cdr

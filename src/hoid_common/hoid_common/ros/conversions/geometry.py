@@ -1,4 +1,4 @@
-"""Conversions of poses, transforms, twists and odometry.
+"""Conversions of headers, poses, transforms, twists and odometry.
 
 Twists and covariances have the rotation first, as in GTSAM; in ROS messages, the translation. Only
 this module converts between the two orders.
@@ -10,6 +10,7 @@ from math import sqrt
 from operator import itemgetter
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import (
     Point,
     Pose,
@@ -24,8 +25,7 @@ from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.messages import pose_from_msg
-from hoid_common.ros.conversions.headers import stamp_to_msg
-from hoid_common.values import FloatArray
+from hoid_common.values import NS_PER_S, FloatArray
 
 _ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # the permutation is its own inverse
 
@@ -113,3 +113,23 @@ def _block_rotation(T: FloatArray) -> FloatArray:
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = T[:3, :3]
     return A
+
+
+def stamp_to_msg(stamp_ns: int) -> Time:
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
+    return Header(stamp=stamp_to_msg(stamp_ns), frame_id=frame_id)
+
+
+def camera_frame(header: Header, default: str) -> str:
+    """Return the frame of a header, or else the default, or MessageError; no leading slash."""
+    frame: str = header.frame_id.lstrip('/') or default
+    if not frame:
+        raise MessageError(
+            'frame_id is empty, so the camera has no place in TF: set it in the driver, or name '
+            'the frame with the parameter input.camera_frame'
+        )
+    return frame

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Imu as ImuMsg
 from hoid_common import topics
 from hoid_common.inputs.input_config import BEST_EFFORT
 from hoid_common.messages import imu_from_msg
-from hoid_common.poses.static_frames import StaticFrames
+from hoid_common.poses.frames import StaticFrames
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.inputs import Inputs
 from rgbd_slam.config.imu_config import ImuConfig

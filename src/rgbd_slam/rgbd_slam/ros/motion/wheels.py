@@ -6,8 +6,7 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 
 from hoid_common import topics
-from hoid_common.poses.pose_buffer import PoseBuffer
-from hoid_common.poses.static_frames import StaticFrames, check_frame_limit
+from hoid_common.poses.frames import PoseBuffer, StaticFrames, check_frame_limit
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
