@@ -13,6 +13,7 @@ from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start, node_spec
 from hoid_system_tests.sample_bench import SampleBench
 
+CACHE = Path.home() / '.cache'  # has downloaded models and the font cache of matplotlib
 PROFILE = Path(__file__).parents[1] / 'src/hoid_common/config/fastdds_profile.xml'
 
 
@@ -24,8 +25,15 @@ def _clean_machine() -> Iterator[None]:
 
 
 @pytest.fixture
-def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """The ROS domain of this test and of the processes that it starts."""
+def domain_id(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[int]:
+    """The ROS domain of this test and of the processes that it starts.
+
+    Their home folder, where nodes store maps and logs by default, is temporary.
+    """
+    monkeypatch.setenv('XDG_CACHE_HOME', os.environ.get('XDG_CACHE_HOME') or str(CACHE))
+    monkeypatch.setenv('HOME', str(tmp_path_factory.mktemp('home')))
     monkeypatch.delenv('ROS_DOMAIN_ID', raising=False)
     with own_domain() as domain:
         monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

@@ -13,31 +13,23 @@ from hoid_common import se3
 from hoid_common.ros import conversions
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import FloatArray
-from hoid_system_tests.point_world import PointWorld, pose_after
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.processes import Start
-from hoid_system_tests.slam_peer import PERIOD_NS, START_NS, SlamPeer, features_msg
+from hoid_system_tests.running_camera import RunningCamera, camera_at
 
 AWAY = se3.exp(np.array([0.0, 0.0, 0.1, 0.3, 0.0, 0.0]))  # along x, forward, turned left
 
 
-class Peer(SlamPeer):
+class Peer(RunningCamera):
     """Maps 40 places, and publishes initial poses near them."""
 
     def __init__(self, probe: Probe) -> None:
         self.log = probe.collect(Log, '/rosout', wait=False)
         super().__init__(probe)
-        self.world, self.num_sent = PointWorld(3000), 0
         self.poses = probe.publisher(PoseWithCovarianceStamped, 'initialpose')
         self.begin()
-        for place in range(40):
-            self.send(place)
+        self.send_all(range(40))
         assert self.set_mode('localization').success
-
-    def send(self, place: int) -> SlamStatus:
-        stamp_ns = START_NS + self.num_sent * PERIOD_NS
-        self.num_sent += 1
-        return self.answer_to(features_msg(self.world.features(pose_after(place, 0.01), stamp_ns)))
 
     def publish_pose(self, msg: PoseWithCovarianceStamped) -> None:
         self.poses.publish(msg)
@@ -60,7 +52,7 @@ class Peer(SlamPeer):
 
 def pose(place: int, frame: str = 'map', off: FloatArray = AWAY) -> PoseWithCovarianceStamped:
     """Return a pose of the camera's body (x forward, z up), displaced from a place by `off`."""
-    T = T_BODY_OPTICAL @ pose_after(place, 0.01) @ se3.inverse(T_BODY_OPTICAL) @ off
+    T = T_BODY_OPTICAL @ camera_at(place) @ se3.inverse(T_BODY_OPTICAL) @ off
     msg = PoseWithCovarianceStamped(header=conversions.header_to_msg(0, frame))
     msg.pose.pose = conversions.pose_to_msg(T)
     msg.pose.covariance[[0, 7, 35]] = 0.25, 0.25, 0.0685  # the values of RViz
@@ -76,8 +68,7 @@ def test_the_camera_is_relocalized_near_the_initial_pose_first(start: Start, pro
         status = peer.send(20)
         assert status.state == SlamStatus.TRACKING
         assert status.message == 'found 0.3 m and 6 degrees from the pose given'
-        T = peer.pose(START_NS + (peer.num_sent - 1) * PERIOD_NS)
-        np.testing.assert_allclose(T, T_BODY_OPTICAL @ pose_after(20, 0.01), atol=0.005)
+        np.testing.assert_allclose(peer.last_pose(), T_BODY_OPTICAL @ camera_at(20), atol=0.005)
         probe.spin_until(lambda: bool(peer.answers), 'nothing is logged')
         assert peer.answers == [status.message]
 

@@ -59,8 +59,7 @@ def drive(probe: Probe) -> int:
     """Map 30 places, check what `status` says after that, and return the number of keyframes."""
     camera = RunningCamera(probe)
     camera.await_ready()
-    for place in range(30):
-        camera.send(place)
+    camera.send_all(range(30))
     text = status().stdout
     assert 'state   no image arrives; before that: tracking, mapping' in text
     assert re.search(r'rgbd_slam: no features for [\d.]+ s on /features', text)

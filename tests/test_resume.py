@@ -42,8 +42,7 @@ def mapped(probe: Probe, folder: Path) -> RunningCamera:
     """Map 20 places with the node that runs; return the camera once there is a checkpoint."""
     peer = RunningCamera(probe)
     peer.await_ready()
-    for place in range(20):
-        peer.send(place)
+    peer.send_all(range(20))
     peer.await_checkpoint(folder)
     return peer
 
@@ -66,8 +65,7 @@ def test_a_killed_node_resumes_its_map(
     keyframes = peer.status[-1].keyframes
     assert keyframes > 2
     peer.await_checkpoint(folder)
-    for place in range(59, 20, -1):
-        peer.send(place)
+    peer.send_all(range(59, 20, -1))
     times_s = []
     for place in (20, 45, 30):
         kill(node)
@@ -116,8 +114,7 @@ def test_a_map_that_was_stopped_or_reset_is_kept_and_not_resumed(
 ) -> None:
     node = run()
     peer = mapped(probe, folder)
-    for place in range(20, 50):  # of which no checkpoint may know yet
-        peer.send(place)
+    peer.send_all(range(20, 50))  # of which no checkpoint may know yet
     before = peer.status[-1].keyframes
     assert peer.probe.call(Trigger, 'rgbd_slam/reset', Trigger.Request(), times=3).success
     (kept,) = kept_maps(folder)
@@ -188,8 +185,7 @@ def test_a_node_that_was_away_for_a_day_finds_the_camera_in_its_map(
     status = peer.send(10)
     assert (status.state, status.mode) == (SlamStatus.TRACKING, SlamStatus.MAPPING)
     peer.check_pose(10)
-    for place in range(10, 40):
-        peer.send(place)
+    peer.send_all(range(10, 40))
     peer.await_checkpoint(folder)
     kill(node)
     assert kept_maps(folder) == []  # the map goes on, and nothing of it is lost
@@ -212,8 +208,7 @@ def test_a_map_in_which_the_camera_is_not_found_is_kept(
     peer.send(0)
     peer.stamp_ns += 31 * NS_PER_S
     assert 'a new map is started beside it' in peer.send(0).message
-    for place in range(20):
-        peer.send(place)
+    peer.send_all(range(20))
     probe.spin_until(lambda: bool(kept_maps(folder)), 'the map is not kept', 30.0)
     (kept,) = kept_maps(folder)
     assert map_file.load(kept).map.digest() == before
@@ -253,8 +248,7 @@ def test_a_map_that_is_not_kept_is_said(
     node = start('rgbd_slam', 'rgbd_slam_node', params)
     peer = RunningCamera(probe)
     peer.await_ready()
-    for place in range(30):
-        peer.send(place)
+    peer.send_all(range(30))
     node.stop()
     assert re.search(r'map of [1-9]\d* keyframes is not kept, because', log_of(tmp_path))
     assert list(folder.iterdir()) == []

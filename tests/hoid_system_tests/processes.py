@@ -53,7 +53,7 @@ def with_switch(package: str, params: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def mapper_of(node: Supervisor) -> psutil.Process:
-    """Return the mapper of a SLAM node without a scene process: its only child."""
+    """Return the mapper of a SLAM node: its only child."""
     (process,) = (
         worker
         for pid in node.pids.values()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -40,6 +41,10 @@ class RunningCamera(SlamPeer):
         self.stamp_ns += PERIOD_NS
         return self.answer_to(features_msg(self.world.features(camera_at(place), self.stamp_ns)))
 
+    def send_all(self, places: Iterable[int]) -> list[SlamStatus]:
+        """Publish images taken at places, one after the other, and return the status of each."""
+        return [self.send(place) for place in places]
+
     def await_ready(self) -> None:
         """Publish camera infos, as a driver does, until the node publishes a status."""
         self.status.clear()
@@ -55,10 +60,15 @@ class RunningCamera(SlamPeer):
 
         self.probe.spin_until(has_status, 'the node does not get ready', 60.0)
 
+    def last_pose(self) -> FloatArray:
+        """Return the (4, 4) T_map_camera of the last image, from /tf."""
+        return self.pose(self.stamp_ns)
+
     def check_pose(self, place: int) -> None:
-        """Check that the pose of the last image is that of a place, within 2 cm."""
-        error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ self.pose(self.stamp_ns))
+        """Check that the last image was taken at a place, within 2 cm and 1 degree."""
+        error = se3.log(se3.inverse(T_BODY_OPTICAL @ camera_at(place)) @ self.last_pose())
         assert np.linalg.norm(error[3:]) < 0.02
+        assert np.degrees(np.linalg.norm(error[:3])) < 1
 
     def await_checkpoint(self, folder: Path) -> None:
         """Wait until the node has written a checkpoint into a folder from now on."""

@@ -62,7 +62,7 @@ def robot(write_line: Callable[[str], None], folder: Path) -> None:
     listening = {'input.compressed': True}
     parameters: dict[str, dict[str, Any]] = {
         FILTER: {'strategy': 'none', **listening},
-        SLAM: listening,
+        SLAM: {'map_directory': str(folder), **listening},
     }
     specs = node_specs(NodeOptions((FILTER, SLAM), parameters=parameters))
     with Supervisor(specs, log_dir=folder):
