@@ -15,12 +15,15 @@ from hoid_bags.imu_recording import read_own_imu
 from hoid_bags.sequence import open_sequence
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common.errors import InputError
+from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel
 
 NUM = 4
 CAMERA = CameraModel(64, 48, 60.0, 61.0, 31.5, 23.5)
 DEPTH_M = (1000 + 7 * np.arange(48 * 64) % 1500).reshape(48, 64) / 1000
 PERIOD_S = 1 / 30
+T_BASE_COLOR = T_BODY_OPTICAL.copy()
+T_BASE_COLOR[:3, 3] = 0.2, 0.05, 1.0
 
 
 def images(folder: Path, color: str, depth: str, units_per_m: float) -> None:
@@ -61,9 +64,21 @@ def bonn(folder: Path) -> None:
 
 
 def openloris(folder: Path) -> None:
+    """Write a recording whose poses are of the robot, 0.2 m behind its camera."""
     images(folder, 'color/{}.png', 'aligned_depth/{}.png', 1000)
     lists(folder, color='color/{}.png', aligned_depth='aligned_depth/{}.png')
-    truth(folder)
+    lines = [f'{1 + i * PERIOD_S:.6f} {i - 0.2} 0 0 0 0 0 1' for i in range(NUM)]
+    (folder / 'groundtruth.txt').write_text('\n'.join(lines) + '\n')
+    numbers = ', '.join(map(str, T_BASE_COLOR.ravel()))
+    (folder / 'trans_matrix.yaml').write_text(
+        '%YAML:1.0\ntrans_matrix:\n'
+        '   -\n      parent_frame: base_link\n      child_frame: laser\n'
+        '      matrix: !!opencv-matrix\n         rows: 1\n         cols: 1\n         dt: d\n'
+        '         data: [ 1. ]\n'
+        '   -\n      parent_frame: base_link\n      child_frame: d400_color_optical_frame\n'
+        '      matrix: !!opencv-matrix\n         rows: 4\n         cols: 4\n         dt: d\n'
+        f'         data: [ {numbers} ]\n'
+    )
     (folder / 'sensors.yaml').write_text(
         '%YAML:1.0\nd400_color_optical_frame:\n   fps: 30\n   width: 64\n   height: 48\n'
         '   intrinsics: !!opencv-matrix\n      rows: 1\n      cols: 4\n      dt: d\n'
@@ -95,7 +110,7 @@ def open3d(folder: Path) -> None:
 
 
 WRITERS = {
-    'ETH3D': (eth3d, True), 'TUM': (bonn, True), 'OpenLORIS': (openloris, False),
+    'ETH3D': (eth3d, True), 'TUM': (bonn, True), 'OpenLORIS': (openloris, True),
     'Replica': (replica, True), 'Open3D': (open3d, False),
 }  # fmt: skip
 
@@ -128,6 +143,27 @@ def test_a_layout_is_known_by_its_files(name: str, tmp_path: Path) -> None:
         names = {topic.name for topic in reader.topics if topic.num_messages}
     assert ('/ground_truth' in names) == has_truth
     assert ('/imu' in names) == ('/imu/accelerometer' in names) == (name == 'OpenLORIS')
+
+
+def test_the_truth_of_openloris_is_moved_to_the_camera(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    openloris(tmp_path)
+    truth = open_sequence(tmp_path).ground_truth
+    assert truth is not None
+    for i, T in enumerate(truth.T_world_camera):
+        np.testing.assert_allclose(T[:3, :3], T_BODY_OPTICAL[:3, :3], atol=1e-9)
+        np.testing.assert_allclose(T[:3, 3], [i, 0.05, 1.0], atol=1e-9)
+    for text, problem in (
+        (
+            '%YAML:1.0\ntrans_matrix:\n   - { parent_frame: a }\n',
+            'has no d400_color_optical_frame',
+        ),
+        ('{', 'is no YAML file of OpenCV'),
+    ):
+        (tmp_path / 'trans_matrix.yaml').write_text(text)
+        assert open_sequence(tmp_path).ground_truth is None
+        assert f'trans_matrix.yaml: {problem}' in caplog.text
 
 
 def test_the_imu_of_openloris_is_found(tmp_path: Path) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -51,16 +50,11 @@ class BagWriter:
             self._undo = undo.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         with termination_signals_blocked(), self._undo:
             try:
-                self._writer.__exit__(kind, error, trace)
-                if error is None:
+                self._writer.__exit__(*error)
+                if error[0] is None:
                     self._aside.rename(self.path)
             except OSError as cause:
                 raise write_error(self.path, cause) from cause

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import struct
 from collections import Counter
 from collections.abc import Collection, Generator, Iterator, Mapping
 from contextlib import suppress
@@ -32,9 +31,9 @@ from hoid_bags.storage.chunks import (
 )
 from hoid_bags.storage.qos_profiles import stored_qos
 
-# Of a chunk: opcode and size of the record; first and last log time, unpacked size and checksum of
-# the content; length of the name of the compression.
-_HEAD = struct.Struct('<BQQQQII')
+_RECORD_HEAD_BYTES = 9  # opcode and size
+# Of a chunk after that: two times, two sizes, checksum, and length of the compression's name.
+_CHUNK_HEAD_BYTES = 4 * 8 + 2 * 4
 _MAX_TIME_NS = 2**63
 _NO_DEFINITION = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.NONE, '')
 
@@ -127,14 +126,13 @@ class McapFile(McapReader):
 
     def _read_chunk(self, chunk: ChunkInfo) -> bytes:
         assert self.bio is not None
-        self.bio.seek(chunk.chunk_start_offset)
-        _, _, _, _, size, checksum, length = _HEAD.unpack(self.bio.read(_HEAD.size))
-        compression = self.bio.read(min(length, _HEAD.size)).decode()
+        self.bio.seek(chunk.chunk_start_offset + _RECORD_HEAD_BYTES)
+        content = self.bio.read(chunk.chunk_length - _RECORD_HEAD_BYTES)
+        found = Chunk.read(ReadDataStream(BytesIO(content)))
+        size, compression = found.uncompressed_size, found.compression
         if (size, compression) != (chunk.uncompressed_size, chunk.compression):
             raise ReaderError('a chunk contradicts the index')
-        self.bio.seek(8, 1)  # skips the packed size, which the index contains too
-        data = self.bio.read(chunk.compressed_size)
-        return unpack(data, compression, size, checksum)
+        return unpack(found.data, compression, size, found.uncompressed_crc)
 
     def _unchunked(self, by_id: dict[int, Connection]) -> Iterator[_Item]:
         with suppress(*DAMAGE):  # where the file was cut off
@@ -253,7 +251,7 @@ class _Scan:
                 self._add_times(Counter([record.channel_id]), record.log_time, record.log_time)
 
     def _add_chunk(self, chunk: Chunk, end: int) -> None:
-        head_bytes = _HEAD.size + len(chunk.compression.encode()) + 8
+        head_bytes = _RECORD_HEAD_BYTES + _CHUNK_HEAD_BYTES + len(chunk.compression.encode())
         offset = end - len(chunk.data) - head_bytes
         self._lost = None
         try:

@@ -22,12 +22,6 @@ _TYPES = {0: '<u4', 1: '<f2', 2: '<f4'}  # of a channel
 _MAX_PIXELS = 50_000_000  # chosen: more than any depth camera has
 
 
-def exr_size_px(data: bytes, name: object) -> tuple[int, int]:
-    """Return width and height of an OpenEXR image; an error begins with `name`."""
-    attributes, _ = _header(data, name)
-    return _size_px(attributes, name)
-
-
 def decode_exr(data: bytes, name: object) -> Float32Array:
     """Return the (H, W) values of channel R, or of the first one if there is no R.
 

@@ -14,7 +14,7 @@ import numpy as np
 from hoid_bags.images import ImageData, decode_color, decode_depth, read_image_bytes
 from hoid_bags.storage.video import VideoFile
 from hoid_bags.tum import listing
-from hoid_bags.tum.exr import decode_exr, exr_size_px
+from hoid_bags.tum.exr import decode_exr
 from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
 from hoid_common import se3
 from hoid_common.errors import InputError
@@ -38,8 +38,8 @@ def record3d_camera(folder: Path) -> FolderCamera:
     size_px = [listing.json_number(path, found, name) for name in ('w', 'h')]
     camera = listing.matrix_camera(path, size_px, listing.json_matrix(path, found, 'K'))
     first = folder / 'depth' / '0.exr'
-    depth_px = exr_size_px(read_image_bytes(first), first)
-    return FolderCamera(listing.shrunk_camera(camera, depth_px))
+    height, width = _exr_m(first).shape
+    return FolderCamera(listing.shrunk_camera(camera, (width, height)))
 
 
 def record3d_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Images]:
