@@ -108,12 +108,9 @@ def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
 def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:
     """Return the configuration with the roll of the mounted camera as `detector.camera_roll_deg`.
 
-    The detector then gets images that are upright to the nearest quarter turn. A roll that is
-    already configured is kept.
-
-    Args:
-        mount_deg: Roll (clockwise as seen from behind), pitch (down) and yaw (to the left) of the
-            camera in degrees; None: the camera is level.
+    The detector then gets images that are upright to the nearest quarter turn. `mount_deg` is the
+    roll (clockwise as seen from behind), pitch (down) and yaw (to the left) of the camera; a roll
+    that is already configured is kept.
     """
     if mount_deg is None or _CAMERA_ROLL in config.changed():
         return config

@@ -93,9 +93,7 @@ def evaluate(
 ) -> Evaluation:
     """Return the absolute and relative errors of an estimated trajectory, and its coverage.
 
-    Raises:
-        InputError: Fewer than three poses are associated, they do not determine a rotation, or
-            there are more poses than frames.
+    InputError as in `align`, or if there are more poses than frames.
     """
     if frames_total is not None and frames_total < len(estimate):
         raise InputError(

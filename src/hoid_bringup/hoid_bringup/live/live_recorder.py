@@ -36,9 +36,6 @@ _MAP_TIMEOUT_S = 5.0  # not tuned
 class LiveRecorder:
     """Measures the nodes by their results; `spin` receives the messages.
 
-    Times and counts of the messages are stored in `metrics`, and the newest status in
-    `last_status`. Of the messages themselves, only the newest map points are kept.
-
     Args:
         node: Node of this process, in the namespace of the other nodes. This object spins it.
         camera_info: Topic of the camera_info messages, which `missing` publishes as well.
@@ -105,14 +102,10 @@ class LiveRecorder:
         return self.last_status.state.name.lower() if self.last_status is not None else ''
 
     def trajectory(self, kind: str, folder: Path) -> Trajectory:
-        """Have the SLAM node save a trajectory in its map directory, and return it.
+        """Have the SLAM node save a trajectory in its map directory `folder`, and return it.
 
         Args:
             kind: 'final', 'online' or 'keyframes'.
-            folder: Map directory of the node.
-
-        Raises:
-            InputError: The service fails or does not respond, or the file cannot be read.
         """
         name = f'{kind}.txt'
         future = self._save.call_async(SaveTrajectory.Request(name=name, kind=kind))

@@ -128,12 +128,7 @@ def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str
 
 
 def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: float) -> str:
-    """Return the nodes and the state of the SLAM node as lines of text.
-
-    Args:
-        status: The last status; None: the SLAM node has sent none yet.
-        rate_hz: Measured rate of processed images.
-    """
+    """Return the nodes and the state of the SLAM node, which may have sent none yet, as text."""
     lines = [
         f'{"" if n else "nodes":7s} {name}: {text}' for n, (name, text) in enumerate(nodes.items())
     ]

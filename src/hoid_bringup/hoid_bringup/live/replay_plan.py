@@ -64,10 +64,7 @@ class ReplayConfig(Config):
 
 @dataclass(frozen=True)
 class BagNames:
-    """Names of the topics of a bag, without the leading slash, as they are played to the nodes.
-
-    From the name of a topic, the nodes infer whether its images are compressed.
-    """
+    """Names of the topics of a bag, without the leading slash, as they are played to the nodes."""
 
     color: str
     depth: str
@@ -79,9 +76,8 @@ class BagNames:
     def of(cls, bag: BagSequence) -> BagNames:
         """Return the topics of a bag to which the nodes subscribe.
 
-        Raises:
-            InputError: The bag has no camera_info, or the name of an image topic does not show
-                whether its images are compressed.
+        InputError if the bag has no camera_info, or the name of an image topic does not show
+        whether its images are compressed.
         """
         found = bag.topics
         if found.camera_info is None:
@@ -108,9 +104,7 @@ class BagNames:
 def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOptions:
     """Return the options of the nodes for a bag; they save files in `folder`.
 
-    Raises:
-        InputError: The bag lacks ground-truth boxes that are to be used, or its topics cannot be
-            used (see `BagNames.of`).
+    InputError if the bag lacks ground-truth boxes that are to be used, or as in `BagNames.of`.
     """
     names = BagNames.of(bag)
     remappings = [

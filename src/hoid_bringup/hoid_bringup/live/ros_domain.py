@@ -23,10 +23,7 @@ _PORT_BASE = 32768  # a bound port marks a domain as taken, as in ROS's domain_c
 def own_domain() -> Iterator[int]:
     """Reserve a free ROS domain for the block, set ROS_DOMAIN_ID to it, and yield it.
 
-    If ROS_DOMAIN_ID is set already, it is kept and yielded.
-
-    Raises:
-        ConfigError: ROS_DOMAIN_ID is not a number, or no domain is free.
+    A domain in ROS_DOMAIN_ID is kept; ConfigError if it is not a number, or no domain is free.
     """
     chosen = os.environ.get(VARIABLE, '')
     if chosen:

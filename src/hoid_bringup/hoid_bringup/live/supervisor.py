@@ -77,13 +77,12 @@ class Supervisor:
     """Context manager that starts child processes and ends them at the end of the block.
 
     Call `poll` regularly: it finds children that have ended, restarts them if this is configured,
-    and measures memory. Entering the block raises InputError if the log folder cannot be written.
+    and measures memory.
 
     Args:
         restart: Whether to restart a child that ended, unless it refused its first start. A child
             that refuses a later start has worked before with the same options, so that probably a
-            file is damaged or missing at present: the child is started again, after pauses that
-            double up to 30 s.
+            file is damaged or missing at present: it is tried again after growing pauses.
         restart_period_s: Minimum time between two starts of a child.
         log_dir: Folder for one log file per child; None lets the children write to the terminal.
     """

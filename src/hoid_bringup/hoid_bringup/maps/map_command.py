@@ -59,13 +59,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def map_command(args: argparse.Namespace) -> None:
-    """Print what saved maps hold, or join or change them.
-
-    Raises:
-        ConfigError: The arguments do not fit the action.
-        MapFileError: A file is no valid map, no map shows a place of another one, or the joined
-            map cannot be written.
-    """
+    """Print what saved maps hold, or join or change them."""
     described = {_INFO: _described, _LOOPS: _listed_loops}
     change = {_MERGE: _merge, _REMOVE: _remove_loop}.get(args.action)
     if change is not None:

@@ -19,9 +19,7 @@ NO_DETECTOR = (
 def has_model() -> bool:
     """Return whether a default detector model is found, or can be downloaded into the cache.
 
-    Raises:
-        ModelError: The environment variable HOID_MODEL names a model that does not exist, or a
-            downloaded model has another digest than expected.
+    ModelError if HOID_MODEL names a missing model, or a download has another digest.
     """
     try:
         find_model()
@@ -33,9 +31,7 @@ def has_model() -> bool:
 def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
     """Return whether a run must use the strategy `motion` because no detector model is found.
 
-    Args:
-        given: Names of the parameters that the user has set. If the strategy is one of them, the
-            result is False: the strategy is kept, and the run fails without a model.
+    It is False if the strategy is among the `given` parameters: the run then fails without one.
     """
     known = [p.name for p in config.params()]
     changed = {full for name in given for full in full_names(name, known)}

@@ -234,9 +234,6 @@ def run_offline(
     """Process every frame of a recording and write the results.
 
     Args:
-        out_dir: Folder for the results, which is created if needed.
-        detect: Function that returns the detections of a frame; None: the configured detector.
-        dense: Whether to make the dense map and the grid as well.
         options: Options for the summary; None: strategy, seed and all changed parameters.
         recording: Path of the recording for the summary.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.

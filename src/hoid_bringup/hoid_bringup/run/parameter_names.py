@@ -26,12 +26,8 @@ _SHORT = {node: stage for stage, node in STAGES.items()}
 def full_names(name: str, known: Collection[str]) -> Sequence[str]:
     """Return the full name STAGE.PARAMETER of a parameter; of a shared one, that for each node.
 
-    Args:
-        name: STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has or is shared.
-        known: The full names of all parameters.
-
-    Raises:
-        ConfigError: No parameter has this name, or parameters of several nodes have it.
+    `name` may be STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has or is
+    shared; ConfigError if it is unknown or ambiguous among the full names in `known`.
     """
     head, _, rest = name.partition('.')
     of_stage = f'{_SHORT.get(head, head)}.{rest}'
