@@ -10,7 +10,7 @@ import numpy as np
 from hoid_common.errors import HoidError, MapFileError
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.store.database import Database, replaced
-from hoid_common.values import CameraModel, FloatArray, IntArray
+from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.model.loop_edge import LoopEdge, renumbered
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.store.map_check import check_loops, check_map
@@ -19,8 +19,6 @@ from rgbd_slam.store.map_reader import read_map
 from rgbd_slam.store.map_writer import put_header, put_keyframes, put_loops, put_part
 from rgbd_slam.store.tables import TABLES, MapHeader
 
-_SAME = 1e-6  # chosen: intrinsics [px] that differ by less are equal
-_MAX_DISTORTION = 14  # number of coefficients of OpenCV's largest lens model
 _MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera extends another's map
 
 
@@ -69,18 +67,12 @@ class MapFile(NamedTuple):
                 f'the map has features of {self.num_octaves} octaves with scale '
                 f'{self.scale_factor:g}: set camera.num_octaves and camera.scale_factor to these'
             )
-        if self._is_of(camera):
+        if self.camera == camera:
             return self
         if extend:
             check_extendable(self.camera, camera)
         state = self.map.in_camera(self.camera, camera, scale_factor, num_octaves)
         return self._replace(camera=camera, map=state)
-
-    def _is_of(self, camera: CameraModel) -> bool:
-        is_size = self.camera.size_px == camera.size_px
-        return is_size and bool(
-            (np.abs(_intrinsics(camera) - _intrinsics(self.camera)) < _SAME).all()
-        )
 
 
 def check_extendable(made_with: CameraModel, camera: CameraModel) -> None:
@@ -92,13 +84,6 @@ def check_extendable(made_with: CameraModel, camera: CameraModel) -> None:
             f'{_listed(camera)}, differs too much to extend it: localize in it (mode '
             'localization, ./hoid run --localize), or make a new map'
         )
-
-
-def _intrinsics(camera: CameraModel) -> FloatArray:
-    out = np.zeros(4 + _MAX_DISTORTION)
-    values = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
-    out[: len(values)] = values
-    return out
 
 
 def _listed(camera: CameraModel) -> str:
