@@ -54,7 +54,7 @@ def test_counts_follow_observations(two_keyframes: tuple[Atlas, int, int, IntArr
     atlas, a, b, j = two_keyframes
     assert atlas.points.num_observations[j].tolist() == [2, 2, 2, 1, 1, 1]
     assert atlas.points.num_stereo[j].tolist() == [0, 2, 0, 1, 0, 1]
-    assert np.stack(atlas.edges()).tolist() == [[a], [b], [3]]
+    assert np.stack(atlas.graph.edges()).tolist() == [[a], [b], [3]]
     assert atlas.covisible(a).tolist() == [b]
     seen = atlas.observations_of(j[:2])
     assert seen.i.tolist() == [a, a, b, b]
@@ -129,7 +129,7 @@ def test_changes_bring_a_copy_up_to_date(
             )
             np.testing.assert_array_equal(table.uid, other.uid)
     assert len(change.points.rows) == 3
-    np.testing.assert_array_equal(np.stack(copy.edges()), np.stack(atlas.edges()))
+    np.testing.assert_array_equal(np.stack(copy.graph.edges()), np.stack(atlas.graph.edges()))
     np.testing.assert_array_equal(
         np.stack(copy.observations_of(j)), np.stack(atlas.observations_of(j))
     )
@@ -160,7 +160,7 @@ def test_points_that_an_adjustment_moves_out_of_the_world_are_removed(
 
 def test_nothing_but_the_atlas_writes_the_columns_of_its_tables() -> None:
     package = Path(atlas_module.__file__).parents[1]
-    columns = {*KeyframeTable.columns, *PointTable.columns}
+    columns = {*KeyframeTable().columns, *PointTable().columns}
     writers = {
         path.name
         for path in package.rglob('*.py')

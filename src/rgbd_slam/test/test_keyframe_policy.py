@@ -71,10 +71,9 @@ def tracking(
     seen = replace(frame(), stamp_ns=round(stamp_s * 1e9))
     tracked = tracked_frame(seen, T, points, atlas, int(atlas.keyframes.uid[i]))
     estimate = PoseEstimate(se3.inverse(T), np.ones(num_inliers, np.bool_), np.eye(6))
-    tally = PointTally(np.empty(0, np.int64), np.empty(0, np.int64))
-    return TrackerOutput(
-        tracked, Consensus(estimate), points, num_inliers, tally, expected_px, tally.found, True
-    )
+    none = np.empty(0, np.int64)
+    tally = PointTally(none, points[:num_inliers])
+    return TrackerOutput(tracked, Consensus(estimate), points, tally, expected_px, none, True)
 
 
 def test_a_frame_becomes_a_keyframe_when_it_shows_less_of_the_reference() -> None:

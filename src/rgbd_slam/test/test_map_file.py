@@ -72,7 +72,7 @@ def test_a_restored_map_is_the_one_that_was_saved() -> None:
         )
     for n in i.tolist():
         running.update_connections(n)
-    np.testing.assert_array_equal(np.stack(copy.edges()), np.stack(running.edges()))
+    np.testing.assert_array_equal(np.stack(copy.graph.edges()), np.stack(running.graph.edges()))
     assert copy.keyframes.is_loaded[i].all()
 
 
@@ -131,7 +131,7 @@ def test_changes_by_restoring_reach_a_copy() -> None:
     restore(owner, snapshot(ring(5)), CAMERA, keep=False)
     copy.apply(owner.changes_since(first.version))
     assert snapshot(copy).digest() == snapshot(owner).digest()
-    np.testing.assert_array_equal(np.stack(copy.edges()), np.stack(owner.edges()))
+    np.testing.assert_array_equal(np.stack(copy.graph.edges()), np.stack(owner.graph.edges()))
     np.testing.assert_array_equal(copy.points.view_direction, owner.points.view_direction)
 
 

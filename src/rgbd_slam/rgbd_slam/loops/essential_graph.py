@@ -238,7 +238,7 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
     """Return the edges of the spanning tree and of covisibility at keyframes in `rows`."""
     keyframes = atlas.keyframes
-    pairs = atlas.edges()
+    pairs = atlas.graph.edges()
     key = pairs.first * keyframes.capacity + pairs.second
     parents = atlas.parents()[rows]
     ends = np.stack([rows, parents])[:, parents >= 0]

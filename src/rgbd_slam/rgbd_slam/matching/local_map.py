@@ -44,7 +44,7 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
         return LocalMap(last_reference_uid, np.empty(0, np.int64))
     around = atlas.covisible(anchor.row, limit=2 * limit)
     candidates = np.concatenate([[anchor.row], around])
-    votes = atlas.count_observed(seen, candidates)
+    votes = atlas.graph.count_observed(seen, candidates)
     if not votes.any():
         candidates, votes = np.unique(atlas.observations_of(seen).i, return_counts=True)
         if len(candidates) == 0:

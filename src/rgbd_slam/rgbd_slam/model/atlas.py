@@ -37,7 +37,7 @@ class Atlas(MapTables):
         keyframes, points = self.keyframes, self.points
         self._note_features(*np.nonzero(keyframes.point_of_feature != NO_POINT))
         keyframes.point_of_feature[:] = NO_POINT
-        self._graph.clear()
+        self.graph.clear()
         keyframes.release(keyframes.indices(), self.version)
         points.release(points.indices(), self.version)
         self.redirects.clear()
@@ -124,7 +124,7 @@ class Atlas(MapTables):
     def update_connections(self, i: int) -> None:
         """Recount the points that keyframe `i` shares with every other keyframe."""
         seen = self.keyframes.points_of(i)
-        self._graph.connect(i, seen[seen != NO_POINT])
+        self.graph.connect(i, seen[seen != NO_POINT])
         self.keyframes.connected[i] = self.version
 
     # ---- points and observations
@@ -164,7 +164,7 @@ class Atlas(MapTables):
         kf, points = self.keyframes, self.points
         self._note_features(i, k)
         kf.point_of_feature[i, k] = j
-        self._graph.observe(np.full(len(k), i), k, j)
+        self.graph.observe(np.full(len(k), i), k, j)
         points.num_observations[j] += 1
         points.num_stereo[j] += kf.depth_m[i, k] > 0
         points.version[j] = self.version
@@ -178,7 +178,7 @@ class Atlas(MapTables):
         kf, points = self.keyframes, self.points
         k = k[kf.point_of_feature[i, k] != NO_POINT]
         j = kf.point_of_feature[i, k].astype(np.int64)
-        self._graph.unobserve(np.full(len(k), i), k, j)
+        self.graph.unobserve(np.full(len(k), i), k, j)
         points.num_observations[j] -= 1
         points.num_stereo[j] -= kf.depth_m[i, k] > 0
         self._note_features(i, k)
@@ -196,7 +196,7 @@ class Atlas(MapTables):
     def remove_points(self, j: IntArray) -> None:
         """Remove points `j` (P,) and all their observations."""
         seen = self.observations_of(j)
-        self._graph.unobserve(*seen)
+        self.graph.unobserve(*seen)
         self._note_features(seen.i, seen.k)
         self.keyframes.point_of_feature[seen.i, seen.k] = NO_POINT
         self.points.release(j, self.version)
@@ -223,8 +223,8 @@ class Atlas(MapTables):
         moves &= ~np.isin(key, key_have)
         self._note_features(seen.i, seen.k)
         kf.point_of_feature[seen.i, seen.k] = np.where(moves, to, NO_POINT)
-        self._graph.unobserve(*seen)
-        self._graph.observe(seen.i[moves], seen.k[moves], to[moves])
+        self.graph.unobserve(*seen)
+        self.graph.observe(seen.i[moves], seen.k[moves], to[moves])
         np.add.at(points.num_observations, to[moves], 1)
         np.add.at(points.num_stereo, to[moves], kf.depth_m[seen.i[moves], seen.k[moves]] > 0)
         np.add.at(points.num_visible, new, points.num_visible[old])
@@ -239,7 +239,7 @@ class Atlas(MapTables):
         Rows of removed points are skipped.
         """
         points = self.points
-        seen = self.observations_by_point(j[points.uid[j] != DEAD])
+        seen = self.graph.observations_by_point(j[points.uid[j] != DEAD])
         if len(seen.j) == 0:
             return
         kf = self.keyframes
@@ -318,7 +318,7 @@ class Atlas(MapTables):
             vars(table).update(vars(new))
             vars(new).update(old)
         self.points.shift_uids(uid_offset)
-        self._graph, loaded._graph = loaded._graph, self._graph
+        self.graph, loaded.graph = loaded.graph, self.graph
         self.loops = self._sent_loops = loaded.loops
         if not keep_pending:
             self.pending.clear()
@@ -344,7 +344,7 @@ class Atlas(MapTables):
         for seen in blocks:
             self._note_features(seen.i, seen.k)
             self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
-            self._graph.observe(*seen)
+            self.graph.observe(*seen)
             rows += np.unique(seen.i).tolist()
         for i in sorted(rows):
             self.update_connections(i)

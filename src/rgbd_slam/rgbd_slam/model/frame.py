@@ -110,16 +110,9 @@ class StereoCamera:
         """
         x, y, z = points_camera_m
         inv_z = 1.0 / z
-        out = np.empty(points_camera_m.shape)
-        np.multiply(x, inv_z, out=out[0])
-        out[0] *= self.fx_px
-        out[0] += self.cx_px
-        np.multiply(y, inv_z, out=out[1])
-        out[1] *= self.fy_px
-        out[1] += self.cy_px
-        np.multiply(inv_z, -self.baseline_px_m, out=out[2])
-        out[2] += out[0]
-        return out
+        u = x * inv_z * self.fx_px + self.cx_px
+        v = y * inv_z * self.fy_px + self.cy_px
+        return np.stack([u, v, inv_z * -self.baseline_px_m + u])
 
     def project(self, points_camera_m: FloatArray) -> FloatArray:
         """Return (N, 3) u, v, u_right of (N, 3) points in front of the camera."""

@@ -25,8 +25,7 @@ _ROWS_AT_ONCE = 64  # chosen: keyframes that are stored at once; their columns f
 # Chosen: number of new keyframes after which the operating system may take back the memory of the
 # columns below; they are read from the file again when they are used.
 _RELEASE_AFTER = 100
-_FEATURE_COLUMNS = (
-    'point_of_feature',
+_FIXED_FEATURES = (
     'measurement_px',
     'depth_m',
     'octave',
@@ -34,6 +33,7 @@ _FEATURE_COLUMNS = (
     'descriptors',
     'may_seed',
 )
+_OBSERVATIONS = ('connected', 'reobserved', 'is_reobserved')
 
 
 class KeyframeTable(SoaTable):
@@ -43,32 +43,8 @@ class KeyframeTable(SoaTable):
     graph of the `Atlas` is its inverse.
     """
 
-    columns: ClassVar[tuple[str, ...]] = (
-        *SoaTable.columns,
-        'stamp_ns',
-        'T_map_camera',
-        'map_id',
-        'parent_uid',
-        'num_features',
-        'is_loaded',
-        'connected',
-        'reobserved',
-        'is_reobserved',
-        *_FEATURE_COLUMNS,
-    )
-    fixed: ClassVar[tuple[str, ...]] = (
-        'stamp_ns',
-        'num_features',
-        'is_loaded',
-        *_FEATURE_COLUMNS[1:],
-    )
-    local: ClassVar[tuple[str, ...]] = (
-        *SoaTable.local,
-        'connected',
-        'reobserved',
-        'is_reobserved',
-        'point_of_feature',
-    )
+    fixed: ClassVar[tuple[str, ...]] = ('stamp_ns', 'num_features', 'is_loaded', *_FIXED_FEATURES)
+    local: ClassVar[tuple[str, ...]] = (*SoaTable.local, *_OBSERVATIONS, 'point_of_feature')
     wide: ClassVar[tuple[str, ...]] = ('stamp_ns',)
 
     def __init__(self) -> None:
@@ -108,7 +84,7 @@ class KeyframeTable(SoaTable):
         self.point_of_feature[old:] = NO_POINT
 
     def _grown(self, name: str, capacity: int) -> Column:
-        if capacity <= _MEMORY_ROWS or name not in _FEATURE_COLUMNS[1:]:
+        if capacity <= _MEMORY_ROWS or name not in _FIXED_FEATURES:
             return super()._grown(name, capacity)
         column = self._on_disk.setdefault(
             name, DiskArray(getattr(self, name), 'features of the map')
@@ -123,7 +99,7 @@ class KeyframeTable(SoaTable):
 
     def grow_features(self, max_features: int) -> None:
         self._on_disk.clear()
-        for name in ('is_reobserved', *_FEATURE_COLUMNS):
+        for name in ('is_reobserved', 'point_of_feature', *_FIXED_FEATURES):
             old = getattr(self, name)
             new = np.zeros((old.shape[0], max_features, *old.shape[2:]), old.dtype)
             new[:, : old.shape[1]] = old
@@ -131,7 +107,7 @@ class KeyframeTable(SoaTable):
                 new[:, old.shape[1] :] = NO_POINT
             setattr(self, name, new)
         if self.capacity > _MEMORY_ROWS:
-            for name in _FEATURE_COLUMNS[1:]:
+            for name in _FIXED_FEATURES:
                 setattr(self, name, self._grown(name, self.capacity))
 
     def store_features(self, i: int, frame: Frame) -> None:
@@ -146,7 +122,7 @@ class KeyframeTable(SoaTable):
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))
-        for name in _FEATURE_COLUMNS[1:]:
+        for name in _FIXED_FEATURES:
             getattr(self, name)[i, :n] = getattr(frame, name)
         self._num_put += 1
         if self._num_put % _RELEASE_AFTER == 0:
@@ -219,7 +195,7 @@ class KeyframeTable(SoaTable):
         if with_features:
             return change
         fixed = change.fixed_columns
-        kept = {name: fixed[name] for name in fixed if name not in _FEATURE_COLUMNS}
+        kept = {name: fixed[name] for name in fixed if name not in _FIXED_FEATURES}
         return change._replace(fixed_columns=kept)
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:

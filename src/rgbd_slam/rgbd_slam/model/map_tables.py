@@ -11,7 +11,7 @@ import numpy as np
 
 from hoid_common.values import BoolArray, FloatArray, IntArray
 from hoid_native import ObservationGraph, move_points
-from hoid_native.results import Edges, Observations
+from hoid_native.results import Observations
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT, KeyframeTable
 from rgbd_slam.model.loop_edge import LoopEdge
@@ -67,7 +67,7 @@ class MapTables:
         # Keyframes that were requested from a mapper in another process and are not in this copy
         # yet, by uid, the oldest first.
         self.pending: dict[int, PendingKeyframe] = {}
-        self._graph = ObservationGraph()
+        self.graph = ObservationGraph()
         self._has_copies = False  # whether there are copies that receive the changes
         self._moves: list[Move] = []  # since the last change was sent
 
@@ -77,30 +77,18 @@ class MapTables:
         The shared points are those that `Atlas.update_connections` counted last. At most `limit`
         rows of keyframes with at least `min_shared` shared points are returned.
         """
-        return self._graph.neighbors(i, min_shared).rows[:limit]
-
-    def edges(self) -> Edges:
-        """Return all pairs of keyframes that share points, sorted by first and second row."""
-        return self._graph.edges()
+        return self.graph.neighbors(i, min_shared).rows[:limit]
 
     def points_of(self, keyframes: IntArray) -> IntArray:
         """Return the (P,) rows, ascending, of points that any of the keyframes (N,) observes."""
-        return self._graph.points_of(self.keyframes.point_of_feature, keyframes)
-
-    def count_observed(self, j: IntArray, keyframes: IntArray) -> IntArray:
-        """Return how many of the points in rows `j` (P,) each of the keyframes (N,) observes."""
-        return self._graph.count_observed(j, keyframes)
+        return self.graph.points_of(self.keyframes.point_of_feature, keyframes)
 
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
         """Return the observations of points `j` (P,) by keyframes; None: by all keyframes.
 
         They are sorted by keyframe (in the given order, else ascending), then by feature.
         """
-        return self._graph.observations(j, keyframes)
-
-    def observations_by_point(self, j: IntArray) -> Observations:
-        """Return the observations of points `j` (P,), sorted by point, keyframe and feature."""
-        return self._graph.observations_by_point(j)
+        return self.graph.observations(j, keyframes)
 
     def path_length_m(self, start: int, goal: int, min_shared: int, m_per_rad: float) -> float:
         """Return the length [m] of the shortest path between two keyframes; inf if there is none.
@@ -110,7 +98,7 @@ class MapTables:
         """
         kf = self.keyframes
         poses = kf.T_map_camera
-        return self._graph.path_length_m(poses, self.parents(), start, goal, min_shared, m_per_rad)
+        return self.graph.path_length_m(poses, self.parents(), start, goal, min_shared, m_per_rad)
 
     def parents(self) -> IntArray:
         """Return the (capacity,) row of each keyframe's parent; -1 for roots and empty rows."""
@@ -219,7 +207,7 @@ class MapTables:
         kf.reobserved[change.observations.i] = change.version
         self._connect(change.connections)
         for i in rows[kf.uid[rows] == DEAD].tolist():
-            self._graph.set_neighbors(i, _NOTHING, _NOTHING)
+            self.graph.set_neighbors(i, _NOTHING, _NOTHING)
         self.version = change.version
         self.redirects.add(change.redirects)
         self.guard.num_refused += change.num_refused
@@ -282,14 +270,14 @@ class MapTables:
         i, k, new = (part.astype(np.int64) for part in states[:3])
         old = kf.point_of_feature[i, k].astype(np.int64)
         gone, seen = old != NO_POINT, new != NO_POINT
-        self._graph.unobserve(i[gone], k[gone], old[gone])
-        self._graph.observe(i[seen], k[seen], new[seen])
+        self.graph.unobserve(i[gone], k[gone], old[gone])
+        self.graph.observe(i[seen], k[seen], new[seen])
         kf.point_of_feature[i, k] = new
         kf.may_seed[i, k] = states.may_seed
 
     def _connections_since(self, version: int) -> Connections:
         rows = np.flatnonzero(self.keyframes.alive & (self.keyframes.connected > version))
-        found = [self._graph.neighbors(i) for i in rows.tolist()]
+        found = [self.graph.neighbors(i) for i in rows.tolist()]
         return Connections(
             rows,
             np.array([len(near.rows) for near in found], np.int64),
@@ -303,8 +291,8 @@ class MapTables:
         for i, start, end in zip(connections.rows.tolist(), starts, ends, strict=False):
             rows, shared = connections.neighbors[start:end], connections.shared[start:end]
             order = np.argsort(rows)
-            self._graph.set_neighbors(i, rows[order], shared[order])
+            self.graph.set_neighbors(i, rows[order], shared[order])
 
     def _set_neighbors(self, i: int, rows: IntArray, shared: IntArray) -> None:
-        self._graph.set_neighbors(i, rows, shared)
+        self.graph.set_neighbors(i, rows, shared)
         self.keyframes.connected[i] = self.version

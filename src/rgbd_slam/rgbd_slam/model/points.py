@@ -17,22 +17,6 @@ _NOT_COUNTED = -2  # a number that is neither the uid of a point nor that of an 
 class PointTable(SoaTable):
     """The table of map points (index letter j). Only `Atlas` writes to the columns."""
 
-    columns: ClassVar[tuple[str, ...]] = (
-        *SoaTable.columns,
-        'position_m',
-        'view_direction',
-        'min_distance_m',
-        'max_distance_m',
-        'descriptors',
-        'num_observations',
-        'num_stereo',
-        'num_visible',
-        'num_found',
-        'first_keyframe_uid',
-        'reference_keyframe_uid',
-        'map_id',
-        'shifted',
-    )
     local: ClassVar[tuple[str, ...]] = (*SoaTable.local, 'shifted')
 
     def __init__(self) -> None:

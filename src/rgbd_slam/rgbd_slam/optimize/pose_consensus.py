@@ -39,9 +39,6 @@ _MAX_COST = 9.832  # 5.991 + 3.841: 95 % quantiles for the pixel (two) and the d
 _CHI2_DISTINCT = 16.812  # 99 % quantile of chi-square, six degrees of freedom: a twist
 _MIN_NOISE_SCALE = 0.01  # chosen: keeps the scale above zero where the matches are exact
 _MIN_HALF = 10  # not tuned: matches that a hypothesis needs; three with depth determine a pose
-# Not tuned: passes in which a hypothesis collects the matches that fit it; the first one fits the
-# inliers of its half.
-_NUM_PASSES = 2
 # Not tuned: the pose without a region is computed only if leaving the region out decreases the
 # cost, by a first-order estimate, by at least this share of the required decrease.
 _MIN_FIRST_ORDER_GAIN = 0.4
@@ -227,10 +224,8 @@ class PoseConsensus:
         used = half.copy()
         used[half] = own.inliers
         found = self._hypothesis(deciding, deciding.select(used), own.T_camera_map)
-        for _ in range(_NUM_PASSES - 1):
-            supporters = deciding.select(found.supporters)
-            found = self._hypothesis(deciding, supporters, found.T_camera_map)
-        return found
+        supporters = deciding.select(found.supporters)
+        return self._hypothesis(deciding, supporters, found.T_camera_map)
 
     def _without_biasing_region(
         self, deciding: PoseProblem, biased: _Hypothesis

@@ -33,7 +33,6 @@ class SoaTable:
     compares the uid of the element with that of the row later.
     """
 
-    columns: ClassVar[tuple[str, ...]] = ('uid', 'version', 'born')
     fixed: ClassVar[tuple[str, ...]] = ()  # columns that `rows_since` copies of new rows only
     local: ClassVar[tuple[str, ...]] = ('version', 'born')  # columns that it does not copy
     wide: ClassVar[tuple[str, ...]] = ()  # columns of integers that do not fit into 32 bits
@@ -46,6 +45,10 @@ class SoaTable:
         self._next_uid = 0
         self._num_alive = 0
         self._first_empty = 0  # no row before this one is empty
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return tuple(name for name, value in vars(self).items() if isinstance(value, np.ndarray))
 
     @property
     def capacity(self) -> int:

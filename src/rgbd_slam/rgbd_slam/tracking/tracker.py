@@ -46,13 +46,17 @@ class TrackerOutput:
     tracked: TrackedFrame
     consensus: Consensus
     matched: IntArray  # (N,) point matched with each feature, outliers included, or NO_POINT
-    num_inliers: int  # matches with map points that fit the pose
     tally: PointTally  # the points that should be visible in the frame, and those found in it
     # (3, V) projections u, v, u_right of the visible points of the local map, without the inliers
     # of the initial pose.
     expected_px: FloatArray
     moved: IntArray  # (M,) map points that turned out to be on moving objects
     is_on_map: bool  # False: too few map points fit the pose; it rests on the last frame's depth
+
+    @property
+    def num_inliers(self) -> int:
+        """Return the number of matches with map points that fit the pose."""
+        return len(self.tally.found)
 
     @property
     def num_matches(self) -> int:
@@ -366,7 +370,6 @@ class Tracker:
             tracked_frame(frame, T_map_camera, points, self._atlas, reference_uid),
             consensus,
             matched,
-            len(tally.found),
             tally,
             searched.expected_px,
             moved,
