@@ -23,11 +23,9 @@ class CameraTopics(NamedTuple):
 
     def topics(self, namespace: str = '') -> tuple[str, ...]:
         """Return the names of the topics of color images, depth images and camera info."""
-        return tuple(_join(namespace or self.namespace, name) for name in self[2:])
-
-
-def _join(namespace: str, name: str) -> str:
-    return f'{namespace.rstrip("/")}/{name}' if namespace else name
+        namespace = namespace or self.namespace
+        prefix = f'{namespace.rstrip("/")}/' if namespace else ''
+        return tuple(f'{prefix}{name}' for name in self[2:])
 
 
 CAMERA_TOPICS = {

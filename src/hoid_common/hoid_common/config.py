@@ -92,7 +92,9 @@ class Config:
             if is_dataclass(value):
                 inner = cast('Config', value).params(f'{prefix}{f.name}.')
                 is_expert = f.metadata.get(_EXPERT_SECTION, False)
-                yield from map(_for_experts, inner) if is_expert else inner
+                for leaf in inner:
+                    spec = replace(leaf.spec, expert=leaf.spec.expert or is_expert)
+                    yield leaf._replace(spec=spec)
             else:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
@@ -109,10 +111,6 @@ class Config:
             # parameter with its section.
             _checked(name, value, known[name].value, known[name].spec)
         return _replaced(self, values)
-
-
-def _for_experts(leaf: Param) -> Param:
-    return leaf._replace(spec=replace(leaf.spec, expert=True))
 
 
 def _replaced(config: C, values: Mapping[str, Any]) -> C:

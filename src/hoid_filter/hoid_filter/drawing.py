@@ -32,7 +32,8 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
     draw_points(picture, result.removed_uv_px, REMOVED_BGR)
     draw_points(picture, result.features.uv_px, KEPT_BGR)
     for item in result.objects:
-        _draw_box(picture, item)
+        x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
+        cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.state], 2)
     for item in result.objects:  # after all boxes, whose edges would cross them
         _draw_label(picture, item)
     return picture
@@ -41,11 +42,6 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
 def draw_points(picture: ByteArray, uv_px: Float32Array, color: Bgr) -> None:
     for center in np.rint(uv_px).astype(int).tolist():
         cv2.circle(picture, center, _RADIUS_PX, color, 1, cv2.LINE_AA)
-
-
-def _draw_box(picture: ByteArray, item: DynamicObject) -> None:
-    x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
-    cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.state], 2)
 
 
 def _draw_label(picture: ByteArray, item: DynamicObject) -> None:

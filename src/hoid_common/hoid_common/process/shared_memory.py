@@ -46,7 +46,8 @@ def check_shared_memory(num_processes: int) -> None:
 
 
 def shared_memory_problem() -> str:
-    if _own_segment_mb() >= _segment_mb():
+    own_mb = max((path.stat().st_size / _BYTES_PER_MB for path in _own_segments()), default=0.0)
+    if own_mb >= _segment_mb():
         return ''
     return (
         f'Fast DDS got no shared memory for images, so that most of them get lost: {_FOLDER} has '
@@ -81,10 +82,6 @@ def _segment_mb() -> float:
         return 0.0
     found = _SEGMENT_SIZE.search(profile)
     return int(found[1]) / _BYTES_PER_MB if found else 0.0
-
-
-def _own_segment_mb() -> float:
-    return max((path.stat().st_size / _BYTES_PER_MB for path in _own_segments()), default=0.0)
 
 
 def _own_segments() -> Iterator[Path]:

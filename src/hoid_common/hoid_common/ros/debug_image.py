@@ -1,4 +1,4 @@
-"""Publishers of debug images and masked images; without subscribers, nothing is published."""
+"""Publisher of debug images; without subscribers, nothing is published."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from std_msgs.msg import Header
 
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
-from hoid_common.values import ByteArray, Float32Array
+from hoid_common.values import ByteArray
 
 _JPEG_QUALITY = 80  # of 100; chosen, not tuned
 
@@ -33,22 +33,3 @@ class DebugImages:
         if self._compressed.get_subscription_count():
             msg = conversions.compressed_color_to_msg(image_bgr, header, _JPEG_QUALITY)
             self._compressed.publish(msg)
-
-
-class MaskedImages:
-    """Publishes the mask of static pixels, and depth without dynamic objects, for other SLAM."""
-
-    def __init__(self, node: Node) -> None:
-        self._mask = node.create_publisher(Image, topics.MASK, qos.OUTPUT)
-        self._depth = node.create_publisher(Image, topics.STATIC_DEPTH, qos.OUTPUT)
-
-    @property
-    def is_watched(self) -> bool:
-        return any(p.get_subscription_count() for p in (self._mask, self._depth))
-
-    def publish(self, mask: ByteArray, depth_m: Float32Array, header: Header) -> None:
-        """Publish the mask (H, W), 255 = static, and the depth (H, W) of static pixels in m."""
-        if self._mask.get_subscription_count():
-            self._mask.publish(conversions.mask_to_msg(mask, header))
-        if self._depth.get_subscription_count():
-            self._depth.publish(conversions.depth_to_msg(depth_m, header))

@@ -78,16 +78,13 @@ class Parameters(Generic[C]):
                     leaf.name, _to_ros(leaf.value), _descriptor(leaf), ignore_override=True
                 )
         _warn(node, given.keys() - self._leaves.keys(), leaves)
-        node.add_pre_set_parameters_callback(self._typed)
+        node.add_pre_set_parameters_callback(lambda given: [self._retyped(p) for p in given])
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     @property
     def config(self) -> C:
         return self._config
-
-    def _typed(self, parameters: list[Parameter]) -> list[Parameter]:
-        return [self._retyped(p) for p in parameters]
 
     def _retyped(self, parameter: Parameter) -> Parameter:
         leaf, value = self._leaves.get(parameter.name), parameter.value

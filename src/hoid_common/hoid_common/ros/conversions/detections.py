@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from hoid_msgs.msg import Detection, DetectionArray, DynamicObjectArray
@@ -22,6 +23,7 @@ from hoid_common.messages import MAX_DETECTIONS, stamp_from_msg
 from hoid_common.values import MAX_NAME_LENGTH, Detections, DynamicObject, ObjectState
 
 Row = tuple[float, float, float, float]
+_VECTORS = ('center_camera_m', 'size_m', 'velocity_camera_mps')  # fields of DynamicObject
 _MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size
 
 
@@ -158,9 +160,7 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
         raise MessageError(
             f'dynamic_objects: box {box_xyxy_px} px or score {msg.score} is out of range'
         )
-    x, y, z = (float(value) for value in msg.center_camera_m)
-    width, height = (float(value) for value in msg.size_m)
-    vx, vy, vz = (float(value) for value in msg.velocity_camera_mps)
+    vectors: dict[str, Any] = {name: tuple(getattr(msg, name).tolist()) for name in _VECTORS}
     return DynamicObject(
         msg.class_name,
         box_xyxy_px,
@@ -169,9 +169,7 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
         ObjectState(msg.state),
         msg.overlap_ratio,
         msg.depth_gap_m,
-        (x, y, z),
-        (width, height),
-        (vx, vy, vz),
+        **vectors,
     )
 
 
@@ -189,7 +187,5 @@ def _object_to_msg(obj: DynamicObject) -> DynamicObjectMsg:
         y_max=y_max,
         overlap_ratio=float(obj.overlap_ratio),
         depth_gap_m=float(obj.depth_gap_m),
-        center_camera_m=[float(value) for value in obj.center_camera_m],
-        size_m=[float(value) for value in obj.size_m],
-        velocity_camera_mps=[float(value) for value in obj.velocity_camera_mps],
+        **{name: [float(value) for value in getattr(obj, name)] for name in _VECTORS},
     )
