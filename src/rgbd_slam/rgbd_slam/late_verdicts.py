@@ -30,7 +30,7 @@ class LateVerdicts:
         self._newest_ns, self._num_newest = features.stamp_ns, len(features)
         return features
 
-    def note_keyframe(self) -> None:
+    def expect_verdict(self) -> None:
         """Remember that the latest image became a keyframe, on which a verdict may follow."""
         _put(self._keyframes, self._newest_ns, self._num_newest)
 

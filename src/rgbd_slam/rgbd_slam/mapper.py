@@ -98,7 +98,6 @@ class Mapper:
         return i
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
-        """Remove the observations of a keyframe's features that turned out to be dynamic."""
         retract_observations(self.map, verdicts)
 
     def load(
@@ -121,7 +120,6 @@ class Mapper:
         self.loops = loops
 
     def close(self) -> None:
-        """Stop the global adjustment in the background without applying it."""
         self.closer.adjuster.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
@@ -139,7 +137,7 @@ class Mapper:
         T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         if not self.map.guard.is_valid(T_map_camera, 'keyframes'):
             return None
-        self.map.count_sightings(request.counts)
+        self.map.add_point_counts(request.counts)
         is_there = points.uid[request.moved] == request.moved_uids
         self.map.remove_points(np.unique(request.moved[is_there]))
         i = self.map.add_keyframe(

@@ -115,11 +115,10 @@ class RobotFrames:
         return pose
 
     def camera_at(self, T_map_base: FloatArray) -> FloatArray:
-        """Return T_core_camera (4, 4) of a robot at T_map_base (4, 4), x forward and z up."""
+        """Return T_core_camera (4, 4) of a robot at T_map_base (4, 4), with x forward and z up."""
         return se3.inverse(self.T_map_core) @ T_map_base @ self._T_odom_core
 
     def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
-        """Return the motion (4, 4) of the camera that results from a motion (4, 4) of the base."""
         return self.T_camera_base @ T_base_base @ se3.inverse(self.T_camera_base)
 
     def bases(self, cameras: Trajectory) -> Trajectory:
@@ -129,15 +128,12 @@ class RobotFrames:
         )
 
     def cameras(self, cameras: Trajectory) -> Trajectory:
-        """Return poses T_map_camera for camera poses T_core_camera."""
         return Trajectory(cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera)
 
     def keyframes(self, poses: KeyframePoses) -> KeyframePoses:
-        """Return keyframe poses in the map frame for keyframe poses in the core's map frame."""
         return poses._replace(T_map_camera=self.T_map_core @ poses.T_map_camera)
 
     def points_m(self, points_core_m: FloatArray) -> FloatArray:
-        """Return (N, 3) points [m] in the map frame for points in the core's map frame."""
         return se3.transform(self.T_map_core, points_core_m)
 
     def level(self, up_core: FloatArray) -> float:
@@ -181,7 +177,7 @@ def _least_rotation(up: FloatArray) -> FloatArray:
 
 
 def _known(covariance: FloatArray) -> FloatArray:
-    """Return a covariance (6, 6), or a very small one if it is zero, which would mean unknown."""
+    """Return a covariance (6, 6), or a very small one for zero, which would mean unknown."""
     return covariance if covariance.any() else _LEAST_COVARIANCE
 
 

@@ -101,7 +101,6 @@ class SlamSession:
         self._num_processed = 0
 
     def reconfigure(self, config: SlamConfig) -> None:
-        """Apply the parameters that may change at run time."""
         self.slam.reconfigure(config)
 
     def close(self) -> None:
@@ -109,7 +108,6 @@ class SlamSession:
         self.map.mapper.close()
 
     def process(self, features: Features) -> Processed:
-        """Call `track` and then `learn` for one image, and return all results of the image."""
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> Tracked:
@@ -135,7 +133,7 @@ class SlamSession:
         is_turned = self._leveling.update(result, is_in_main_map=is_in_main_map)
         self.map.has_changed |= result.is_keyframe or is_turned
         if result.is_keyframe:
-            self._late.note_keyframe()
+            self._late.expect_verdict()
         status = self._status(result.state, result)
         return Processed(status, tracked.pose, self._image(result, is_in_main_map=is_in_main_map))
 
@@ -150,7 +148,7 @@ class SlamSession:
             self.map.mapper.retract(verdicts)
 
     def status(self) -> SlamStatus:
-        """Return the status without an image, with the state PAUSED or else NOT_INITIALIZED."""
+        """Return the status without an image: PAUSED or else NOT_INITIALIZED."""
         return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
 
     @property
@@ -197,7 +195,6 @@ class SlamSession:
         return pose if self.map.atlas.guard.are_valid(poses, 'the robot').all() else None
 
     def _image(self, result: TrackingResult, *, is_in_main_map: bool) -> TrackedImage | None:
-        """Return the pose of this image in the map; None if it was not measured."""
         slam, keyframe_uid = self.slam, self.slam.odometry.anchor_uid
         is_measured = result.state is SlamState.TRACKING and not result.is_predicted
         if not is_measured or keyframe_uid is None:
@@ -241,6 +238,6 @@ class SlamSession:
             return _IN_OTHER_MAP
         if result is not None and result.competing is not None:
             competing = result.competing
-            shares = competing.chosen_share, competing.competing_share
+            shares = competing.chosen_ratio, competing.competing_ratio
             return _TWO_MOTIONS.format(*(100 * share for share in shares))
         return _MESSAGES[state]

@@ -80,7 +80,6 @@ class RgbdSlam:
         self._tallies = PointTallies(atlas.points)
 
     def process(self, features: Features) -> TrackingResult:
-        """Call `track` and then `learn`."""
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> TrackingResult:
@@ -108,7 +107,7 @@ class RgbdSlam:
             result = self._start_map(frame, np.eye(4))  # this pose is the map's origin
         else:
             result = self._miss(frame)
-        return replace(result, note=self._relocalizer.take_note() or result.note)
+        return replace(result, note=self._relocalizer.consume_note() or result.note)
 
     def learn(self, result: TrackingResult) -> TrackingResult:
         """Update estimates and trajectory from a tracked frame; insert it if it is a keyframe.
@@ -135,21 +134,16 @@ class RgbdSlam:
         self._forget_pose()
 
     def reconfigure(self, config: SlamConfig) -> None:
-        """Apply the parameters that may change at run time."""
         self._config = config
         self.states.new_map_after_s = config.places.new_map_after_s
         self._policy.reconfigure(config.keyframes)
 
     @property
     def stats(self) -> SlamStats:
-        """Return the size of the main map and the numbers of maps and events; see `SlamStats`."""
         return self.map.stats(self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
-        """Return the undistorted frame with virtual right columns, without rolling shutter.
-
-        If the stamps have started again, the velocity and the last keyframe are forgotten.
-        """
+        """Return the undistorted frame with virtual right columns, without rolling shutter."""
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
         if self.states.image(frame.stamp_ns):
@@ -161,8 +155,8 @@ class RgbdSlam:
     def _find(self, frame: Frame) -> TrackerOutput | None:
         """Track a frame from the last one, or relocalize it; None: the camera is lost.
 
-        When it is relocalized, T_odom_camera moves by the motion that external odometry or the
-        gyro has measured since the last tracked frame.
+        When it is relocalized, T_odom_camera moves by the motion that a source has measured
+        meanwhile.
         """
         odometry, last, num_bridged = self.odometry, self.odometry.last, self.states.num_bridged
         bridge = odometry.bridge() if num_bridged else None
@@ -253,10 +247,7 @@ class RgbdSlam:
         )
 
     def _miss(self, frame: Frame) -> TrackingResult:
-        """Return the pose by external odometry or the gyro, if there is any, for a lost frame.
-
-        If it is time for a new map, it starts at that pose instead, or at the last known one.
-        """
+        """Return the pose by a motion source for a lost frame, or start a new map there."""
         odometry = self.odometry
         odometry.forget_velocity()
         bridge = odometry.bridge()
@@ -290,10 +281,7 @@ class RgbdSlam:
         return started
 
     def _update_estimates(self, tracking: TrackerOutput) -> None:
-        """Update point counts, measured noise, rolling shutter and trajectory from a frame.
-
-        Also re-estimates one frame of the first second of the map, if that is due (`WarmUp`).
-        """
+        """Update point counts, noise, rolling shutter, trajectory and first poses (`WarmUp`)."""
         tracked = tracking.tracked
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
@@ -313,7 +301,7 @@ class RgbdSlam:
         self._policy.inserted(tracked.frame.stamp_ns)
         uid = self._atlas.points.uid
         request = KeyframeRequest(
-            self.map.take_uids(1),
+            self.map.reserve_uids(1),
             tracked.frame,
             tracked.T_reference_camera,
             tracked.reference_uid,

@@ -102,8 +102,8 @@ class SlamMap:
         )
         self.is_growing = True  # False: localization, no keyframe is inserted
         self.session = secrets.token_hex(8)  # name of the map, a new one when it is replaced
-        self.has_changed = False  # in a way that `take_change` does not notice by itself
-        self._last_state: object = None  # at the last `take_change`
+        self.has_changed = False  # in a way that `consume_change` does not notice by itself
+        self._last_state: object = None  # at the last `consume_change`
         self._loading: MapLoading | None = None
         self._on_loaded: Callable[[], None] = _ignore
         self.on_replaced: Callable[[], None] = _ignore  # called when a saved map is in use instead
@@ -123,19 +123,18 @@ class SlamMap:
 
     @property
     def is_loading(self) -> bool:
-        """Return whether a saved map is being loaded that is not in use yet."""
         return self._loading is not None
 
     # ---- growing
 
     def start(self, frame: Frame, T_map_camera: FloatArray) -> int:
         """Start another map beside the existing ones and return the uid of its first keyframe."""
-        uid = self.take_uids(1)
+        uid = self.reserve_uids(1)
         self.mapper.start_map(uid, frame, T_map_camera, self._next_map_id)
         self._next_map_id += 1
         return uid
 
-    def take_uids(self, count: int) -> int:
+    def reserve_uids(self, count: int) -> int:
         """Reserve `count` successive uids for new keyframes, and return the first of them.
 
         Keyframes get their uids before the mapper inserts them, so that frames can refer to them.
@@ -163,7 +162,6 @@ class SlamMap:
     # ---- reading, in the robot's map frame
 
     def stats(self, num_relocalizations: int) -> SlamStats:
-        """Return the size of the main map, and the numbers of maps and events."""
         keyframes, points, loops = self.atlas.keyframes, self.atlas.points, self.mapper.loops
         sizes, main = np.bincount(keyframes.map_id[keyframes.alive]), main_map(keyframes)
         num_maps = int(np.count_nonzero(sizes))
@@ -177,7 +175,7 @@ class SlamMap:
             num_relocalizations,
         )
 
-    def take_change(self) -> bool:
+    def consume_change(self) -> bool:
         """Return whether the map has changed since the last call; True at the first call."""
         atlas = self.atlas
         sizes = len(atlas.keyframes), len(atlas.points), len(atlas.pending)
@@ -233,13 +231,13 @@ class SlamMap:
         )
 
     def path_of(self, poses: MapPoses) -> Trajectory:
-        """Return T_map_base at this session's keyframes since stamps last jumped back."""
+        """Return T_map_base at the keyframes of this session since the stamps last jumped back."""
         is_own = ~poses.is_loaded
         path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
         return self.frames.bases(path)
 
     def cameras_of(self, poses: MapPoses) -> FloatArray:
-        """Return the copied keyframe poses as T_map_camera (K, 4, 4)."""
+        """Return T_map_camera (K, 4, 4) of copied keyframes."""
         return self.frames.T_map_core @ poses.T_core_camera
 
     def shown_points_m(self, rows: CopiedPoints) -> Float32Array:
@@ -266,7 +264,7 @@ class SlamMap:
     # ---- saving and loading
 
     def export(self) -> MapFile:
-        """Copy the map for a file (0.04 ms per keyframe); ConfigError: there is none."""
+        """Copy the map for a file (0.04 ms per keyframe). Raises ConfigError without a map."""
         atlas = self.atlas
         if len(atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
@@ -276,7 +274,6 @@ class SlamMap:
         return MapFile(self._camera, *self._octaves, state, uids, loops, self.session)
 
     def header(self, stamp_ns: int) -> MapHeader:
-        """Return the header of the map for a file; `stamp_ns` is that of the latest image."""
         T_map_core = self.frames.T_map_core
         return MapHeader(self._camera, *self._octaves, T_map_core, self.session, stamp_ns)
 
@@ -321,7 +318,7 @@ class SlamMap:
         If the running map is kept, the mapper must be settled; otherwise the running map gets no
         new keyframes.
         """
-        loading.first_uid = self.take_uids(len(loading))
+        loading.first_uid = self.reserve_uids(len(loading))
         self._loading, self._on_loaded = loading, on_loaded
         self.mapper.begin_load(loading)
 
@@ -335,7 +332,6 @@ class SlamMap:
         return loading.uids
 
     def finish_load(self, loading: MapLoading) -> None:
-        """Load a prepared map before the call returns."""
         self.begin_load(loading, _ignore)
         self.mapper.finish_load(loading)
         self.update()

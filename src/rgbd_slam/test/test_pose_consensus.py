@@ -166,8 +166,8 @@ def test_a_competing_motion_is_reported_with_its_share() -> None:
     problem, is_well_observed = seen(*groups)
     competing = CONSENSUS.solve(problem, is_well_observed, np.eye(4)).competing
     assert competing is not None
-    assert 0.55 < competing.chosen_share < 0.8  # three of four rest
-    assert 0.2 < competing.competing_share < 0.45
+    assert 0.55 < competing.chosen_ratio < 0.8  # three of four rest
+    assert 0.2 < competing.competing_ratio < 0.45
     assert np.linalg.norm(competing.twist[3:]) > 0.02
 
 

@@ -171,8 +171,8 @@ def test_poses_that_the_mapping_process_has_moved_are_a_change_of_the_map() -> N
     for n in range(10):
         see(session, world, n)
     atlas, slam_map = session.map.atlas, session.map
-    assert slam_map.take_change()
-    assert not slam_map.take_change()
+    assert slam_map.consume_change()
+    assert not slam_map.consume_change()
     mapper = Atlas(1.2, 8)
     whole = atlas.whole()
     mapper.apply(whole)
@@ -182,5 +182,5 @@ def test_poses_that_the_mapping_process_has_moved_are_a_change_of_the_map() -> N
     stats = session.slam.stats
     atlas.apply(mapper.changes_since(whole.version))
     assert session.slam.stats == stats
-    assert slam_map.take_change()
-    assert not slam_map.take_change()
+    assert slam_map.consume_change()
+    assert not slam_map.consume_change()

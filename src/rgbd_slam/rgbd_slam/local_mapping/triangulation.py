@@ -1,9 +1,7 @@
-"""Triangulation of new points from two keyframes (decision 009).
+"""Triangulation of new points from two keyframes (decision 009; Mur-Artal and Tardos, T-RO 2017).
 
-As in the local mapping of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017), features without a point
-are matched along epipolar lines. A match becomes a point if the point lies in front of both
-cameras and reprojects to both features. The point is where both rays meet or, if the angle between
-them is too small, where a depth measurement places it.
+Features without a point are matched along epipolar lines. The point is where both rays meet or, if
+the angle between them is too small, where a depth measurement places it.
 """
 
 from __future__ import annotations
@@ -43,7 +41,6 @@ class TwoViews(NamedTuple):
 def triangulate_with_neighbors(
     atlas: Atlas, camera: StereoCamera, i: int, config: TriangulationConfig
 ) -> int:
-    """Triangulate new points between keyframe `i` and its neighbors; return their number."""
     count = 0
     for neighbor in atlas.covisible(i, limit=config.neighbors).tolist():
         count += _triangulate_with(atlas, camera, i, neighbor, config)
@@ -53,10 +50,7 @@ def triangulate_with_neighbors(
 def _triangulate_with(
     atlas: Atlas, camera: StereoCamera, i: int, n: int, config: TriangulationConfig
 ) -> int:
-    """Triangulate new points between keyframes `i` and `n`; return their number.
-
-    It is 0 if the cameras are nearer to each other than `min_baseline_m`.
-    """
+    """Triangulate new points between keyframes `i` and `n`, unless these are too near."""
     T_map_camera = atlas.keyframes.T_map_camera
     T_n_i = se3.inverse(T_map_camera[n]) @ T_map_camera[i]
     if np.linalg.norm(T_n_i[:3, 3]) < config.min_baseline_m:

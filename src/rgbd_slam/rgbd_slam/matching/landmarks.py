@@ -28,7 +28,6 @@ class Landmarks(NamedTuple):
         return Landmarks._make(column[keep] for column in self)
 
     def joined(self, other: Landmarks) -> Landmarks:
-        """Return these landmarks, followed by the other ones."""
         return Landmarks(
             np.concatenate([self.point, other.point]),
             np.concatenate([self.position_m, other.position_m]),
@@ -38,7 +37,6 @@ class Landmarks(NamedTuple):
         )
 
     def matched(self, matches: Matches) -> Correspondences:
-        """Return the correspondences of matches that have these landmarks as queries."""
         return Correspondences(matches.k, self.point[matches.q], self.position_m[matches.q])
 
 
@@ -54,7 +52,6 @@ class Correspondences(NamedTuple):
         return Correspondences(self.k[n], self.point[n], self.position_m.take(n, 0))
 
     def joined(self, other: Correspondences) -> Correspondences:
-        """Return these correspondences, followed by the other ones."""
         return Correspondences(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
 
     @property
@@ -78,7 +75,6 @@ def landmarks_of_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
 
 
 def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
-    """Return the map points that the keyframe in row `i` observes."""
     keyframes, table = atlas.keyframes, atlas.points
     k = np.flatnonzero(keyframes.point_of_feature[i] != NO_POINT)
     j = keyframes.point_of_feature[i, k].astype(np.int64)

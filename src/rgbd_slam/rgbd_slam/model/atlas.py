@@ -33,9 +33,8 @@ class Atlas(MapTables):
     """
 
     def clear(self) -> None:
-        """Remove all keyframes, also pending ones, points and redirects."""
         keyframes, points = self.keyframes, self.points
-        self._note_features(*np.nonzero(keyframes.point_of_feature != NO_POINT))
+        self._mark_features(*np.nonzero(keyframes.point_of_feature != NO_POINT))
         keyframes.point_of_feature[:] = NO_POINT
         self.graph.clear()
         keyframes.release(keyframes.indices(), self.version)
@@ -162,7 +161,7 @@ class Atlas(MapTables):
         The features must observe no point yet, and the keyframe none of these points.
         """
         kf, points = self.keyframes, self.points
-        self._note_features(i, k)
+        self._mark_features(i, k)
         kf.point_of_feature[i, k] = j
         self.graph.observe(np.full(len(k), i), k, j)
         points.num_observations[j] += 1
@@ -181,7 +180,7 @@ class Atlas(MapTables):
         self.graph.unobserve(np.full(len(k), i), k, j)
         points.num_observations[j] -= 1
         points.num_stereo[j] -= kf.depth_m[i, k] > 0
-        self._note_features(i, k)
+        self._mark_features(i, k)
         kf.point_of_feature[i, k] = NO_POINT
         points.version[j] = self.version
         points.release(j[points.num_observations[j] == 0], self.version)
@@ -190,14 +189,13 @@ class Atlas(MapTables):
 
     def forbid_seeds(self, i: int, k: IntArray) -> None:
         """Forbid that features `k` (N,) of keyframe `i` create points from now on."""
-        self._note_features(i, k)
+        self._mark_features(i, k)
         self.keyframes.may_seed[i, k] = False
 
     def remove_points(self, j: IntArray) -> None:
-        """Remove points `j` (P,) and all their observations."""
         seen = self.observations_of(j)
         self.graph.unobserve(*seen)
-        self._note_features(seen.i, seen.k)
+        self._mark_features(seen.i, seen.k)
         self.keyframes.point_of_feature[seen.i, seen.k] = NO_POINT
         self.points.release(j, self.version)
 
@@ -221,7 +219,7 @@ class Atlas(MapTables):
         moves = np.zeros(len(key), np.bool_)
         moves[first] = True
         moves &= ~np.isin(key, key_have)
-        self._note_features(seen.i, seen.k)
+        self._mark_features(seen.i, seen.k)
         kf.point_of_feature[seen.i, seen.k] = np.where(moves, to, NO_POINT)
         self.graph.unobserve(*seen)
         self.graph.observe(seen.i[moves], seen.k[moves], to[moves])
@@ -260,8 +258,8 @@ class Atlas(MapTables):
         points.descriptors[new.rows] = new.descriptors
         points.version[new.rows] = self.version
 
-    def count_sightings(self, counts: PointCounts) -> None:
-        """Add the numbers of frames in which points, unless removed, were visible and found."""
+    def add_point_counts(self, counts: PointCounts) -> None:
+        """Add the numbers of frames in which points were visible and found."""
         points = self.points
         same = points.uid[counts.points] == counts.uids
         j = counts.points[same]
@@ -326,7 +324,7 @@ class Atlas(MapTables):
         self.version = version
 
     def append_points(self, columns: Mapping[str, Column], reference: IntArray) -> IntArray:
-        """Add points of an earlier session, with reference keyframes (N,); return their rows."""
+        """Add saved points with reference keyframes in rows (N,); return their rows (N,)."""
         points, kf = self.points, self.keyframes
         j = points.append(columns, self.version)
         points.reference_keyframe_uid[j] = points.first_keyframe_uid[j] = kf.uid[reference]
@@ -334,15 +332,15 @@ class Atlas(MapTables):
         return j
 
     def append_observations(self, blocks: Iterable[Observations], points: IntArray) -> None:
-        """Add the observations of appended points (P,) in ascending rows, which count them.
+        """Add the observations of appended points in ascending rows (P,).
 
-        Connections of the keyframes and statistics of the points are computed from them. There are
-        several blocks, sorted by keyframe, so that no call holds the lock of the interpreter for
-        long.
+        The columns of the points count them already. Connections of the keyframes and statistics
+        of the points are computed from them. There are several blocks, sorted by keyframe, so that
+        no call holds the lock of the interpreter for long.
         """
         rows = []
         for seen in blocks:
-            self._note_features(seen.i, seen.k)
+            self._mark_features(seen.i, seen.k)
             self.keyframes.point_of_feature[seen.i, seen.k] = seen.j
             self.graph.observe(*seen)
             rows += np.unique(seen.i).tolist()

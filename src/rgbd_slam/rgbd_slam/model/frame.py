@@ -1,8 +1,7 @@
-"""The features of one image for tracking: undistorted, with a virtual right column.
+"""The features of one image for tracking: undistorted, with a virtual right column (decision 002).
 
-The stereo coordinate is that of ORB-SLAM2 (Mur-Artal and Tardos, T-RO 2017, eq. 1; decision 002):
-a rectified stereo camera of baseline b would see a point of depth z and column u in its right
-image at u_right = u - fx * b / z.
+A rectified stereo camera of baseline b would see a point of depth z and column u in its right
+image at u_right = u - fx * b / z (Mur-Artal and Tardos, T-RO 2017, eq. 1).
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ class StereoCamera:
         )
 
     def with_noise(self, pixel: float, disparity: float) -> StereoCamera:
-        """Return the camera with its noise of pixels and disparities multiplied by factors."""
+        """Return the camera with its noise of pixels and of disparities multiplied by factors."""
         return replace(
             self,
             pixel_noise=pixel * self.pixel_noise,
@@ -75,7 +74,6 @@ class StereoCamera:
 
     @cached_property
     def lens(self) -> StereoParams:
-        """Return the parameters of the camera for the native optimizers."""
         return StereoParams(
             self.fx_px,
             self.fy_px,
@@ -121,7 +119,7 @@ class StereoCamera:
     def back_project(
         self, uv_px: Float32Array | FloatArray, depth_m: Float32Array | FloatArray
     ) -> FloatArray:
-        """Return points (N, 3) [m] in the camera frame of pixels (N, >=2) with depths (N,)."""
+        """Return (N, 3) points [m] in the camera frame, of pixels (N, >= 2) with depths (N,)."""
         z = depth_m.astype(np.float64)
         out = np.empty((len(z), 3))
         out[:, 0] = (uv_px[:, 0] - self.cx_px) / self.fx_px * z
@@ -159,7 +157,6 @@ class Frame:
 
     @classmethod
     def from_features(cls, features: Features, model: CameraModel, camera: StereoCamera) -> Frame:
-        """Return a frame with undistorted key points and virtual right columns."""
         depth_m = np.where(is_reading(features.depth_m), features.depth_m, np.float32(0))
         return cls(
             features.stamp_ns,
@@ -176,5 +173,4 @@ class Frame:
 
     @cached_property
     def has_depth(self) -> BoolArray:
-        """Return the (N,) mask of features with a depth measurement."""
         return self.depth_m > 0

@@ -159,7 +159,7 @@ class KeyframeTable(SoaTable):
             column.write_rows(first, rows)
 
     def frame(self, i: int) -> Frame:
-        """Return the features of row `i` as a frame, whose arrays are views and not copies."""
+        """Return the features of row `i` as a frame of views, not copies."""
         n = int(self.num_features[i])
         return Frame(
             int(self.stamp_ns[i]),
@@ -176,7 +176,6 @@ class KeyframeTable(SoaTable):
         return self.point_of_feature[i, : self.num_features[i]].astype(np.int64)
 
     def children(self, i: int) -> IntArray:
-        """Return the rows of the keyframes whose parent in the spanning tree is `i`."""
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
     def ends_of(self, edge: LoopEdge) -> tuple[int, int] | None:
@@ -199,7 +198,6 @@ class KeyframeTable(SoaTable):
         return change._replace(fixed_columns=kept)
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite the rows that changed in another copy of the table (`rows_since`)."""
         if 'octave' in change.fixed_columns:
             width = change.fixed_columns['octave'].shape[1]
             if width > self.max_features:

@@ -88,7 +88,6 @@ class MapState(Record):
         return replace(self, uv_px=uv_px.astype(np.float32), octave=octave.astype(np.uint8))
 
     def moved(self, T_new_map: FloatArray) -> MapState:
-        """Return the map transformed into another frame."""
         return replace(
             self,
             T_map_camera=T_new_map @ self.T_map_camera,

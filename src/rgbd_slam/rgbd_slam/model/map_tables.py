@@ -1,7 +1,4 @@
-"""The keyframes, points and observations of all maps, and how copies of them are kept equal.
-
-An observation is a triple `(i, k, j)`: keyframe i observes point j in its feature k.
-"""
+"""The keyframes, points and observations of all maps, and how copies of them are kept equal."""
 
 from __future__ import annotations
 
@@ -35,7 +32,7 @@ NEAR_SHARED = 15
 
 
 class Anchor(NamedTuple):
-    """The keyframe in the map that the pose of a keyframe is relative to: its anchor.
+    """The keyframe in the map that the pose of a keyframe is relative to.
 
     It is the keyframe itself, or its nearest ancestor in the spanning tree if the keyframe was
     removed or is still pending.
@@ -131,10 +128,7 @@ class MapTables:
         return pose
 
     def drop_pending(self, uid: int) -> None:
-        """Replace a pending keyframe by its parent, because the mapper will not insert it.
-
-        The first keyframe of a map has no parent; its pose is unknown from then on.
-        """
+        """Replace a pending keyframe by its parent, because the mapper will not insert it."""
         lost = self.pending.pop(uid, None)
         if lost is not None and lost.parent_uid is not None:
             self.redirects.add([Redirect(lost.uid, lost.parent_uid, lost.T_parent_camera)])
@@ -241,7 +235,7 @@ class MapTables:
         rows = rows[points.uid[rows] != DEAD]
         return PointPositions(rows.astype(np.int32), points.position_m[rows])
 
-    def _note_features(self, i: int | IntArray, k: IntArray) -> None:
+    def _mark_features(self, i: int | IntArray, k: IntArray) -> None:
         """Mark features `k` of keyframes `i` as changed, so that they are sent to the copies."""
         self.keyframes.reobserved[i] = self.version
         self.keyframes.is_reobserved[i, k] = True

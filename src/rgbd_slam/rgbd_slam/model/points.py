@@ -82,7 +82,6 @@ class PointTallies:
         self._found[tally.found] += 1
 
     def take(self) -> PointCounts:
-        """Return the counts, and reset them to zero."""
         rows = np.unique(np.concatenate([np.empty(0, np.int64), *self._counted]))
         counts = PointCounts(rows, self._uid[rows], self._visible[rows], self._found[rows])
         self._uid[rows], self._counted = _NOT_COUNTED, []

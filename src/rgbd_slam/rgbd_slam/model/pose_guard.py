@@ -47,7 +47,6 @@ class PoseGuard:
         return np.asarray(is_valid)
 
     def is_valid(self, T: FloatArray, name: str) -> bool:
-        """Return whether a pose (4, 4) is valid; otherwise log and count it, as `are_valid`."""
         return bool(self.are_valid(T, name))
 
     def take(self) -> int:

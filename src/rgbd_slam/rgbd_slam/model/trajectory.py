@@ -143,7 +143,6 @@ class TrajectoryRecorder:
             self._removed.append(redirect)
 
     def online(self) -> Trajectory:
-        """Return the poses T_map_camera as they were estimated when each frame arrived."""
         return Trajectory.joined(self.parts('online'))
 
     def final(self) -> Trajectory:
@@ -256,7 +255,7 @@ class _PoseSnapshot:
 def _moved(
     poses: FloatArray, share: FloatArray, predicted: FloatArray, true: FloatArray
 ) -> FloatArray:
-    """Return poses (N, 4, 4) moved by shares (N,) of the difference between two poses (4, 4)."""
+    """Return poses (N, 4, 4) moved by ratios (N,) of the difference between two poses (4, 4)."""
     turn = np.zeros((len(share), 6))
     turn[:, :3] = share[:, None] * se3.log(se3.inverse(predicted) @ true)[:3]
     moved = poses @ se3.exp(turn)
@@ -279,11 +278,7 @@ def _find(ascending: IntArray, uids: IntArray) -> IntArray:
 
 
 def current_pass(poses: Trajectory) -> Trajectory:
-    """Return the poses since the stamps started again last, with increasing stamps.
-
-    Stamps start again where a bag is played in a loop. Of poses with equal stamps, the first is
-    returned.
-    """
+    """Return the poses since the stamps started again last, with increasing stamps."""
     restarts = np.flatnonzero(np.diff(poses.stamps_ns) <= -RESTART_NS)
     first = int(restarts[-1]) + 1 if len(restarts) else 0
     stamps_ns, rows = np.unique(poses.stamps_ns[first:], return_index=True)
@@ -291,10 +286,10 @@ def current_pass(poses: Trajectory) -> Trajectory:
 
 
 def main_map(keyframes: KeyframeTable) -> int:
-    """Return the id of the map with most keyframes; of equally large maps, the lowest id.
+    """Return the id of the map with most keyframes; of equal ones the lowest, and 0 without any.
 
-    It is 0 if there are no keyframes. After a loss there may be several maps, each in a frame of
-    its own until a recognized place merges them.
+    After a loss there may be several maps, each in a frame of its own until a recognized place
+    merges them.
     """
     ids = keyframes.map_id[keyframes.indices()]
     return int(np.bincount(ids).argmax()) if len(ids) else 0

@@ -151,8 +151,7 @@ def _reprojection_error_px(
 ) -> FloatArray:
     """Return the (H, N) reprojection errors [px] of N points for H poses.
 
-    An error is the distance in (u, v, u_right), or in (u, v) for features without depth; it is
-    infinite behind the camera.
+    They are distances in (u, v, u_right), or in (u, v) without depth; infinite behind the camera.
     """
     p = points_m @ np.swapaxes(T_camera_points[:, :3, :3], 1, 2) + T_camera_points[:, None, :3, 3]
     in_front = p[..., 2] > 0

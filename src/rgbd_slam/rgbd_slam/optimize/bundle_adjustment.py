@@ -112,7 +112,6 @@ def _solve(
     j: IntArray,
     config: MappingConfig,
 ) -> None:
-    """Solve the problem, write the result to the map, and remove the outliers from it."""
     problem, seen = bundle_problem(atlas, cameras, num_free, j)
     solution = adjust(camera, problem, config.iterations, config.rounds)
     atlas.set_poses(cameras[:num_free], se3.inverse(solution.T_camera_map[:num_free]))
@@ -143,7 +142,7 @@ def bundle_problem(
 
 
 def _positions(rows: IntArray, wanted: IntArray) -> IntArray:
-    """Return the (M,) indices at which `wanted` rows are in `rows` (N,), which has them all."""
+    """Return the (M,) indices of the `wanted` rows within `rows` (N,)."""
     order = np.argsort(rows)
     return np.asarray(order[np.searchsorted(rows, wanted, sorter=order)])
 

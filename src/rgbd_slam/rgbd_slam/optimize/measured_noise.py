@@ -41,7 +41,6 @@ class NoiseEstimator:
         self._num_images = _PRIOR_IMAGES
 
     def add(self, tracked: TrackedFrame, atlas: Atlas) -> None:
-        """Update the measured noise of `camera` with the residuals of a tracked frame."""
         self._num_images = min(self._num_images + 1, _MAX_IMAGES)
         step = self._factors(tracked, atlas) ** 2 - self._variances
         self._variances += np.nan_to_num(step) / self._num_images

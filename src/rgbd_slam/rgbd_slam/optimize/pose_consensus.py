@@ -1,11 +1,10 @@
 """The pose of one image in which something may move that the filter did not detect.
 
 The number of inliers does not reveal that the camera follows a moving object: near points dominate
-the translation, a wrong rotation compensates for the distant ones, and every keyframe creates new
-points on the moving object. Therefore well-observed points, which several keyframes have seen,
-decide between pose hypotheses (decision 026). A region of them that biases the pose of all others
-is left out (decision 036). The remaining matches refine the pose as long as they do not contradict
-the well-observed points.
+the translation, and a wrong rotation compensates for the distant ones. Therefore well-observed
+points, which several keyframes have seen, decide between pose hypotheses (decision 026). A region
+of them that biases the pose of all others is left out (decision 036). The remaining matches refine
+the pose as long as they do not contradict the well-observed points.
 """
 
 from __future__ import annotations
@@ -59,9 +58,9 @@ class CompetingMotion(NamedTuple):
 
     twist: FloatArray  # (6,) left twist from the chosen pose to the other, rotation first [rad, m]
     # Share of the deciding matches that fit the chosen pose, and fit it better than the other one.
-    chosen_share: float
+    chosen_ratio: float
     # Share of the deciding matches that fit the other pose, and fit it better than the chosen one.
-    competing_share: float
+    competing_ratio: float
 
 
 class ViewRegion(NamedTuple):
@@ -182,7 +181,6 @@ class PoseConsensus:
         return Consensus(estimate, _competing_motion(hypothesis, second or best), biasing)
 
     def _deciding_matches(self, problem: PoseProblem, is_well_observed: BoolArray) -> PoseProblem:
-        """Return the matches of well-observed points, or all matches if these are few."""
         if np.count_nonzero(is_well_observed) < self._config.min_well_observed:
             is_well_observed = np.ones(len(problem), np.bool_)
         return problem.select(is_well_observed)

@@ -16,7 +16,6 @@ class InlineMapper(Mapper):
     is_loading = False
 
     def begin_load(self, loading: MapLoading) -> None:
-        """Load the saved map before the call returns."""
         self.load(
             loading.state, loading.first_uid, keep=loading.keeps_running, loops=loading.loops
         )

@@ -1,9 +1,8 @@
 """A saved map that is being loaded: the mapper and the tracker's process restore it in parallel.
 
-The mapper restores the map in its process, and another thread restores it in a separate atlas for
-the tracker, from the same temporary file, which both processes map into memory. Both calculate the
-same, so that neither has to send its result to the other. The tracker then exchanges its map for
-the new one at once. A running map that is kept is copied into the separate atlas first.
+Another thread of the tracker restores the map from the same temporary file as the mapper, which
+both processes map into memory, so that neither has to send its result to the other. The tracker
+then exchanges its map for the new one at once.
 """
 
 from __future__ import annotations
@@ -67,11 +66,9 @@ class MapLoading:
 
     @property
     def keeps_running(self) -> bool:
-        """Return whether the running map is kept beside the saved one."""
         return self._running is not None
 
     def request(self) -> Load:
-        """Return the request to the mapper to load this map."""
         source = self.state if self._shared is None else self._shared.location
         return Load(source, self.first_uid, self.keeps_running, self.loops)
 

@@ -103,12 +103,11 @@ class MapperProcess:
 
     @property
     def num_restarts(self) -> int:
-        """Return how often the process died and was replaced."""
         return self._worker.num_restarts
 
     @property
     def queue_length(self) -> int:
-        """Return the number of requests whose completion was not received yet (`update`)."""
+        """Return the number of requests that `update` has not received the completion of."""
         return len(self._queue)
 
     @property
@@ -125,7 +124,6 @@ class MapperProcess:
         return self.queue_length == 0 and self._is_settled
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> None:
-        """Queue the first keyframe of a map, which is pending until it is in the tracker's map."""
         self._atlas.pending[uid] = PendingKeyframe(uid, None, T_map_camera)
         self._append(Start(uid, frame, T_map_camera, map_id))
 
@@ -142,7 +140,6 @@ class MapperProcess:
         self._append(request)
 
     def retract(self, verdicts: FeatureVerdicts) -> None:
-        """Queue the removal of the observations of a keyframe's dynamic features."""
         self._append(verdicts)
 
     def begin_load(self, loading: MapLoading) -> None:
@@ -155,13 +152,11 @@ class MapperProcess:
         self._append(loading.request())
 
     def finish_load(self, loading: MapLoading) -> None:
-        """Restore the map of `begin_load` for the tracker; wait until the mapper has it too."""
         loading.restore()
         self.wait(_LOAD_S)
 
     @property
     def is_loading(self) -> bool:
-        """Return whether `begin_load` was called and has not exchanged the tracker's map yet."""
         return self._loading is not None
 
     def update(self) -> None:
@@ -200,7 +195,6 @@ class MapperProcess:
         self.update()
 
     def close(self) -> None:
-        """End the process; all queued requests are lost, and the tracker's map stays readable."""
         self._worker.close()
 
     def _append(self, request: Request) -> None:
@@ -298,7 +292,6 @@ class MapperProcess:
         return True
 
     def _complete_request(self) -> None:
-        """Remove the first request, which is completed, from the queue, and send the next ones."""
         request = self._queue.popleft()
         self._num_sent -= 1
         self._num_done += 1

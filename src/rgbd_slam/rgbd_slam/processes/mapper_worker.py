@@ -99,7 +99,6 @@ class MapperServer:
         self._version = 0  # version of the map at the last report
 
     def serve(self, request: Request) -> MapperReport:
-        """Carry out a request, and return the report of the changes since the last report."""
         mapper = self._mapper
         match request:
             case KeyframeRequest():
@@ -128,7 +127,6 @@ class MapperServer:
         return self._report(completes_request=False) if is_applied or has_ended else None
 
     def close(self) -> None:
-        """Stop the background adjustment."""
         self._mapper.close()
 
     def _report_loaded(self, *, keep: bool) -> MapperReport:

@@ -106,7 +106,7 @@ class MapOutputs:
         session = self._session()
         if session is None or self._is_busy:
             return
-        if session.map.take_change() or self._is_retried:
+        if session.map.consume_change() or self._is_retried:
             self._outdated.update(self._makers)
             self._is_retried = False
         wanted = [publisher for publisher in self._outdated if publisher.is_wanted]

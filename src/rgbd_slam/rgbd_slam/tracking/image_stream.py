@@ -1,9 +1,8 @@
 """Finds missing images and copies of images in a stream.
 
 A driver that is set to 30 Hz sends a color image twice when the camera needs a long exposure in
-the dark and takes only 15 per second. Each copy has a new stamp, and comes with a new depth image.
-If copies were tracked, the camera would seem to stop at each of them and to move twice as fast
-after it.
+the dark, with a new stamp and a new depth image. If copies were tracked, the camera would seem to
+stop at each of them and to move twice as fast after it.
 """
 
 from __future__ import annotations
@@ -127,5 +126,4 @@ def _pixels(features: Features) -> IntArray:
 
 
 def _readings(features: Features) -> IntArray:
-    """Return (N,) numbers that are equal where two depth measurements are equal in all bits."""
     return np.asarray(np.ascontiguousarray(features.depth_m, np.float32).view(np.int32))

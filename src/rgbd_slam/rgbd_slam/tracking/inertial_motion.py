@@ -98,7 +98,7 @@ class InertialMotion:
         )
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the motion that `predict` predicts, with covariances; None after 1.5 s."""
+        """Return the motion of `predict` with its covariances; None after 1.5 s."""
         rotation = self._rotation() if self._elapsed_s <= _MAX_BRIDGE_S else None
         if rotation is None:
             return None
@@ -121,8 +121,8 @@ class InertialMotion:
     def _rotation(self) -> MeasuredRotation | None:
         """Return the measured turn since the last tracked image; None if it is unknown.
 
-        Its standard deviation contains what the gyro has been off a moment ago: a gyro that has
-        just gone wrong goes on to be wrong.
+        A gyro that has just gone wrong goes on to be wrong: its recent error adds to the
+        deviation.
         """
         stamps_ns = self._start_ns, self._stamp_ns
         if self._turn[0] != stamps_ns:
@@ -134,7 +134,6 @@ class InertialMotion:
         return self._turn[1]
 
     def _motion(self, rotation: MeasuredRotation) -> FloatArray:
-        """Return T_last_camera (4, 4): the measured rotation, and the predicted position."""
         T = np.eye(4)
         T[:3, :3] = rotation.R_first_second
         reckoned = self._reckon()

@@ -106,7 +106,6 @@ class KeyframePolicy:
         return bool(self._view_differences(tracking, T_map_pending[None])[0] > _PENDING_VIEW_RAD)
 
     def _lacks_close_points(self, tracking: TrackerOutput) -> bool:
-        """Return whether few close points are tracked, and many could be created."""
         frame, points = tracking.tracked.frame, tracking.tracked.points
         close = self._is_close(frame.measurement_px.T)
         tracked = np.count_nonzero(close & (points != NO_POINT))

@@ -79,7 +79,6 @@ class Odometry:
         self._pose_noise = PoseNoise()
 
     def follow(self, stamp_ns: int) -> None:
-        """Let the motion sources measure or extrapolate the motion up to the next image."""
         self._stamp_ns = stamp_ns
         for source in self._sources:
             source.advance(stamp_ns)
@@ -96,7 +95,6 @@ class Odometry:
         return np.append(-rate_radps, self.twist[3:]), True
 
     def moving_view(self, tracking: TrackerOutput) -> MovingView:
-        """Return the newly tracked image with the velocity of the camera; see `advance`."""
         tracked = tracking.tracked
         twist = self.twist_at(tracked.frame.stamp_ns)
         return MovingView(tracked, tracking.matched, self.T_odom_camera, *twist)
@@ -118,7 +116,6 @@ class Odometry:
         return [T for T in predictions if T is not None and self._is_valid(T)]
 
     def prior(self) -> PosePrior | None:
-        """Return a prior of the current image's rotation by the gyro, if it gives one."""
         rotation = None if self._gyro is None else self._gyro.rotation_prior()
         if rotation is None or self.last is None:
             return None
@@ -206,7 +203,6 @@ class Odometry:
                 source.start(tracked.frame.stamp_ns)
 
     def forget_velocity(self) -> None:
-        """Set the velocity to zero until a motion is tracked again."""
         self.twist = np.zeros(6)
 
     def pose(self) -> FloatArray:
@@ -243,7 +239,6 @@ class Odometry:
         return int(keyframes.map_id[anchor.row]) == main_map(keyframes)
 
     def _observe(self, T_last_camera: FloatArray, elapsed_ns: int) -> None:
-        """Update the velocity, zero if stamps do not increase, and teach the sources."""
         if elapsed_ns > 0:
             self.twist = se3.log(se3.inverse(T_last_camera)) / (S_PER_NS * elapsed_ns)
         else:
@@ -288,7 +283,6 @@ class Odometry:
 
     @property
     def _is_bridged(self) -> bool:
-        """Return whether a motion source has replaced the tracker since the last tracked frame."""
         return self.T_odom_camera is not self._T_odom_last
 
     def _move(self, T_last_camera: FloatArray) -> None:

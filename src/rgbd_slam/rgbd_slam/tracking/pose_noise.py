@@ -1,9 +1,8 @@
 """The noise of estimated poses that the residuals do not show (decision 032).
 
-An error that all matches of an image share, such as that of a rolling shutter or of a depth image
-taken at another instant, changes the pose and leaves no residual. But a camera moves smoothly: a
-parabola fits five successive poses, and the deviation of the middle pose from the parabola through
-the other four measures its error. The motion of a camera that shakes faster is mistaken for noise.
+An error that all matches of an image share changes the pose and leaves no residual. But a camera
+moves smoothly: a parabola fits five successive poses, and the deviation of the middle pose from
+the parabola through the other four measures its error.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ class PoseNoise:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the recent poses, because the motion is interrupted before the next pose."""
+        """Discard the recent poses, because the motion is interrupted."""
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=WINDOW)
 
     def add(self, stamp_ns: int, T_odom_camera: FloatArray) -> None:

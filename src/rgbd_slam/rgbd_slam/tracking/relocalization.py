@@ -40,7 +40,7 @@ class Relocalizer:
         """Search near an approximate pose first, until the camera is found or for 30 frames."""
         self._hint, self._num_hinted, self._logged = hint, 0, ''
 
-    def take_note(self) -> str:
+    def consume_note(self) -> str:
         """Return the message about the search near a pose of `relocalize_near`, and clear it."""
         note, self._note = self._note, ''
         return note
@@ -76,7 +76,6 @@ class Relocalizer:
         return self._finder.locate(frame, in_main_map=in_main_map)
 
     def _report_distance(self, tracking: TrackerOutput) -> None:
-        """Report how far the found camera is from the given pose, and discard that pose."""
         if self._hint is not None:
             (distance_m,), (turn_rad,) = self._hint.distances(tracking.tracked.T_map_camera[None])
             self._hint = None

@@ -1,16 +1,14 @@
 """Estimation and compensation of a rolling shutter (decision 033).
 
-The rows of an image are read one after another. If the camera moves, they belong to different
-poses, which displaces the features. A wrong pose of the whole image explains most of that
-displacement. The rest depends on the row and is proportional to the readout time, which is
-estimated from the residuals of several seconds.
+The rows of an image are read one after another, which displaces the features of a moving camera. A
+wrong pose explains most of that displacement. The rest depends on the row and is proportional to
+the readout time, which is estimated from the residuals of several seconds.
 
 Without a gyro, these are the residuals of map points. A map that was made of displaced features
 agrees with them in fast turns, so that only a small part of the readout time shows. With a gyro,
 the velocity at each image is known well enough to compare images with each other instead.
 
-Sensors have more columns than rows. An image with more rows than columns was therefore rotated by
-its driver, and the rows of the sensor are its columns.
+An image with more rows than columns was rotated by its driver: its columns are the sensor's rows.
 """
 
 from __future__ import annotations
@@ -176,7 +174,6 @@ class RollingShutter:
         return _marginal_of_time(by_pose, by_time, residual)
 
     def _count(self, information: float, weighted_s: float, num_images: int) -> None:
-        """Add the result of one image; after `num_images` of them, make a new estimate."""
         self._information += information
         self._weighted_s += weighted_s + self.readout_s * information
         self._num_images += 1
@@ -245,7 +242,6 @@ def _pose_derivatives(camera: StereoCamera, x: FloatArray) -> FloatArray:
 
 
 def _with_disparity(pixels: FloatArray) -> FloatArray:
-    """Return (3, N) u, v, u_right with u_right replaced by the disparity."""
     return np.stack([pixels[0], pixels[1], pixels[0] - pixels[2]])
 
 

@@ -55,7 +55,6 @@ class TrackerOutput:
 
     @property
     def num_inliers(self) -> int:
-        """Return the number of matches with map points that fit the pose."""
         return len(self.tally.found)
 
     @property
@@ -71,7 +70,7 @@ class TrackerOutput:
         return np.asarray((self.matched != NO_POINT) & (self.tracked.points == NO_POINT))
 
     @property
-    def inlier_share(self) -> float:
+    def inlier_ratio(self) -> float:
         return self.num_inliers / max(self.num_matches, 1)
 
 
@@ -113,7 +112,6 @@ class Tracker:
         self.min_inliers: Callable[[FloatArray], int] = lambda _: config.min_inliers
 
     def use_camera(self, camera: StereoCamera) -> None:
-        """Replace the camera by the same one with its measured noise."""
         self._camera = self._consensus.camera = camera
 
     def track(
@@ -224,8 +222,7 @@ class Tracker:
     ) -> _FramePose | None:
         """Return the pose from descriptor matches with the last frame and its reference keyframe.
 
-        No predicted pose is needed. None is returned if too few matches fit, or if the camera
-        cannot have moved so far since the last frame.
+        No predicted pose is needed, but the camera must be able to have moved so far.
         """
         config, anchor = self._config, self._atlas.anchor(last.reference_uid)
         if anchor is None or anchor.row is None:
@@ -254,7 +251,7 @@ class Tracker:
         return self._initial_pose(frame, landmarks, inliers, T_camera_map)
 
     def _is_reachable(self, frame: Frame, last: TrackedFrame, T_camera_map: FloatArray) -> bool:
-        """Return whether the camera can have moved to a pose since the last, recent frame."""
+        """Return whether the camera can have moved to a pose since a recent last frame."""
         elapsed_s = S_PER_NS * (frame.stamp_ns - last.frame.stamp_ns)
         twist = se3.log(T_camera_map @ last.current_pose(self._atlas))
         turn_rad, distance_m = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
@@ -268,7 +265,6 @@ class Tracker:
     def _initial_pose(
         self, frame: Frame, landmarks: Landmarks, matches: Matches, T_camera_map: FloatArray
     ) -> _FramePose | None:
-        """Return the pose optimized on matches with landmarks; None if too few of them fit."""
         found = landmarks.matched(matches)
         initial = self._estimate(frame, found, T_camera_map, is_initial=True)
         return initial if len(initial.inliers.k) >= _MIN_INITIAL_INLIERS else None
@@ -383,4 +379,4 @@ class Tracker:
         """
         share = self._config.convincing_share
         num_last = int(np.count_nonzero(last.points != NO_POINT))
-        return tracking.inlier_share > share or tracking.num_inliers > share * num_last
+        return tracking.inlier_ratio > share or tracking.num_inliers > share * num_last

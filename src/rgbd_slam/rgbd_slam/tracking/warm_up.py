@@ -1,9 +1,8 @@
 """Re-estimation of the poses of a map's first second (decision 034).
 
 In a new map no point is well observed yet, so that moving objects near the camera bias the poses.
-Points that keyframes still observe a second later are static. The first poses are estimated again,
-with these points as the well-observed ones. Only the recorded trajectory changes: poses that were
-published stay as they are.
+A second later, points that keyframes still observe are static and decide these poses anew. Only
+the recorded trajectory changes.
 """
 
 from __future__ import annotations
