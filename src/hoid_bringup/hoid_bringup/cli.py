@@ -57,7 +57,9 @@ COMMANDS = {
         'hoid_benchmarks.demo',
         'compare SLAM with and without the filter, on a rendered scene or a camera',
     ),
-    'convert': Command('hoid_bags.commands', 'convert a recording in files or a ROS 1 bag to an MCAP bag'),
+    'convert': Command(
+        'hoid_bags.commands', 'convert a recording in files or a ROS 1 bag to an MCAP bag'
+    ),
     'synth': Command('hoid_synth.commands', 'render a bag of a scene with moving people'),
     'info': Command('hoid_bags.commands', 'list the topics of a bag, or repair it'),
     'play': Command('hoid_bags.commands', 'publish the messages of a bag', is_live=True),

@@ -22,6 +22,7 @@ from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState, restore
 from rgbd_slam.model.points import PointCounts
+from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.bundle_adjustment import local_bundle_adjustment
 
 
@@ -30,13 +31,8 @@ class KeyframeRequest:
     """A frame that becomes a keyframe, and the tracker's findings since the last keyframe."""
 
     uid: int  # of the new keyframe
-    frame: Frame
-    T_reference_camera: FloatArray  # (4, 4) pose relative to the reference keyframe
-    # Uid of the reference keyframe, an earlier one. When the request is made, the mapper may not
-    # have inserted it yet.
-    reference_uid: int
-    points: IntArray  # (N,) row of the map point that each feature observes, or NO_POINT
-    point_uids: IntArray  # (N,) uids of these points, because rows may be reused meanwhile
+    # Its reference keyframe may be pending. Its points have uids, because rows may be reused.
+    tracked: TrackedFrame
     counts: PointCounts  # how often points were visible and found since the last keyframe
     measured_camera: StereoCamera  # the camera with its measured noise
     moved: IntArray  # (M,) rows of points that turned out to be on moving objects
@@ -129,11 +125,12 @@ class Mapper:
         few observations, the points around the reference keyframe are searched as well.
         """
         keyframes, points = self.map.keyframes, self.map.points
-        anchor = self.map.anchor(request.reference_uid)
+        tracked = request.tracked
+        anchor = self.map.anchor(tracked.reference_uid)
         if anchor is None or anchor.row is None:
             return None
         reference = anchor.row
-        T_reference_camera = anchor.T_anchor_keyframe @ request.T_reference_camera
+        T_reference_camera = anchor.T_anchor_keyframe @ tracked.T_reference_camera
         T_map_camera = keyframes.T_map_camera[reference] @ T_reference_camera
         if not self.map.guard.is_valid(T_map_camera, 'keyframes'):
             return None
@@ -141,16 +138,16 @@ class Mapper:
         is_there = points.uid[request.moved] == request.moved_uids
         self.map.remove_points(np.unique(request.moved[is_there]))
         i = self.map.add_keyframe(
-            request.frame,
+            tracked.frame,
             se3.orthonormalized(T_map_camera),
             int(keyframes.map_id[reference]),
             reference,
             request.uid,
         )
-        same = (request.points != NO_POINT) & (points.uid[request.points] == request.point_uids)
-        k = np.flatnonzero(same)
-        self.map.observe(i, k, request.points[k])
-        self.map.refresh(request.points[k])
+        seen = tracked.current_points(self.map)
+        k = np.flatnonzero(seen != NO_POINT)
+        self.map.observe(i, k, seen[k])
+        self.map.refresh(seen[k])
         if len(k) < self._config.tracking.min_inliers:
             self._match_neighborhood(i, reference)
         return i

@@ -25,7 +25,7 @@ _UNKNOWN_TWIST = np.diag(np.square([np.pi] * 3 + [10.0] * 3))
 _LEAST_COVARIANCE = 1e-6 * np.eye(6)
 _UP: FloatArray = np.array([0.0, 0.0, 1.0])
 _LEAST_SINE = 1e-9  # chosen: sine of an angle that counts as zero
-# Chosen, as in `LossTimer`: the mean motion over a longer gap says little about the velocity.
+# Chosen, as in `TrackingStates`: the mean motion over a longer gap says little about the velocity.
 _MAX_TWIST_GAP_S = 0.5
 
 

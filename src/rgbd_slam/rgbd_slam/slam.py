@@ -295,18 +295,14 @@ class RgbdSlam:
 
     def _insert_keyframe(self, tracking: TrackerOutput) -> None:
         """Send the frame to the mapper; track the next one from this keyframe, even if pending."""
-        tracked = tracking.tracked
-        keep_outliers = self._config.keyframes.keep_outliers
-        points = tracking.matched if keep_outliers else tracked.points
+        sent = tracked = tracking.tracked
+        keep_outliers, uid = self._config.keyframes.keep_outliers, self._atlas.points.uid
+        if keep_outliers:
+            sent = replace(tracked, points=tracking.matched, point_uids=uid[tracking.matched])
         self._policy.inserted(tracked.frame.stamp_ns)
-        uid = self._atlas.points.uid
         request = KeyframeRequest(
             self.map.reserve_uids(1),
-            tracked.frame,
-            tracked.T_reference_camera,
-            tracked.reference_uid,
-            points,
-            uid[points],
+            sent,
             self._tallies.take(),
             self._noise.camera,
             tracking.moved,

@@ -13,7 +13,7 @@ from rgbd_slam.config.slam_config import KeyframeConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.model.map_change import PendingKeyframe
+from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.tracked_frame import tracked_frame
 from rgbd_slam.optimize.pose_consensus import Consensus
@@ -159,7 +159,7 @@ def test_while_the_mapper_is_late_a_changed_view_becomes_a_keyframe(
     here = se3.exp(np.array([0.0, turned_rad, 0.0, moved_m, 0.0, 0.0]))
     newest = int(atlas.keyframes.uid[0])
     for uid in (100, 101):  # requested at the origin, not mapped yet
-        atlas.pending[uid] = PendingKeyframe(uid, newest, np.eye(4))
+        atlas.pending[uid] = Redirect(uid, newest, np.eye(4))
         newest = uid
     policy = KeyframePolicy(atlas, KeyframeConfig(), CLOSE_PX)
     assert policy.wants(tracking(atlas, 9.0, 10, here)) is wanted

@@ -62,8 +62,7 @@ class SilentWorker:
 def request(uid: int, tracked: TrackedFrame) -> KeyframeRequest:
     """Return the request to make a frame a keyframe."""
     return KeyframeRequest(
-        uid, tracked.frame, tracked.T_reference_camera, tracked.reference_uid, NONE, NONE,
-        PointCounts(NONE, NONE, NONE, NONE), STEREO, NONE, NONE,
+        uid, tracked, PointCounts(NONE, NONE, NONE, NONE), STEREO, NONE, NONE,
     )  # fmt: skip
 
 

@@ -72,7 +72,7 @@ def test_a_keyframe_includes_outliers_only_if_configured_to(
     monkeypatch.setattr(KeyframePolicy, 'wants', lambda *_: True)
     slam.process(moved)
     (request,) = requests
-    has_point = request.points != NO_POINT
+    has_point = request.tracked.points != NO_POINT
     assert has_point[::10].mean() > 0.9 if keep_outliers else not has_point[::10].any()
     assert np.delete(has_point, slice(None, None, 10)).mean() > 0.9
 

@@ -18,25 +18,14 @@ _MAX_REMEMBERED = 4096
 
 
 class Redirect(NamedTuple):
-    """A removed keyframe and its parent, to which poses relative to the keyframe now refer.
+    """A keyframe that is not in the map, and its parent, to which poses relative to it refer.
 
-    A keyframe that was requested and is never inserted counts as removed.
+    It was removed, or is pending: the tracker has requested it and the mapper has not inserted it.
     """
 
-    uid: int  # of the removed keyframe
-    parent_uid: int  # of its parent in the spanning tree, which may have been removed later
-    T_parent_camera: FloatArray  # (4, 4) pose of the removed keyframe relative to its parent
-
-
-class PendingKeyframe(NamedTuple):
-    """A keyframe that the tracker has requested and the mapper has not inserted yet."""
-
     uid: int
-    # Uid of the keyframe that its pose is relative to, which may be pending as well; None: the
-    # keyframe is the first one of a map.
-    parent_uid: int | None
-    # (4, 4), orthonormalized, because pending keyframes are chained; T_map_camera for the first
-    # keyframe of a map.
+    parent_uid: int  # which may be removed or pending as well; DEAD: it is the first of a map
+    # (4, 4), orthonormalized, because redirects are chained; T_map_camera without a parent.
     T_parent_camera: FloatArray
 
 

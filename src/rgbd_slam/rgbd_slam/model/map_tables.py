@@ -17,7 +17,6 @@ from rgbd_slam.model.map_change import (
     FeatureStates,
     MapChange,
     Move,
-    PendingKeyframe,
     PointPositions,
     Redirect,
     Redirects,
@@ -63,7 +62,7 @@ class MapTables:
         self.redirects = Redirects()
         # Keyframes that were requested from a mapper in another process and are not in this copy
         # yet, by uid, the oldest first.
-        self.pending: dict[int, PendingKeyframe] = {}
+        self.pending: dict[int, Redirect] = {}
         self.graph = ObservationGraph()
         self._has_copies = False  # whether there are copies that receive the changes
         self._moves: list[Move] = []  # since the last change was sent
@@ -113,7 +112,7 @@ class MapTables:
             if link is None:
                 return None
             T_anchor_keyframe = link.T_parent_camera @ T_anchor_keyframe
-            if link.parent_uid is None:
+            if link.parent_uid == DEAD:
                 break
             uid = link.parent_uid
             row = self.keyframes.index_of(uid)
@@ -130,8 +129,8 @@ class MapTables:
     def drop_pending(self, uid: int) -> None:
         """Replace a pending keyframe by its parent, because the mapper will not insert it."""
         lost = self.pending.pop(uid, None)
-        if lost is not None and lost.parent_uid is not None:
-            self.redirects.add([Redirect(lost.uid, lost.parent_uid, lost.T_parent_camera)])
+        if lost is not None and lost.parent_uid != DEAD:
+            self.redirects.add([lost])
 
     def changes_since(self, version: int, *, with_features: bool = True) -> MapChange:
         """Return the changes after a version, and start a new version for later changes.

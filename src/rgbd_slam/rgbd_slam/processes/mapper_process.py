@@ -26,7 +26,7 @@ from rgbd_slam.loops.loop_closer import LoopCounts
 from rgbd_slam.mapper import KeyframeRequest
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
-from rgbd_slam.model.map_change import PendingKeyframe
+from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.processes.mapper_worker import (
     Load,
@@ -39,6 +39,7 @@ from rgbd_slam.processes.mapper_worker import (
     Start,
     run_mapper,
 )
+from rgbd_slam.records.soa_table import DEAD
 
 # Chosen: time limits of many times the usual durations, so that they expire only on a machine that
 # is overloaded.
@@ -124,7 +125,7 @@ class MapperProcess:
         return self.queue_length == 0 and self._is_settled
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> None:
-        self._atlas.pending[uid] = PendingKeyframe(uid, None, T_map_camera)
+        self._atlas.pending[uid] = Redirect(uid, DEAD, T_map_camera)
         self._append(Start(uid, frame, T_map_camera, map_id))
 
     def insert(self, request: KeyframeRequest) -> None:
@@ -133,9 +134,10 @@ class MapperProcess:
         If the mapper cannot insert it, or if more than 64 requests are queued (`_thin_out`), it is
         dropped: poses relative to it become relative to its reference keyframe.
         """
-        T_reference_camera = se3.orthonormalized(request.T_reference_camera)
-        self._atlas.pending[request.uid] = PendingKeyframe(
-            request.uid, request.reference_uid, T_reference_camera
+        tracked = request.tracked
+        T_reference_camera = se3.orthonormalized(tracked.T_reference_camera)
+        self._atlas.pending[request.uid] = Redirect(
+            request.uid, tracked.reference_uid, T_reference_camera
         )
         self._append(request)
 
@@ -219,14 +221,16 @@ class MapperProcess:
 
         A reference keyframe that was removed is replaced by its nearest ancestor, if one is known.
         """
-        uid, T_reference_camera = request.reference_uid, request.T_reference_camera
+        tracked = request.tracked
+        uid, T_reference_camera = tracked.reference_uid, tracked.T_reference_camera
         while self._atlas.keyframes.index_of(uid) is None and uid not in self._atlas.pending:
             redirect = self._atlas.redirects.find(uid)
             if redirect is None:
                 return request
             uid = redirect.parent_uid
             T_reference_camera = redirect.T_parent_camera @ T_reference_camera
-        return replace(request, reference_uid=uid, T_reference_camera=T_reference_camera)
+        tracked = replace(tracked, reference_uid=uid, T_reference_camera=T_reference_camera)
+        return replace(request, tracked=tracked)
 
     def _thin_out(self) -> None:
         """Remove every other one of the unsent keyframes from the queue.
@@ -262,9 +266,12 @@ class MapperProcess:
             ) from None
         if isinstance(report, Ready):
             return
-        frame = None
-        if report.completes_request and isinstance(self._queue[0], KeyframeRequest | Start):
-            frame = self._queue[0].frame  # not sent back
+        request = self._queue[0] if report.completes_request else None
+        frame = None  # the features of a keyframe are not sent back
+        if isinstance(request, Start):
+            frame = request.frame
+        elif isinstance(request, KeyframeRequest):
+            frame = request.tracked.frame
         if isinstance(report.change, Loaded):
             self._loaded = report.change
         else:
