@@ -36,5 +36,5 @@ def test_all_versions_of_every_kernel_return_the_same_bits() -> None:
     for_any = digests(str(BUILD / 'one_version'))
     here = digests()
     assert here == for_any
-    functions = {name for name in hoid_native.__all__ if name.islower()}
+    functions = {n for n, f in vars(hoid_native).items() if callable(f) and n.islower()}
     assert {name.split()[0] for name in here} == functions

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from hoid_common import topics
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.debug_image import DebugImages
-from hoid_common.values import CameraModel, FilterResult, Float32Array, RgbdFrame
+from hoid_common.values import BoolArray, CameraModel, FilterResult, Float32Array, RgbdFrame
 from hoid_filter.drawing import draw_result
 from hoid_filter.feature_filter import FinalVerdict
 from hoid_filter.masked_images import dynamic_mask, points_m
@@ -82,18 +82,20 @@ class FilterOutputs:
         size_px = depth_m.shape[::-1]
         is_dynamic = dynamic_mask(final.verdict, size_px)
         is_static = ~is_dynamic
+        self._publish_images(is_static, depth_m, header)
+        if camera is not None and camera.size_px == size_px:
+            for publisher, wanted in (
+                (self._moving_points, is_dynamic),
+                (self._static_points, is_static),
+            ):
+                if publisher.get_subscription_count():
+                    cloud = conversions.Cloud(points_m(depth_m, wanted, camera))
+                    publisher.publish(conversions.cloud_to_msg(cloud, header))
+
+    def _publish_images(self, is_static: BoolArray, depth_m: Float32Array, header: Header) -> None:
         if self._mask.get_subscription_count():
             mask = is_static.astype(np.uint8) * np.uint8(255)
             self._mask.publish(conversions.mask_to_msg(mask, header))
         if self._static_depth.get_subscription_count():
             static_m = np.where(is_static, depth_m, np.float32(0))
             self._static_depth.publish(conversions.depth_to_msg(static_m, header))
-        if camera is None or camera.size_px != size_px:
-            return
-        for publisher, wanted in (
-            (self._moving_points, is_dynamic),
-            (self._static_points, is_static),
-        ):
-            if publisher.get_subscription_count():
-                cloud = conversions.Cloud(points_m(depth_m, wanted, camera))
-                publisher.publish(conversions.cloud_to_msg(cloud, header))

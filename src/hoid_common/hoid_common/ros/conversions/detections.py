@@ -23,7 +23,9 @@ from hoid_common.messages import MAX_DETECTIONS, stamp_from_msg
 from hoid_common.values import MAX_NAME_LENGTH, Detections, DynamicObject, ObjectState
 
 Row = tuple[float, float, float, float]
-_VECTORS = ('center_camera_m', 'size_m', 'velocity_camera_mps')  # fields of DynamicObject
+# Fields of DynamicObject and of its message.
+_COPIED = ('class_name', 'score', 'track_id', 'overlap_ratio', 'depth_gap_m')
+_VECTORS = ('center_camera_m', 'size_m', 'velocity_camera_mps')
 _MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size
 
 
@@ -160,17 +162,9 @@ def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
         raise MessageError(
             f'dynamic_objects: box {box_xyxy_px} px or score {msg.score} is out of range'
         )
-    vectors: dict[str, Any] = {name: tuple(getattr(msg, name).tolist()) for name in _VECTORS}
-    return DynamicObject(
-        msg.class_name,
-        box_xyxy_px,
-        msg.score,
-        msg.track_id,
-        ObjectState(msg.state),
-        msg.overlap_ratio,
-        msg.depth_gap_m,
-        **vectors,
-    )
+    copied: dict[str, Any] = {name: getattr(msg, name) for name in _COPIED}
+    copied |= {name: tuple(getattr(msg, name).tolist()) for name in _VECTORS}
+    return DynamicObject(box_xyxy_px=box_xyxy_px, state=ObjectState(msg.state), **copied)
 
 
 def _object_to_msg(obj: DynamicObject) -> DynamicObjectMsg:

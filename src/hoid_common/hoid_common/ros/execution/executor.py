@@ -21,13 +21,11 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor, TimeoutObject
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
-from rclpy.service import Service
 from rclpy.task import Task
 from rclpy.utilities import timeout_sec_to_nsec
 from rclpy.waitable import NumberOfEntities
 
 _Take = Callable[[Any], Any]
-_RARE = (Service, EventHandler)  # entities that are not waited for while messages arrive
 # Chosen: longest time that a service request or an event of the middleware waits until it is
 # handled; people and lifecycle managers do not notice it.
 _RARE_PERIOD_NS = 50_000_000
@@ -46,14 +44,14 @@ class _WaitList:
         self._held = ExitStack()
         self._held.enter_context(context.handle)
         self._is_served = is_served
-        self.waitables = self._hold(entity for node in nodes for entity in node.waitables)
-        self.of_kind: dict[str, list[Any]] = {
+        self._waitables = self._hold(entity for node in nodes for entity in node.waitables)
+        self._of_kind: dict[str, list[Any]] = {
             kind: self._hold(entity for node in nodes for entity in getattr(node, f'{name}s'))
             for kind, name in _NAMES.items()
         }
-        self.of_kind['guard_condition'] += self._hold(guards)
-        number = NumberOfEntities(*map(len, (self.of_kind[kind] for kind in _COUNTED)))
-        for waitable in self.waitables:
+        self._of_kind['guard_condition'] += self._hold(guards)
+        number = NumberOfEntities(*map(len, (self._of_kind[kind] for kind in _COUNTED)))
+        for waitable in self._waitables:
             number += waitable.get_num_entities()
         self._wait_set = _rclpy.WaitSet(
             *(getattr(number, name) for name in NumberOfEntities.__slots__), context.handle
@@ -64,25 +62,31 @@ class _WaitList:
         self._wait_set = None
         self._held.close()
 
-    def wait(self, limit_ns: int) -> None:
-        """Wait until an entity is ready, at most for a time in ns; -1 = without limit."""
+    def wait(self, limit_ns: int, *, with_rare: bool) -> None:
+        """Wait until an entity is ready, at most for a time in ns; -1 = without limit.
+
+        Services and events of the middleware are left out unless `with_rare`.
+        """
         self._wait_set.clear_entities()
-        for kind, entities in self.of_kind.items():
-            add = getattr(self._wait_set, f'add_{kind}')
-            for entity in entities:
-                add(entity.handle)
-        for waitable in self.waitables:
+        for kind, entities in self._of_kind.items():
+            if with_rare or kind != 'service':
+                add = getattr(self._wait_set, f'add_{kind}')
+                for entity in entities:
+                    add(entity.handle)
+        usual = (w for w in self._waitables if not isinstance(w, EventHandler))
+        self._waited = list(self._waitables if with_rare else usual)
+        for waitable in self._waited:
             waitable.add_to_wait_set(self._wait_set)
         self._wait_set.wait(limit_ns)
 
     def ready(self, kind: str) -> list[Any]:
-        if not self.of_kind[kind]:
+        if not self._of_kind[kind]:
             return []
         pointers = self._wait_set.get_ready_entities(kind)
-        return [e for e in self.of_kind[kind] if e.handle.pointer in pointers] if pointers else []
+        return [e for e in self._of_kind[kind] if e.handle.pointer in pointers] if pointers else []
 
     def ready_waitables(self) -> list[Any]:
-        return [waitable for waitable in self.waitables if waitable.is_ready(self._wait_set)]
+        return [waitable for waitable in self._waited if waitable.is_ready(self._wait_set)]
 
     def _hold(self, entities: Iterable[Any]) -> list[Any]:
         held = []
@@ -141,9 +145,7 @@ class SteadyExecutor(SingleThreadedExecutor):
 
     def __init__(self) -> None:
         super().__init__()
-        # Wait sets with all entities and without rare ones; None = to be built.
-        self._list: _WaitList | None = None
-        self._usual: _WaitList | None = None
+        self._list: _WaitList | None = None  # None = to be built
         self._rare_due_ns = 0  # when rare entities are to be waited for again
         self._at_work = RLock()  # held while the wait set is used
 
@@ -206,14 +208,11 @@ class SteadyExecutor(SingleThreadedExecutor):
         There are none if the executor was woken or shut down. ExternalShutdownException if ROS was
         shut down.
         """
-        if self._list is None or self._usual is None:
-            self._forget()
-            own = (self._guard, self._sigint_gc)
-            nodes = self.get_nodes()
-            self._list = _WaitList(nodes, self._context, own, self._serves)
-            self._usual = _WaitList(nodes, self._context, own, self._serves_often)
+        own = (self._guard, self._sigint_gc)
+        if self._list is None:
+            self._list = _WaitList(self.get_nodes(), self._context, own, self._serves)
         try:
-            found = self._wait_for_entities(self._list, self._usual, limit_ns)
+            found = self._wait_for_entities(self._list, limit_ns)
         except InvalidHandle:  # the owner of an event is being destroyed
             self._forget()
             return []
@@ -223,23 +222,21 @@ class SteadyExecutor(SingleThreadedExecutor):
             raise ExternalShutdownException
         if any(entity is self._guard for _, entity in found):
             self._forget()  # a node's entities have changed
-        own = (self._guard, self._sigint_gc)
         return [(take, entity) for take, entity in found if entity not in own]
 
-    def _wait_for_entities(
-        self, every: _WaitList, usual: _WaitList, limit_ns: int
-    ) -> list[tuple[_Take, Any]]:
+    def _wait_for_entities(self, entities: _WaitList, limit_ns: int) -> list[tuple[_Take, Any]]:
         """Wait for the usual entities until the rare ones are due, and then for all of them."""
         now_ns = time.monotonic_ns()
         if (left_ns := self._rare_due_ns - now_ns) > 0:
-            usual.wait(left_ns if limit_ns < 0 else min(left_ns, limit_ns))
-            found = list(self._ready(usual))
+            first_ns = left_ns if limit_ns < 0 else min(left_ns, limit_ns)
+            entities.wait(first_ns, with_rare=False)
+            found = list(self._ready(entities))
             is_ended = self._is_shutdown or not self._context.ok()
             if found or is_ended or 0 <= limit_ns <= left_ns:
                 return found
             limit_ns = limit_ns if limit_ns < 0 else limit_ns - left_ns
-        every.wait(limit_ns)
-        found = list(self._ready(every))
+        entities.wait(limit_ns, with_rare=True)
+        found = list(self._ready(entities))
         self._rare_due_ns = time.monotonic_ns() + self._rare_period_ns
         return found
 
@@ -259,15 +256,11 @@ class SteadyExecutor(SingleThreadedExecutor):
     def _serves(self, entity: Any) -> bool:
         return not isinstance(getattr(entity, 'callback_group', None), ThreadCallbackGroup)
 
-    def _serves_often(self, entity: Any) -> bool:
-        return self._serves(entity) and not isinstance(entity, _RARE)
-
     def _forget(self) -> None:
-        """Release the wait sets; the next wait builds new ones, and waits for all entities."""
-        for found in (self._list, self._usual):
-            if found is not None:
-                found.close()
-        self._list = self._usual = None
+        """Release the wait set; the next wait builds a new one, and waits for all entities."""
+        if self._list is not None:
+            self._list.close()
+        self._list = None
         self._rare_due_ns = 0
 
 
