@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hoid_common import se3
 from hoid_common.values import BoolArray, CameraModel, Float32Array, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
-from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.optimize import alignment
 from rgbd_slam.optimize.alignment import Alignment, align_image, align_points
 
@@ -39,7 +39,11 @@ def _aligned(
     measurement: Float32Array, depth: Float32Array, points: FloatArray, seed: int = 0
 ) -> Alignment | None:
     rng = np.random.default_rng(seed)
-    return align_image(measurement, np.ones(len(points)), depth, points, CAMERA, rng)
+    count = len(points)
+    octave, angle_deg = np.zeros(count, np.uint8), np.zeros(count, np.float32)
+    descriptors, may_seed = np.zeros((count, 32), np.uint8), np.ones(count, np.bool_)
+    frame = Frame(0, measurement, depth, octave, angle_deg, descriptors, may_seed)
+    return align_image(frame, np.arange(count), points, np.ones(1), CAMERA, rng)
 
 
 def _error(T: FloatArray) -> tuple[float, float]:

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from hoid_common.values import BoolArray, Float32Array, FloatArray
-from rgbd_slam.model.frame import StereoCamera
+from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
+from rgbd_slam.model.frame import Frame, StereoCamera
 
 _SAMPLE = 3  # the fewest points that determine a pose (Horn 1987)
 # Chosen: number of RANSAC samples of three matches. If 28 % of all matches are right, at least one
@@ -58,20 +58,22 @@ def align_points(
 
 
 def align_image(
-    measurement_px: Float32Array,
-    sigma_px: FloatArray,
-    depth_m: Float32Array,
+    frame: Frame,
+    k: IntArray,
     points_m: FloatArray,
+    octave_scale: FloatArray,
     camera: StereoCamera,
     rng: np.random.Generator,
 ) -> Alignment | None:
     """Return the pose with which most of N matches agree, by RANSAC; None if fewer than 15 agree.
 
-    A match of u, v, u_right (N, 3) with a point (N, 3) agrees if its reprojection error is below 4
-    times its `sigma_px` (N,), which is 1 in octave 0.
+    A match of feature k (N,) with a point (N, 3) agrees if its reprojection error is below 4 px in
+    octave 0. The sizes of a pixel of each octave are in pixels of the image.
     """
     if len(points_m) < _MIN_INLIERS:
         return None
+    measurement_px, depth_m = frame.measurement_px[k], frame.depth_m[k]
+    limit_px = _MAX_ERROR_PX * octave_scale[frame.octave[k]]
     seen_m = camera.back_project(measurement_px, depth_m)
     with_depth = np.flatnonzero(depth_m > 0)
     if len(with_depth) >= _MIN_INLIERS:
@@ -82,7 +84,7 @@ def align_image(
 
     def agreeing(T_camera_points: FloatArray) -> BoolArray:
         error_px = _reprojection_error_px(T_camera_points, measurement_px, points_m, camera)
-        return error_px < _MAX_ERROR_PX * sigma_px
+        return error_px < limit_px
 
     agrees = agreeing(hypotheses)
     leading = np.argsort(-agrees.sum(axis=1), kind='stable')[:_NUM_REFINED]

@@ -108,16 +108,10 @@ class PlaceVerifier:
     def verify(self, frame: Frame, candidate: int) -> PlaceMatch | None:
         """Return the pose of a frame if it shows the place of the keyframe in row `candidate`."""
         matches, seen = self._match_descriptors(frame, candidate)
-        points = self._atlas.points.position_m[seen]
+        points_m = self._atlas.points.position_m[seen[matches.q]]
         rng = np.random.default_rng((self._seed, frame.stamp_ns % 2**63, candidate))
-        alignment = align_image(
-            frame.measurement_px[matches.k],
-            self._atlas.octave_scale[frame.octave[matches.k]],
-            frame.depth_m[matches.k],
-            points[matches.q],
-            self._camera,
-            rng,
-        )
+        scale = self._atlas.octave_scale
+        alignment = align_image(frame, matches.k, points_m, scale, self._camera, rng)
         if alignment is None:
             return None
         around = self._atlas.covisible(candidate, limit=self._config.neighbors)

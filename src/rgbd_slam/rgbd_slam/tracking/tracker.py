@@ -234,14 +234,9 @@ class Tracker:
             landmarks.descriptors, frame, config.reference_max_hamming, config.reference_ratio
         )
         matches = with_consistent_rotation(landmarks, frame, matches)
-        alignment = align_image(
-            frame.measurement_px[matches.k],
-            self._atlas.octave_scale[frame.octave[matches.k]],
-            frame.depth_m[matches.k],
-            landmarks.position_m[matches.q],
-            self._camera,
-            np.random.default_rng((self._seed, frame.stamp_ns % 2**63)),
-        )
+        points_m, scale = landmarks.position_m[matches.q], self._atlas.octave_scale
+        rng = np.random.default_rng((self._seed, frame.stamp_ns % 2**63))
+        alignment = align_image(frame, matches.k, points_m, scale, self._camera, rng)
         if alignment is None:
             return None
         T_camera_map = alignment.T_camera_points
