@@ -23,7 +23,7 @@ class LateVerdicts:
         self._newest_ns = self._num_newest = 0  # stamp and number of features of the last image
 
     def filtered(self, features: Features) -> Features:
-        """Return the features of the next image without those that an early verdict excludes."""
+        """Return the features of the next image that no early verdict calls dynamic."""
         early = self._early.pop(features.stamp_ns, None)
         if early is not None and len(early.is_dynamic) == len(features):
             features = features.select(~early.is_dynamic)

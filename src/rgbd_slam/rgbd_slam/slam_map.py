@@ -216,8 +216,8 @@ class SlamMap:
         """Copy `count` rows of the table of points from `first` on, up to the last shown point.
 
         A large map is copied part by part between images, because copying it at once would delay
-        an image. `shown_points_m` converts the copy, in any thread. Points of the map `map_id`, or
-        of all, are shown.
+        an image. `shown_points_m` converts the copy, in any thread. Shown are the points of the
+        map with the id `map_id`; None: of all maps.
         """
         points, rows = self.atlas.points, slice(first, first + count)
         is_shown = points.uid[rows] != DEAD

@@ -32,7 +32,7 @@ class LocalMap(NamedTuple):
 
 
 def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
-    """Return the points of at most `limit` keyframes that share most observed points with a frame.
+    """Return the points of the keyframes that share most observed points with a frame.
 
     Candidates are the last reference keyframe, or its nearest ancestor in the map, and its
     covisible keyframes, so that the cost does not depend on the size of the map; without any, the

@@ -144,7 +144,7 @@ class Atlas(MapTables):
         return j
 
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
-        """Set the positions (N, 3) of points; remove those not below `MAX_POSITION_M`, or NaN.
+        """Set the positions (N, 3) of points; remove those that are NaN or too far away.
 
         An adjustment may move a point without parallax and depth to any distance.
         """

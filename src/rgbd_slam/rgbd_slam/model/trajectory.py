@@ -196,7 +196,7 @@ class TrajectoryRecorder:
         return Trajectory(stamps_ns[is_valid], poses[is_valid])
 
     def _references(self, *uids: int) -> tuple[IntArray, FloatArray]:
-        """Return the map ids (K,), or _NO_MAP, and poses (K, 4, 4) of reference keyframes."""
+        """Return the map id (or _NO_MAP) and T_map_keyframe (4, 4) of each of K keyframes."""
         snapshot, removed = _PoseSnapshot(self._keyframes), _by_uid([self._removed.newest()])
         rows, poses = snapshot.of(np.array(uids), removed)
         return snapshot.map_id[rows], poses

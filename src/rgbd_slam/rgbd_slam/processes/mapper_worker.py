@@ -120,7 +120,7 @@ class MapperServer:
         return self._report(completes_request=True, has_features=has_features)
 
     def poll(self) -> MapperReport | None:
-        """Apply the result of a background adjustment; report it, or that it has failed."""
+        """Apply a background adjustment that has ended, and report it; None: none has ended."""
         was_adjusting = self._mapper.closer.adjuster.is_running
         is_applied = self._mapper.closer.adjuster.poll()
         has_ended = was_adjusting and not self._mapper.closer.adjuster.is_running

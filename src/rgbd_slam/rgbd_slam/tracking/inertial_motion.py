@@ -121,8 +121,7 @@ class InertialMotion:
     def _rotation(self) -> MeasuredRotation | None:
         """Return the measured turn since the last tracked image; None if it is unknown.
 
-        A gyro that has just gone wrong goes on to be wrong: its recent error adds to the
-        deviation.
+        The recent error of the gyro adds to the standard deviation, because such errors persist.
         """
         stamps_ns = self._start_ns, self._stamp_ns
         if self._turn[0] != stamps_ns:

@@ -145,7 +145,7 @@ class KeyframePolicy:
         return np.asarray(difference_rad)
 
     def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
-        """Return the (N,) mask of u, v, u_right (3, N) with a depth that creates a point."""
+        """Return the (N,) mask of u, v, u_right (3, N) that are near enough to create a point."""
         is_close: BoolArray = pixels[0] - pixels[2] > self._close_px  # False without depth (NaN)
         return is_close
 

@@ -73,7 +73,7 @@ class ExternalOdometry:
         self._T_last_camera = np.eye(4)
 
     def advance(self, stamp_ns: int) -> None:
-        """Add the motion up to this stamp; unknown from the first gap on."""
+        """Add the motion up to this stamp; after a gap, it is unknown until `start`."""
         T = self._T_last_camera
         if T is not None:
             step = self._lookup(self._stamp_ns, stamp_ns)
@@ -93,8 +93,8 @@ class ExternalOdometry:
         """Return the measured motion, or None if it is unknown.
 
         Its standard deviation grows linearly with time, because the error of a wheel's velocity
-        lasts. The difference of two poses has the covariance of the motion between them, hence the
-        half.
+        lasts. `image_covariance` is half the covariance of the motion between two images, so that
+        the difference of two poses has the covariance of that motion.
         """
         if self._T_last_camera is None:
             return None
