@@ -155,8 +155,7 @@ class DetectorNode(ManagedNode):
         assert self._detector is not None
         number = self._detector.num_non_finite
         self.diagnostics.set_count('images with non-finite network outputs', number)
-        warning = '' if self._detector.has_finite_outputs else self._detector.non_finite_warning
-        self.diagnostics.report_problem('outputs', warning, severe=True)
+        self.diagnostics.report_problem('outputs', self._detector.warning, severe=True)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled = request.data

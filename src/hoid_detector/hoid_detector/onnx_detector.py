@@ -47,7 +47,7 @@ class OnnxDetector:
         self.layout, self.class_names = _layout_and_class_names(self.network, config)
         self._letterbox = Letterbox(self.layout.preprocessing, self.network.dtype)
         self.reconfigure(config)
-        self.has_finite_outputs = True  # for the latest image
+        self.warning = ''  # one line if the outputs for the latest image are not finite
         self._num_inside = self._num_outside = 0  # boxes of all images
         self._num_empty: int | None = 0  # images so far without a box; None: there was one
         self.num_non_finite = 0  # images for which the outputs were not finite
@@ -76,7 +76,7 @@ class OnnxDetector:
         """Apply new parameters, but for loading the model; ConfigError for an unknown class."""
         self.check_classes(config.classes)
         names = np.array(self.class_names)
-        self._reported = np.isin(names, config.classes) if config.classes else None
+        self._is_reported = np.isin(names, config.classes or names)
         self._config = config
 
     def check_classes(self, classes: tuple[str, ...]) -> None:
@@ -107,44 +107,33 @@ class OnnxDetector:
         found = found.select(finite)
         self._report_silence(has_boxes=len(found.scores) > 0)
         self._check_positions(place.boxes_to_image(found.boxes_xyxy_px, clip=False), place)
-        found = _in_image(found.select(self._is_reported(found)), place)
+        found = self._visible(found, place)
         found = found.select(_strongest(found, self.layout, config))
-        boxes = boxes_before_turn(found.boxes_xyxy_px, quarters, image_bgr.shape[1::-1])
-        found = found._replace(boxes_xyxy_px=boxes)
-        if weak is not None and self.expected is not None:
-            weak = weak.select(_is_finite(weak))
-            weak = _in_image(weak.select(self._is_reported(weak)), place)
-            boxes = boxes_before_turn(weak.boxes_xyxy_px, quarters, image_bgr.shape[1::-1])
-            weak = weak._replace(boxes_xyxy_px=boxes)
-            found = self._with_expected(found, weak, self.expected, stamp_ns)
+        found = _turned_back(found, quarters, image_bgr)
+        if self.expected is not None:
+            weak = self._visible(weak.select(_is_finite(weak)), place)
+            weak = _turned_back(weak, quarters, image_bgr)
+            strong = self._with_names(found, stamp_ns)
+            rows = confirmed_rows(self._with_names(weak, stamp_ns), strong, self.expected)
+            found = _joined(found, weak.select(rows))
         self.detect_ms = (time.perf_counter() - start_s) * 1e3
         return self._with_names(found, stamp_ns)
 
     def _decode(
         self, outputs: Sequence[NDArray[Any]], size_wh: Size
-    ) -> tuple[Candidates, Candidates | None]:
-        """Return the candidates from `score_threshold` on, and weaker ones; None: not used."""
+    ) -> tuple[Candidates, Candidates]:
+        """Return the candidates from `score_threshold` on, and weaker ones if they are used."""
         with _named(self.network):
             least, weakest = self._config.score_threshold, self._config.expected_score_threshold
-            has_weak = 0 < weakest < least
-            found = self.layout.decode(outputs, size_wh, weakest if has_weak else least)
+            found = self.layout.decode(outputs, size_wh, min(least, weakest or least))
             highest = float(np.nanmax(found.scores, initial=0))
             if MAX_SCORE < highest < np.inf:
                 raise ModelError(
                     f'the answer has a score of {highest:g}, but scores are at most 1; set the '
                     f'parameter "layout", now {self.layout.name}, or export the model again'
                 )
-        if not has_weak:
-            return found, None
         is_weak = found.scores < least
         return found.select(~is_weak), found.select(is_weak)
-
-    def _with_expected(
-        self, found: Candidates, weak: Candidates, expected: Detections, stamp_ns: int
-    ) -> Candidates:
-        strong = self._with_names(found, stamp_ns)
-        rows = confirmed_rows(self._with_names(weak, stamp_ns), strong, expected)
-        return _joined(found, weak.select(rows))
 
     def _check_positions(self, boxes_xyxy_px: Float32Array, place: Placement) -> None:
         """Raise ModelError if most boxes so far, and at least three, are outside the image."""
@@ -174,15 +163,12 @@ class OnnxDetector:
             )  # fmt: skip
 
     def _count_non_finite(self, outputs: Sequence[NDArray[Any]], *, has_candidates: bool) -> None:
-        self.has_finite_outputs = has_candidates or _are_finite(outputs)
-        if not self.has_finite_outputs:
+        self.warning = ''
+        if not has_candidates and not _are_finite(outputs):
+            self.warning = f'{self.network.path}: all outputs are NaN or Inf: nothing is detected'
             self.num_non_finite += 1
             if self.num_non_finite == 1:
-                _LOG.warning('%s', self.non_finite_warning)
-
-    @property
-    def non_finite_warning(self) -> str:
-        return f'{self.network.path}: all outputs are NaN or Inf, so nothing is detected'
+                _LOG.warning('%s', self.warning)
 
     def _infer(self, blob: NDArray[np.number[Any]]) -> list[NDArray[Any]]:
         start_s = time.perf_counter()
@@ -190,11 +176,12 @@ class OnnxDetector:
         self.network_ms = (time.perf_counter() - start_s) * 1e3
         return outputs
 
-    def _is_reported(self, found: Candidates) -> BoolArray:
-        if self._reported is None:
-            return np.ones(len(found.scores), np.bool_)
-        is_reported: BoolArray = self._reported[found.class_ids]
-        return is_reported
+    def _visible(self, found: Candidates, place: Placement) -> Candidates:
+        """Return the candidates of reported classes in image pixels, clipped, not too thin."""
+        found = found.select(self._is_reported[found.class_ids])
+        boxes = place.boxes_to_image(found.boxes_xyxy_px)
+        is_visible = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)
+        return found._replace(boxes_xyxy_px=boxes).select(is_visible)
 
     def _with_names(self, found: Candidates, stamp_ns: int) -> Detections:
         return Detections(
@@ -260,11 +247,9 @@ def _is_finite(found: Candidates) -> BoolArray:
     return finite & (found.class_ids >= 0)
 
 
-def _in_image(found: Candidates, place: Placement) -> Candidates:
-    """Return the candidates in image pixels, clipped; those less than a pixel wide are dropped."""
-    boxes = place.boxes_to_image(found.boxes_xyxy_px)
-    is_visible = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)
-    return found._replace(boxes_xyxy_px=boxes).select(is_visible)
+def _turned_back(found: Candidates, quarters: int, image: ByteArray) -> Candidates:
+    boxes = boxes_before_turn(found.boxes_xyxy_px, quarters, image.shape[1::-1])
+    return found._replace(boxes_xyxy_px=boxes)
 
 
 def _joined(strong: Candidates, weak: Candidates) -> Candidates:
