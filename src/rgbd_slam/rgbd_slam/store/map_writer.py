@@ -42,8 +42,8 @@ class MapWriter:
         self._parts = MapParts(atlas)
         self._before = self._parts.state()  # at `begin`
         self._database: Database | None = None  # during a transaction
-        self._stored: KeyframeCopy | None = None  # None: nothing of this map is stored
-        self._new_uids: IntArray = np.empty(0, np.int64)  # whose features were written by now
+        self._stored_uids: IntArray | None = None  # None: nothing of this map is stored
+        self._written_uids: IntArray = np.empty(0, np.int64)  # whose features are written by now
 
     @property
     def is_open(self) -> bool:
@@ -54,11 +54,13 @@ class MapWriter:
         self._database = database = self._open_database()
         try:
             database.begin()
-            if self._stored is None or database.count(KEYFRAMES) != len(self._stored.uid):
-                self._stored, self._parts = None, MapParts(self.atlas)
+            stored = self._stored_uids
+            if stored is None or database.count(KEYFRAMES) != len(stored):
+                self._stored_uids, stored = None, np.empty(0, np.int64)
+                self._parts = MapParts(self.atlas)
                 for table in TABLES:
                     database.clear(table)
-            self._before, self._new_uids = self._parts.state(), self._new_uids[:0]
+            self._before, self._written_uids = self._parts.state(), stored
         except BaseException:
             self.abort()
             raise
@@ -75,17 +77,20 @@ class MapWriter:
         assert self._database is not None
         try:
             put_part(self._database, part)
-            self._new_uids = np.union1d(self._new_uids, part.new_uids)
+            self._written_uids = np.union1d(self._written_uids, part.new_uids)
             if part.keyframes is None:
                 return False
-            put_keyframes(self._database, part.keyframes, self._stored, self._new_uids)
+            put_keyframes(self._database, part.keyframes)
+            removed = np.setdiff1d(self._written_uids, part.keyframes.uid).tolist()
+            for table in (FEATURES, STATES):
+                self._database.delete(table, removed)
             put_loops(self._database, part.loops)
             put_header(self._database, header)
             self._database.commit()
         except BaseException:
             self.abort()
             raise
-        self._stored = part.keyframes
+        self._stored_uids = part.keyframes.uid
         self._close()
         return True
 
@@ -123,35 +128,12 @@ def put_part(database: Database, part: MapPart) -> None:
     database.put(POINTS, zip(part.chunks.tolist(), points, strict=True))
 
 
-def put_keyframes(
-    database: Database,
-    keyframes: KeyframeCopy,
-    stored: KeyframeCopy | None = None,
-    new_uids: IntArray | None = None,
-) -> None:
-    """Write the keyframes that differ from the stored ones, and delete removed ones.
-
-    Args:
-        stored: The keyframes that are stored; None: there are none.
-        new_uids: Uids of keyframes whose features have been written since; some may be removed.
-    """
-    is_new = np.ones(len(keyframes.uid), np.bool_)
-    if stored is not None:
-        _, at, stored_at = np.intersect1d(
-            keyframes.uid, stored.uid, assume_unique=True, return_indices=True
-        )
-        is_new[at] = False
-        for new, old in zip(keyframes, stored, strict=True):
-            differs = new[at] != old[stored_at]
-            is_new[at] |= differs.any(axis=tuple(range(1, differs.ndim)))
-    *numbers, poses = (column[is_new] for column in keyframes)
+def put_keyframes(database: Database, keyframes: KeyframeCopy) -> None:
+    """Replace all keyframes of a map, which takes 6 ms for 1,000 of them."""
+    *numbers, poses = keyframes
     columns = (column.tolist() for column in numbers)
+    database.clear(KEYFRAMES)
     database.put(KEYFRAMES, zip(*columns, map(Pose, poses), strict=True))
-    known = [] if stored is None else [stored.uid]
-    known += [] if new_uids is None else [new_uids]
-    gone = np.setdiff1d(np.concatenate([keyframes.uid, *known]), keyframes.uid).tolist()
-    for table in (KEYFRAMES, FEATURES, STATES):
-        database.delete(table, gone)
 
 
 def put_loops(database: Database, edges: Sequence[LoopEdge]) -> None:
