@@ -33,12 +33,6 @@ _MS = 1e3
 _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
 
 
-class _Task(NamedTuple):
-    writer: MapWriter
-    header: MapHeader | None  # of a map that has not changed: only this is written
-    keeps_stored: bool  # whether another map is stored, which gets a name of its own before
-
-
 class _Copied(NamedTuple):
     """A copied part of the map, and what else a checkpoint contains."""
 
@@ -148,13 +142,14 @@ class CheckpointThread:
         call = operator.call if is_last else self._node_thread.call
         task = call(self._begin)
         start_s, longest_s, wrote_s = time.monotonic(), 0.0, 0.0
-        if task is None or not self._open(task):
+        if task is None or not self._open(*task):
             return 0.0
+        writer, _ = task
         try:
-            while (copied := call(partial(self._copy, task.writer))) is not None:
+            while (copied := call(partial(self._copy, writer))) is not None:
                 longest_s = max(longest_s, copied.copy_s)
                 part_s = time.monotonic()
-                if not self._append(task.writer, copied):
+                if not self._append(writer, copied):
                     break
                 wrote_s += time.monotonic() - part_s
                 if (keyframes := copied.part.keyframes) is not None:
@@ -164,11 +159,14 @@ class CheckpointThread:
                     self._is_ended.wait(copied.copy_s / _MAX_COPY_SHARE)
         finally:
             with self._lock:
-                task.writer.abort()  # if it is not complete
+                writer.abort()  # if it is not complete
         return wrote_s
 
-    def _begin(self) -> _Task | None:
-        """Return the next checkpoint to write, if there is one. Runs between images."""
+    def _begin(self) -> tuple[MapWriter, MapHeader | None] | None:
+        """Return what writes the next checkpoint, if there is one. Runs between images.
+
+        The header is that of a map that has not changed: nothing else is written.
+        """
         session = self._find_session()
         if session is None or self.is_paused:
             return None
@@ -176,23 +174,23 @@ class CheckpointThread:
         if len(atlas.keyframes) == 0:
             return None
         if self._writer is None or self._writer.atlas is not atlas:
-            return _Task(self._running.writer(atlas), None, keeps_stored=not self.continues_stored)
+            return self._running.writer(atlas), None
         is_same = atlas.version == self._written and self._running.path.exists()
         header = session.map.header(session.stamp_ns)
-        return _Task(self._writer, header if is_same else None, keeps_stored=False)
+        return self._writer, header if is_same else None
 
-    def _open(self, task: _Task) -> bool:
+    def _open(self, writer: MapWriter, header: MapHeader | None) -> bool:
         """Begin the transaction of a checkpoint; return False if there is nothing to copy."""
         with self._lock:
-            if task.keeps_stored and not self._keep_stored():
-                return False
-            if task.writer is not self._writer:
-                self._use_writer(task.writer)
+            if writer is not self._writer:
+                if not self.continues_stored and not self._keep_stored():
+                    return False
+                self._use_writer(writer)
                 self.continues_stored = False
-            if task.header is not None:
-                task.writer.touch(task.header)
+            if header is not None:
+                writer.touch(header)
                 return False
-            task.writer.begin()
+            writer.begin()
             return True
 
     def _copy(self, writer: MapWriter) -> _Copied | None:

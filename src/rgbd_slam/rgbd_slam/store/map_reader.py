@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from hoid_common.errors import MapFileError
@@ -29,41 +27,30 @@ from rgbd_slam.store.tables import (
 )
 
 
-class StoredMap(NamedTuple):
-    """A map as a database has it."""
+def read_map(
+    database: Database,
+) -> tuple[MapHeader, IntArray, MapState, tuple[LoopEdge, ...]]:
+    """Return header, uids of the keyframes (K,), map and loops between uids; do not check these.
 
-    header: MapHeader
-    uids: IntArray  # (K,) of the keyframes, in the order of `state`
-    state: MapState  # in the core's map frame
-    loops: tuple[LoopEdge, ...]  # between keyframes by uid
-
-
-def read_map(database: Database) -> StoredMap:
-    """Return the map of a database. Whether its arrays make sense is not checked.
+    The map is in the core's map frame.
 
     Raises:
         MapFileError: The database is damaged, or has no map. The text need not name the file.
         ConfigError: No camera has the values of its camera.
     """
     missing = [table.name for table in TABLES if not database.has(table)]
-    header = None if missing else database.row(META, 0)
-    if header is None:
+    row = None if missing else database.row(META, 0)
+    if row is None:
         raise MapFileError('has no map')
-    _, camera, scale_factor, num_octaves, T_map_core, session, stamp_ns = header
-    uids, state = _state(database)
+    _, camera, scale_factor, num_octaves, T_map_core, *rest = row
+    header = MapHeader(camera.camera(), scale_factor, num_octaves, T_map_core.T, *rest)
     loops = (
         LoopEdge(first, second, pose.T, covariance.matrix, count, share, kind, error_m, bool(used))
         for _, first, second, kind, count, share, error_m, used, pose, covariance in database.rows(
             LOOPS
         )
     )
-    octaves = scale_factor, num_octaves
-    return StoredMap(
-        MapHeader(camera.camera(), *octaves, T_map_core.T, session, stamp_ns),
-        uids,
-        state,
-        tuple(loops),
-    )
+    return header, *_state(database), tuple(loops)
 
 
 def _state(database: Database) -> tuple[IntArray, MapState]:
