@@ -9,16 +9,9 @@ from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 
-from hoid_bags.bag import bag_messages
+from hoid_bags.bag import bag_messages, encoding
 from hoid_bags.bag.bag_writer import BagWriter
-from hoid_bags.bag.encoding import (
-    JPEG,
-    PNG,
-    RAW,
-    ColorEncoder,
-    DepthEncoder,
-    choose_depth_encoder,
-)
+from hoid_bags.bag.encoding import JPEG, PNG, RAW
 from hoid_bags.progress import progress
 from hoid_bags.storage.bag_types import CAMERA_INFO, IMU, POSE_STAMPED, Message
 from hoid_bags.tum.listing import Images
@@ -67,14 +60,11 @@ def convert(
     source = open_tum_folder(folder, camera, config.depth_units_per_m or None)
     if str(source) and show_progress:
         sys.stderr.write(f'{folder}: {source}\n')
-    color = ColorEncoder(source.camera, config.rgb, config.jpeg_quality)
+    camera, units_per_m = source.camera, source.depth_units_per_m
+    color = encoding.color_encoding(camera, config.rgb, config.jpeg_quality)
     with BagWriter(bag, compress=config.compress) as writer:
-        depth = choose_depth_encoder(
-            source.depth,
-            source.camera,
-            config.depth,
-            source.depth_units_per_m,
-            round_to_mm=config.round_depth,
+        depth = encoding.depth_encoding(
+            source.depth, camera, config.depth, units_per_m, round_to_mm=config.round_depth
         )
         # Messages with equal stamps keep this order: the camera comes before its image.
         streams = [
@@ -98,9 +88,9 @@ def _cameras(source: TumFolder) -> _Stream:
         yield image.stamp_ns, topics.CAMERA_INFO, message
 
 
-def _images(images: Images, encoder: ColorEncoder | DepthEncoder) -> _Stream:
+def _images(images: Images, stored: encoding.Encoding) -> _Stream:
     for image in images:
-        yield image.stamp_ns, encoder.topic, encoder.message(image)
+        yield image.stamp_ns, stored.topic, stored.message(image)
 
 
 def _poses(truth: Trajectory | None) -> Iterator[tuple[str, str, int, _Stream]]:

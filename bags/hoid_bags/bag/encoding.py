@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -28,87 +28,78 @@ _COLOR_FORMATS = {JPEG: images.JPEG_FORMAT, PNG: images.PNG_FORMAT}
 _MAX_MM = np.iinfo(np.uint16).max
 
 
-@dataclass(frozen=True)
-class _Encoder:
-    camera: CameraModel
-    encoding: str  # RAW, PNG or, of color, JPEG
+class Encoding(NamedTuple):
+    """How images are stored in a bag."""
 
-    @property
-    def type_name(self) -> str:
-        return IMAGE if self.encoding == RAW else COMPRESSED_IMAGE
+    topic: str  # by the convention of image_transport
+    type_name: str
+    message: Callable[[ListedImage], Message]
 
 
-@dataclass(frozen=True)
-class ColorEncoder(_Encoder):
-    """Encoder of color images as messages of a bag."""
+def color_encoding(camera: CameraModel, encoding: str, jpeg_quality: int) -> Encoding:
+    """Return the encoding RAW, PNG or JPEG; a file of the wanted one is used unchanged.
 
-    jpeg_quality: int  # in [1, 100], for files that are no JPEG
+    Its messages raise InputError if a file cannot be used or has another size than the camera, and
+    MessageError if the image cannot be encoded.
+    """
 
-    @property
-    def topic(self) -> str:
-        raw = self.encoding == RAW
-        return topics.RGB_IMAGE if raw else topics.compressed(topics.RGB_IMAGE)
-
-    def message(self, listed: ListedImage) -> Message:
-        """Return the message of an image; a file of the wanted encoding is used unchanged.
-
-        InputError: the file cannot be used, or has another size than the camera. MessageError: the
-        image cannot be encoded.
-        """
+    def message(listed: ListedImage) -> Message:
         stored = listed.load()
         image_bgr = decode_color(stored, listed.path)
-        check_size(image_bgr, self.camera, listed.path)
-        if self.encoding == RAW:
+        check_size(image_bgr, camera, listed.path)
+        if encoding == RAW:
             return bag_messages.image(listed.stamp_ns, image_bgr, 'bgr8')
         data = stored if isinstance(stored, bytes) else b''
-        if self.encoding == JPEG and not is_jpeg(data):
-            data = images.encode_jpeg(image_bgr, self.jpeg_quality)
-        if self.encoding == PNG and not is_png(data):
+        if encoding == JPEG and not is_jpeg(data):
+            data = images.encode_jpeg(image_bgr, jpeg_quality)
+        if encoding == PNG and not is_png(data):
             data = cv2.imencode('.png', image_bgr)[1].tobytes()
-        return bag_messages.compressed_image(listed.stamp_ns, data, _COLOR_FORMATS[self.encoding])
+        return bag_messages.compressed_image(listed.stamp_ns, data, _COLOR_FORMATS[encoding])
+
+    if encoding == RAW:
+        return Encoding(topics.RGB_IMAGE, IMAGE, message)
+    return Encoding(topics.compressed(topics.RGB_IMAGE), COMPRESSED_IMAGE, message)
 
 
-@dataclass(frozen=True)
-class DepthEncoder(_Encoder):
-    """Encoder of depth images as 16UC1 in mm or 32FC1 in m (REP 118, decision 023)."""
+def depth_encoding(
+    listed: Images, camera: CameraModel, encoding: str, units_per_m: float, *, round_to_mm: bool
+) -> Encoding:
+    """Return the encoding RAW or PNG, in 16-bit millimeters if this is exact, else 32-bit meters.
 
-    units_per_m: float  # depth units per meter in the files
-    in_mm: bool  # True: 16UC1 in mm; False: 32FC1 in m
+    REP 118 allows both (decision 023). InputError: PNG would round the depth unless `round_to_mm`,
+    or a file is no depth image. Its messages raise InputError if the camera's size is no multiple
+    of the depth's, and MessageError if the image cannot be encoded.
+    """
+    not_mm = None if round_to_mm else first_not_whole_mm(listed, units_per_m)
+    if not_mm is not None and encoding == PNG:
+        raise InputError(
+            f'{not_mm}: not in whole millimeters, as compressed depth must be;'
+            ' use --depth raw, or --round-depth to lose up to 0.5 mm'
+        )
 
-    @property
-    def topic(self) -> str:
-        raw = self.encoding == RAW
-        return topics.DEPTH_IMAGE if raw else topics.compressed_depth(topics.DEPTH_IMAGE)
-
-    def message(self, listed: ListedImage) -> Message:
-        """Return the message of a depth image.
-
-        InputError: the file cannot be used, or the camera's size is no multiple of its size.
-        MessageError: the image cannot be encoded.
-        """
+    def message(listed: ListedImage) -> Message:
         stored = listed.load()
         units = decode_depth(stored, listed.path)
         try:
-            check_multiple((units.shape[1], units.shape[0]), self.camera.size_px, REGISTER_FILES)
+            check_multiple((units.shape[1], units.shape[0]), camera.size_px, REGISTER_FILES)
         except MessageError as error:
             raise InputError(f'{listed.path}: {error}') from error
-        if not self.in_mm:
-            depth_m = images.depth_m_from_units(units, self.units_per_m)
+        if not_mm is not None:
+            depth_m = images.depth_m_from_units(units, units_per_m)
             return bag_messages.image(listed.stamp_ns, depth_m, '32FC1')
-        if (
-            self.encoding == PNG
-            and self.units_per_m == images.MM_PER_M
-            and isinstance(stored, bytes)
-        ):
+        if encoding == RAW:
+            depth_mm = mm_from_units(units, units_per_m)
+            return bag_messages.image(listed.stamp_ns, depth_mm, '16UC1')
+        if units_per_m == images.MM_PER_M and isinstance(stored, bytes):
             packed = images.compressed_depth_of_png(stored)
         else:
-            depth_mm = mm_from_units(units, self.units_per_m)
-            if self.encoding == RAW:
-                return bag_messages.image(listed.stamp_ns, depth_mm, '16UC1')
-            packed = images.encode_compressed_depth(depth_mm)
-        return bag_messages.compressed_image(
-            listed.stamp_ns, packed, images.COMPRESSED_DEPTH_FORMAT
-        )
+            packed = images.encode_compressed_depth(mm_from_units(units, units_per_m))
+        format_ = images.COMPRESSED_DEPTH_FORMAT
+        return bag_messages.compressed_image(listed.stamp_ns, packed, format_)
+
+    if encoding == RAW:
+        return Encoding(topics.DEPTH_IMAGE, IMAGE, message)
+    return Encoding(topics.compressed_depth(topics.DEPTH_IMAGE), COMPRESSED_IMAGE, message)
 
 
 def mm_from_units(units: NDArray[Any], units_per_m: float) -> NDArray[np.uint16]:
@@ -131,19 +122,3 @@ def first_not_whole_mm(listed: Images, units_per_m: float) -> Path | None:
         if not exact.all() or depth_mm.max(initial=0) > _MAX_MM:
             return image.path
     return None
-
-
-def choose_depth_encoder(
-    listed: Images, camera: CameraModel, encoding: str, units_per_m: float, *, round_to_mm: bool
-) -> DepthEncoder:
-    """Return the encoder of depth: 16-bit millimeters if this is exact, else 32-bit meters.
-
-    InputError: PNG would round the depth unless `round_to_mm`, or a file is no depth image.
-    """
-    not_mm = None if round_to_mm else first_not_whole_mm(listed, units_per_m)
-    if not_mm is not None and encoding == PNG:
-        raise InputError(
-            f'{not_mm}: not in whole millimeters, as compressed depth must be;'
-            ' use --depth raw, or --round-depth to lose up to 0.5 mm'
-        )
-    return DepthEncoder(camera, encoding, units_per_m, in_mm=not_mm is None)

@@ -29,9 +29,17 @@ from hoid_common.values import Float32Array, FloatArray, IntArray, Trajectory
 
 SUFFIX = '.sens'
 _VERSION = 4
-_SIZES = struct.Struct('<ii4If')  # compression and size of color and depth, depth units per meter
+_HEAD = np.dtype(
+    [
+        ('matrices', '<f4', (4, 4, 4)),  # K and T_device_camera of color, then of depth
+        ('kinds', '<i4', 2),  # compression of color and depth
+        ('sizes_px', '<u4', (2, 2)),
+        ('units_per_m', '<f4'),
+        ('num_frames', '<u8'),
+    ]
+)
 _FRAME = struct.Struct('<16f4Q')  # T_world_camera, stamps (us) and bytes of color and depth
-_RATES = struct.Struct('<3d96xQ')  # angular velocity (rad/s), other sensors, stamp (us)
+_RATES = np.dtype([('rate_radps', '<f8', 3), ('others', 'V96'), ('stamp_us', '<u8')])
 _JPEG_OR_PNG = (1, 2)
 _RAW_DEPTH, _ZLIB_DEPTH = 0, 1
 _MAX_NAME_BYTES = 4096  # chosen: of the sensor
@@ -57,12 +65,12 @@ class SensFile:
     def __init__(self, path: Path) -> None:
         self.path = path if path.suffix == SUFFIX else next(iter(sorted(path.glob(f'*{SUFFIX}'))))
         self.frames: list[_Frame] = []
-        self.rates = np.empty((0, 4))  # stamp (us), wx, wy, wz (rad/s)
+        self.rates = np.empty(0, _RATES)
         with open_regular(self.path) as file:
             try:
                 num_frames = self._read_head(file)
                 self._read_frames(file, num_frames)
-            except (struct.error, OverflowError) as error:
+            except (struct.error, ValueError, OverflowError) as error:
                 raise InputError(f'{self.path}: damaged, or no recording of ScanNet') from error
 
     def _read_head(self, file: BinaryIO) -> int:
@@ -70,21 +78,20 @@ class SensFile:
         if version != _VERSION or length > _MAX_NAME_BYTES:
             raise InputError(f'{self.path}: no recording of ScanNet of version {_VERSION}')
         file.seek(length, os.SEEK_CUR)
-        # Intrinsics and extrinsics (T_device_camera) of color, then of depth.
-        matrices = np.frombuffer(file.read(256), '<f4').astype(float).reshape(4, 4, 4)
-        color, depth, *sizes, self.units_per_m = _SIZES.unpack(file.read(_SIZES.size))
+        (head,) = np.frombuffer(file.read(_HEAD.itemsize), _HEAD)
+        color, depth = head['kinds'].tolist()
         if color not in _JPEG_OR_PNG or depth not in (_RAW_DEPTH, _ZLIB_DEPTH):
             raise InputError(f'{self.path}: color {color} or depth {depth} is of an unknown kind')
-        self.is_packed = depth == _ZLIB_DEPTH
-        self.depth_camera = listing.matrix_camera(self.path, sizes[2:], matrices[2])
-        full = listing.matrix_camera(self.path, sizes[:2], matrices[0])
+        self.is_packed, self.units_per_m = depth == _ZLIB_DEPTH, float(head['units_per_m'])
+        matrices, sizes_px = head['matrices'].astype(float), head['sizes_px'].tolist()
+        self.depth_camera = listing.matrix_camera(self.path, sizes_px[1], matrices[2])
+        full = listing.matrix_camera(self.path, sizes_px[0], matrices[0])
         # Color has about twice the size of depth, but is cropped differently.
         halves = max(1, round(full.width_px / self.depth_camera.width_px))
         size_px = full.width_px // halves, full.height_px // halves
         self.camera = listing.resized_camera(full, size_px)
         self.T_color_depth = se3.inverse(matrices[1]) @ matrices[3]
-        (num_frames,) = struct.unpack('<Q', file.read(8))
-        return int(num_frames)
+        return int(head['num_frames'])
 
     def _read_frames(self, file: BinaryIO, num_frames: int) -> None:
         """Note the frames that are whole, and the rates after them."""
@@ -102,10 +109,9 @@ class SensFile:
             file.seek(color_bytes + depth_bytes, os.SEEK_CUR)
         if len(count := file.read(8)) == 8:
             (number,) = struct.unpack('<Q', count)
-            data = file.read(min(number * _RATES.size, size))
-            whole = data[: len(data) // _RATES.size * _RATES.size]
-            rows = [(us, *rates) for *rates, us in _RATES.iter_unpack(whole)]
-            self.rates = np.array(rows).reshape(-1, 4)
+            data = file.read(min(number * _RATES.itemsize, size))
+            whole = data[: len(data) // _RATES.itemsize * _RATES.itemsize]
+            self.rates = np.frombuffer(whole, _RATES)
 
     @property
     def stamps_ns(self) -> IntArray:
@@ -167,5 +173,5 @@ def sens_imu(path: Path) -> tuple[NumberTable | None, None]:
     rates = SensFile(path).rates
     if not len(rates):
         return None, None
-    order = in_order((rates[:, 0].astype(np.int64) * _NS_PER_US).tolist())
-    return NumberTable(order.stamps_ns, rates[order.positions, 1:]), None
+    order = in_order(rates['stamp_us'].astype(np.int64) * _NS_PER_US)
+    return NumberTable(order.stamps_ns, rates['rate_radps'][order.positions].astype(float)), None
