@@ -39,7 +39,7 @@ class ViewerTopic(NamedTuple):
 def viewer_topic(topic: str, type_name: str) -> ViewerTopic | None:
     """Return what a topic of librealsense becomes; None for other topics, which stay as they are.
 
-    Images, types.IMU and camera_info get a frame, and the places of the streams become /tf_static.
+    Images, IMU and camera_info get a frame, and the places of the streams become /tf_static.
     """
     stream = _STREAM.fullmatch(topic)
     if stream is None:
