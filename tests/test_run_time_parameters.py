@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,8 @@ def other_value(leaf: Param) -> Any:
         return ['person']
     if isinstance(value, str):
         return 'other'
-    low = value - 2 if spec.minimum is None else spec.minimum
-    high = value + 2 if spec.maximum is None else spec.maximum
+    low, high = spec.limits
+    low, high = low if isfinite(low) else value - 2, high if isfinite(high) else value + 2
     middle = (value + (high if high > value else low)) / 2
     return type(value)(middle) if type(value)(middle) != value else type(value)(high)
 
@@ -81,10 +82,10 @@ def check_description(leaf: Param, descriptor: Any) -> None:
     assert descriptor.description
     assert descriptor.read_only == leaf.spec.read_only
     for limits in (*descriptor.floating_point_range, *descriptor.integer_range):
-        if leaf.spec.minimum is not None:
-            assert limits.from_value == leaf.spec.minimum
-        if leaf.spec.maximum is not None:
-            assert limits.to_value == leaf.spec.maximum
+        low, high = leaf.spec.limits
+        assert limits.from_value == low
+        if isfinite(high):
+            assert limits.to_value == high
     for choice in leaf.spec.choices:
         assert choice in descriptor.additional_constraints
 
@@ -94,8 +95,8 @@ def check_change(client: ParameterClient, name: str, leaf: Param) -> None:
     (result,) = client.set({name: after})
     assert result.successful, (name, result.reason)
     assert client.get([name]) == [after]
-    if leaf.spec.maximum is not None:
-        (result,) = client.set({name: type(leaf.value)(leaf.spec.maximum + 1)})
+    if isfinite(high := leaf.spec.limits[1]):
+        (result,) = client.set({name: type(leaf.value)(high + 1)})
         assert not result.successful, name
         assert name.rsplit('.', 1)[-1] in result.reason
         assert client.get([name]) == [after]

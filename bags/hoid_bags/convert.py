@@ -6,6 +6,7 @@ import heapq
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 from operator import itemgetter
 from pathlib import Path
 
@@ -33,8 +34,10 @@ class ConvertConfig(Config):
     depth: str = param(RAW, 'encoding of depth images', choices=(PNG, RAW))
     round_depth: bool = param(False, 'round depth to mm, which PNG images may require')
     compress: bool = param(False, 'compress the bag with zstd: smaller, but slower to play')
-    jpeg_quality: int = param(95, minimum=1, maximum=100, internal=True)
-    depth_units_per_m: float = param(0.0, minimum=0.0, internal=True)  # 0: those of the layout
+    jpeg_quality: int = param(95, limits=(1, 100), internal=True)
+    depth_units_per_m: float = param(
+        0.0, limits=(0.0, inf), internal=True
+    )  # 0: those of the layout
 
 
 _Stream = Iterator[tuple[int, str, Message]]  # stamp (ns), topic, message; in order of time

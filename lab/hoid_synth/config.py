@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -37,24 +38,22 @@ _LOOP_FRAMES = 1200
 class SceneConfig(Config):
     """A scene and its recording; equal configurations give identical bytes."""
 
-    seed: int = param(0, 'seed of all random choices', minimum=0)
+    seed: int = param(0, 'seed of all random choices', limits=(0, inf))
     num_frames: int = param(
-        0, 'number of frames; 0: 300, 1200 for the path loop, or the whole path floor', minimum=0
+        0,
+        'number of frames; 0: 300, 1200 for the path loop, or the whole path floor',
+        limits=(0, inf),
     )
     width_px: int = param(
-        640, 'width of the images in pixels; the height is 3/4 of it', minimum=64, maximum=1280
+        640, 'width of the images in pixels; the height is 3/4 of it', limits=(64, 1280)
     )
     path: str = param('room', 'camera motion', choices=PATHS)
     layout: str = param(
         'home', 'furniture: a home, or rows of identical pieces (repeated)', choices=LAYOUTS
     )
     turned: bool = param(False, 'furniture and screens stand at random angles')
-    num_people: int = param(
-        2, 'number of people who walk and handle objects', minimum=0, maximum=6
-    )
-    near_m: float = param(
-        1.7, 'distance to the camera that people keep in m', minimum=1.0, maximum=5.0
-    )
+    num_people: int = param(2, 'number of people who walk and handle objects', limits=(0, 6))
+    near_m: float = param(1.7, 'distance to the camera that people keep in m', limits=(1.0, 5.0))
     together: bool = param(False, 'people walk past the camera as one group, back and forth')
     event: str = param(
         '',
@@ -64,63 +63,58 @@ class SceneConfig(Config):
     speed_mps: float = param(
         0.0,
         'speed of the object of --event, which then stays in view; 0: its default speed',
-        minimum=0.0,
-        maximum=2.0,
+        limits=(0.0, 2.0),
     )
     played_s: float = param(
-        0.0, 'time of people and event before the first frame in s', minimum=0.0, maximum=1e4
+        0.0, 'time of people and event before the first frame in s', limits=(0.0, 1e4)
     )
     rest_s: float = param(
-        0.0, 'time for which people and event stand still at first in s', minimum=0.0, maximum=1e4
+        0.0, 'time for which people and event stand still at first in s', limits=(0.0, 1e4)
     )
     people_seed: int = param(
-        0, 'seed of the people and their actions; 0: that of the scene', minimum=0
+        0, 'seed of the people and their actions; 0: that of the scene', limits=(0, inf)
     )
     away_seed: int = param(
         0,
         'seed of what was moved, taken and added in the room while nobody watched; 0: nothing',
-        minimum=0,
+        limits=(0, inf),
     )
     num_rooms: int = param(
-        12, 'least number of rooms on the path floor, whose rows are equally long', minimum=2,
-        maximum=16,
+        12, 'least number of rooms on the path floor, whose rows are equally long', limits=(2, 16),
     )  # fmt: skip
     every: int = param(
         1,
         'images of the 30 Hz camera for each rendered one: 3 gives 10 images per second',
-        minimum=1,
-        maximum=30,
+        limits=(1, 30),
     )
-    start_s: float = param(0.0, 'start time on the camera path in s', minimum=0.0, maximum=1e4)
+    start_s: float = param(0.0, 'start time on the camera path in s', limits=(0.0, 1e4))
     pitch_deg: float = param(
-        0.0, 'angle by which the camera looks down in degrees', minimum=0.0, maximum=60.0
+        0.0, 'angle by which the camera looks down in degrees', limits=(0.0, 60.0)
     )
     roll_deg: float = param(
-        0.0, 'angle by which the camera is rolled in degrees', minimum=-180.0, maximum=180.0
+        0.0, 'angle by which the camera is rolled in degrees', limits=(-180.0, 180.0)
     )
     pace: float = param(
-        1.0, 'speed of the camera motion, relative to its default', minimum=0.1, maximum=10.0
+        1.0, 'speed of the camera motion, relative to its default', limits=(0.1, 10.0)
     )
     shutter_s: float = param(
         0.0,
         'time between the first and the last row of color and depth images in s; people and '
         'objects do not move meanwhile',
-        minimum=0.0,
-        maximum=0.05,
+        limits=(0.0, 0.05),
     )
     color_every: int = param(
         1,
         'depth images for each new color image, which is repeated, as in the dark: 2 gives 15 new '
         'color images per second',
-        minimum=1,
-        maximum=10,
+        limits=(1, 10),
     )
     exposure_swing: float = param(
-        0.07, 'amplitude of the slow changes of the exposure', minimum=0.0, maximum=0.4
+        0.07, 'amplitude of the slow changes of the exposure', limits=(0.0, 0.4)
     )
-    color_noise: float = param(1.0, 'scale of the color noise', minimum=0.0, maximum=10.0)
-    motion_blur: float = param(1.0, 'scale of the exposure time', minimum=0.0, maximum=10.0)
-    depth_noise: float = param(1.0, 'scale of the depth noise', minimum=0.0, maximum=10.0)
+    color_noise: float = param(1.0, 'scale of the color noise', limits=(0.0, 10.0))
+    motion_blur: float = param(1.0, 'scale of the exposure time', limits=(0.0, 10.0))
+    depth_noise: float = param(1.0, 'scale of the depth noise', limits=(0.0, 10.0))
     depth_holes: bool = param(True, 'remove depth at edges, and on grazing and dark surfaces')
 
     def __post_init__(self) -> None:

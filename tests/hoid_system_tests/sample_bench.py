@@ -26,7 +26,7 @@ _SLOP_NS = 20_000_000
 class Rule(Config):
     """Parameters of a nested section."""
 
-    share: float = param(0.5, 'a share', minimum=0.0, maximum=1.0, read_only=False)
+    share: float = param(0.5, 'a share', limits=(0.0, 1.0), read_only=False)
     classes: tuple[str, ...] = param((), 'classes', read_only=False)
 
 
@@ -34,7 +34,7 @@ class Rule(Config):
 class Settings(Config):
     """Parameters of the sample node."""
 
-    number: int = param(3, 'a number', minimum=1, maximum=9)
+    number: int = param(3, 'a number', limits=(1, 9))
     mode: str = param('fast', 'a mode', choices=('fast', 'slow'), read_only=False)
     rule: Rule = field(default_factory=Rule)
     input: InputConfig = field(default_factory=InputConfig)

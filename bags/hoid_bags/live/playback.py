@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,14 +25,14 @@ LOOP_GAP_NS = 100_000_000
 class PlayConfig(Config):
     """Options of a playback."""
 
-    rate: float = param(1.0, 'speed as a multiple of real time', minimum=1e-3, maximum=1e3)
+    rate: float = param(1.0, 'speed as a multiple of real time', limits=(1e-3, 1e3))
     loop: bool = param(False, 'restart at the end, with stamps that keep increasing')
-    start_s: float = param(0.0, 'time to skip at the start', minimum=0.0)
-    duration_s: float = param(0.0, 'time to play; 0 plays to the end', minimum=0.0)
+    start_s: float = param(0.0, 'time to skip at the start', limits=(0.0, inf))
+    duration_s: float = param(0.0, 'time to play; 0 plays to the end', limits=(0.0, inf))
     lockstep: bool = param(False, 'publish each frame only after the odometry of the one before')
     no_clock: bool = param(False, 'do not publish /clock')
-    wait_s: float = param(5.0, 'longest time to wait for subscribers', minimum=0.0)
-    lockstep_timeout_s: float = param(10.0, minimum=0.0, internal=True)
+    wait_s: float = param(5.0, 'longest time to wait for subscribers', limits=(0.0, inf))
+    lockstep_timeout_s: float = param(10.0, limits=(0.0, inf), internal=True)
 
 
 class ScheduledMessage(NamedTuple):

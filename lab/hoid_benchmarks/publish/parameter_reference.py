@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from math import inf
 from typing import Any
 
 from hoid_bringup.live.node_specs import NODE_CONFIGS
@@ -58,11 +59,9 @@ def _values(leaf: Param) -> str:
     if spec.choices:
         return ', '.join(f'`{choice}`' for choice in spec.choices)
     kind = {bool: '`true`, `false`', tuple: 'names', str: 'text', int: 'integer'}
-    limits = ''
-    if spec.minimum is not None and spec.maximum is not None:
-        limits = f'[{spec.minimum}, {spec.maximum}]'
-    elif spec.minimum is not None:
-        limits = f'>= {spec.minimum}'
+    low, high = spec.limits
+    limits = f'>= {low}' if high == inf else f'[{low}, {high}]'
+    limits = limits if low > -inf else ''
     return ', '.join(filter(None, (kind.get(type(leaf.value), ''), limits))) or 'number'
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from difflib import get_close_matches
+from math import inf
 from typing import Any, NamedTuple, Self, TypeVar, cast
 
 from hoid_common.errors import ConfigError
@@ -31,8 +32,7 @@ class ParamSpec:
     """Description and constraints of a parameter; its type and default are the field's."""
 
     description: str  # full sentences, with the unit of a number
-    minimum: float | None = None  # inclusive
-    maximum: float | None = None  # inclusive
+    limits: tuple[float, float] = (-inf, inf)  # inclusive range of a number
     choices: tuple[str, ...] = ()  # the only values of a string; empty = any
     read_only: bool = True  # True: the parameter cannot change while the node runs
     expert: bool = False  # True: a node declares the parameter only with `expert:=true`
@@ -51,8 +51,7 @@ def param(
     default: Any,
     description: str = '',
     *,
-    minimum: float | None = None,
-    maximum: float | None = None,
+    limits: tuple[float, float] = (-inf, inf),
     choices: tuple[str, ...] = (),
     read_only: bool = True,
     expert: bool = False,
@@ -66,7 +65,7 @@ def param(
     runs, an `expert` one is declared only with `expert:=true`, and an `internal` one is set from
     Python and by profiles of experiments only; it has a comment in place of a description.
     """
-    spec = ParamSpec(description, minimum, maximum, choices, read_only, expert, internal)
+    spec = ParamSpec(description, limits, choices, read_only, expert, internal)
     return field(default=default, metadata={_SPEC: spec})
 
 
@@ -141,21 +140,11 @@ def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
     if spec.choices and value not in spec.choices:
         raise ConfigError(f'{name} must be one of {", ".join(spec.choices)}, got {value!r}')
     if isinstance(value, int | float) and not isinstance(value, bool):
-        high_enough = spec.minimum is None or value >= spec.minimum
-        low_enough = spec.maximum is None or value <= spec.maximum
-        if not (high_enough and low_enough):  # also refuses NaN
-            raise ConfigError(f'{name} must be {_range(spec)}, got {value}')
+        low, high = spec.limits
+        if not low <= value <= high:  # also refuses NaN
+            allowed = f'at least {low}' if high == inf else f'in [{low}, {high}]'
+            raise ConfigError(f'{name} must be {allowed}, got {value}')
     return value
-
-
-def _range(spec: ParamSpec) -> str:
-    if spec.maximum is None:
-        return f'at least {spec.minimum}'
-    return (
-        f'at most {spec.maximum}'
-        if spec.minimum is None
-        else f'in [{spec.minimum}, {spec.maximum}]'
-    )
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

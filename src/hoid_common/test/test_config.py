@@ -1,4 +1,5 @@
 from dataclasses import FrozenInstanceError, dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,13 @@ from hoid_common.io.yaml_file import load_params
 
 @dataclass(frozen=True)
 class Inner(Config):
-    share: float = param(0.5, 'a share', minimum=0.0, maximum=1.0, read_only=False)
+    share: float = param(0.5, 'a share', limits=(0.0, 1.0), read_only=False)
     classes: tuple[str, ...] = param(('cup',), 'classes')
 
 
 @dataclass(frozen=True)
 class Outer(Config):
-    count: int = param(3, 'a number', minimum=1)
+    count: int = param(3, 'a number', limits=(1, inf))
     mode: str = param('fast', 'a mode', choices=('fast', 'slow'))
     enabled: bool = param(default=True, description='a switch')
     inner: Inner = Inner()
@@ -53,7 +54,7 @@ def test_a_list_of_one_empty_string_is_read_as_empty() -> None:
 
 def test_params_have_their_specs() -> None:
     specs = {p.name: p.spec for p in Outer().params()}
-    assert specs['inner.share'].maximum == 1.0
+    assert specs['inner.share'].limits == (0.0, 1.0)
     assert not specs['inner.share'].read_only
     assert specs['mode'].choices == ('fast', 'slow')
 

@@ -30,8 +30,7 @@ class DetectorConfig(Config):
         0.25,
         'Lowest score of a reported box, from 0 to 1. Lower it when people are missed; raise it '
         'when people are detected where nobody is.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         read_only=False,
     )
     expected_score_threshold: float = param(
@@ -39,8 +38,7 @@ class DetectorConfig(Config):
         'Lowest score, from 0 to 1, of a box that is reported because the object map has an '
         'object of its class there. Set it to 0.05 when known objects are missed, and '
         'object_map.prior_score of hoid_scene to the score_threshold. With 0, it has no effect.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         expert=True,
     )
     # As in YOLOv5's detect.py.
@@ -49,8 +47,7 @@ class DetectorConfig(Config):
         'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which the '
         'box of lower score is removed. Raise it when one of two people side by side is lost; '
         'lower it when one person gets two boxes.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         read_only=False,
         expert=True,
     )
@@ -71,16 +68,14 @@ class DetectorConfig(Config):
         1,
         'Number of CPU threads of the network; 0 means one per core. Raise it for a large model '
         'on a computer with free cores.',
-        minimum=0,
-        maximum=256,
+        limits=(0, 256),
     )
     # The size that most YOLO models are trained with.
     input_size_px: int = param(
         640,
         'Longer side of the network input (pixels), for models that accept any size. Lower it to '
         'save processor time, raise it to detect smaller objects.',
-        minimum=32,
-        maximum=4096,
+        limits=(32, 4096),
         expert=True,
     )
     class_names_file: str = param(
@@ -101,8 +96,7 @@ class DetectorConfig(Config):
         'Set it when the images are sideways or upside down, since people are missed in such '
         'images: they are turned by the nearest quarter turn. With 0, the angle follows from '
         'base_frame if that is set; with 360, images are never turned.',
-        minimum=-360.0,
-        maximum=360.0,
+        limits=(-360.0, 360.0),
         read_only=False,
     )
     class_ids: str = param(

@@ -30,8 +30,7 @@ class ExtractionConfig(Config):
         1000,  # ORB-SLAM3, TUM1.yaml
         'Largest number of features per image. Raise it in scenes with little texture, lower it '
         'to save processor time.',
-        minimum=50,
-        maximum=20000,
+        limits=(50, 20000),
     )
     refill: bool = param(
         default=True,  # decision 014
@@ -63,8 +62,7 @@ class PlusConfig(Config):
         'Longest time for which hoid+ predicts the box of a person or a handled object that the '
         'detector misses (s). Raise it when people are missed for longer, lower it when features '
         'are removed where nobody is; set it to 0 for a detector that misses nobody.',
-        minimum=0.0,
-        maximum=10.0,
+        limits=(0.0, 10.0),
         read_only=False,
     )
     doubt_large_people: bool = param(
@@ -183,8 +181,7 @@ class FilterConfig(Config):
         "Ratio of an object's box, from 0 to 1, of which a person's box must cover more for the "
         'object to count as handled. Lower it when carried objects stay in the map; raise it when '
         'objects are removed that people only pass in front of.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         read_only=False,
     )
     depth_limit_m: float = param(
@@ -193,8 +190,7 @@ class FilterConfig(Config):
         'for the strategies hoid3d and hoid+; the latter allows 0.6 m in front of the person. '
         'Raise it when objects at the end of an outstretched arm stay in the map; lower it when '
         'objects behind people are removed.',
-        minimum=0.0,
-        maximum=10.0,
+        limits=(0.0, 10.0),
         read_only=False,
     )
     prediction_limit_s: float = param(
@@ -202,8 +198,7 @@ class FilterConfig(Config):
         'Longest time for which boxes are predicted while the detector sends no message (s). '
         'Raise it, with detections.wait_s, for a detector that takes longer; lower it when '
         'features are removed where people have been.',
-        minimum=0.0,
-        maximum=10.0,
+        limits=(0.0, 10.0),
         read_only=False,
         expert=True,
     )
@@ -237,8 +232,7 @@ class DetectionInputConfig(Config):
         'Longest time that the final verdict on an image waits for its detections, and features '
         'for the first message of the detector (s). Raise it, with prediction_limit_s, for a '
         'detector that takes longer.',
-        minimum=0.0,
-        maximum=10.0,
+        limits=(0.0, 10.0),
         read_only=False,
         expert=True,
     )
@@ -253,8 +247,7 @@ class DetectionInputConfig(Config):
         2.0,  # chosen: four times the longest delay of a detector in decision 031
         'The detector counts as lost when images have arrived for longer than this time without a '
         'message from it (s). Set it to more than the time that the detector needs for an image.',
-        minimum=0.1,
-        maximum=3600.0,
+        limits=(0.1, 3600.0),
         read_only=False,
         expert=True,
     )
@@ -277,7 +270,6 @@ class FilterNodeConfig(NodeConfig, FilterConfig):
         'Largest difference between the stamps of a color image and its depth image (s). Raise it '
         'when /diagnostics counts dropped color and depth images; images that were not taken '
         'together may then be paired.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
     )
     detections: DetectionInputConfig = section(DetectionInputConfig)

@@ -34,8 +34,7 @@ class ReplayConfig(Config):
     rate: float = param(
         1.0,
         'Speed as a multiple of real time. Lower it on a slow computer.',
-        minimum=0.01,
-        maximum=100.0,
+        limits=(0.01, 100.0),
     )
     lockstep: bool = param(
         False,

@@ -28,8 +28,7 @@ class InputConfig(Config):
         5,
         'Number of messages of each topic but those of IMUs that wait while the node is busy. '
         'Raise it when messages are lost at short peaks of the processor load.',
-        minimum=1,
-        maximum=1000,
+        limits=(1, 1000),
         expert=True,
     )
     compressed: bool = param(
@@ -49,8 +48,7 @@ class InputConfig(Config):
         'Time by which the stamps of depth images are later than those of the color images that '
         'were taken at the same instant (s). Set it, for hoid_filter and hoid_scene alike, to the '
         'value that hoid_filter suggests when it reports a constant offset.',
-        minimum=-1.0,
-        maximum=1.0,
+        limits=(-1.0, 1.0),
         expert=True,
     )
     depth_units_per_m: float = param(
@@ -58,8 +56,7 @@ class InputConfig(Config):
         'Number of units of depth images per meter (1/m); 0 means 1000 for whole numbers and 1 '
         'for floats (REP 118). Set it, for hoid_filter and hoid_scene alike, for a driver with '
         'other units, such as 10000 for 0.1 mm.',
-        minimum=0.0,
-        maximum=1e6,
+        limits=(0.0, 1e6),
         expert=True,
     )
 

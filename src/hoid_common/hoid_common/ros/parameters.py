@@ -164,14 +164,13 @@ def _descriptor(leaf: Param) -> ParameterDescriptor:
         dynamic_typing=isinstance(leaf.value, tuple),
         additional_constraints=f'one of {", ".join(spec.choices)}' if spec.choices else '',
     )
-    if spec.minimum is None and spec.maximum is None:
+    low, high = spec.limits
+    if low == -math.inf:
         return descriptor
     if isinstance(leaf.value, float):
-        low = -math.inf if spec.minimum is None else float(spec.minimum)
-        high = math.inf if spec.maximum is None else float(spec.maximum)
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        limits = FloatingPointRange(from_value=float(low), to_value=float(high))
+        descriptor.floating_point_range = [limits]
     elif isinstance(leaf.value, int):
-        first = -_INT64_MAX if spec.minimum is None else math.ceil(spec.minimum)
-        last = _INT64_MAX if spec.maximum is None else math.floor(spec.maximum)
-        descriptor.integer_range = [IntegerRange(from_value=first, to_value=last)]
+        last = _INT64_MAX if high == math.inf else int(high)
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=last)]
     return descriptor

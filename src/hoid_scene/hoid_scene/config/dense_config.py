@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar
 
 from hoid_common.config import Config, param, section
@@ -22,8 +23,7 @@ class GridConfig(Config):
         0.05,  # the default of Nav2's costmaps
         'Side of a cell of grid_map (m). Raise it to make the messages smaller; larger cells '
         'close narrow passages. Cells smaller than dense.voxel_m leave gaps.',
-        minimum=0.01,
-        maximum=1.0,
+        limits=(0.01, 1.0),
         read_only=False,
         expert=True,
     )
@@ -32,7 +32,7 @@ class GridConfig(Config):
         'Height above the floor up to which points count as floor and not as obstacles (m). '
         'Raise it if free floor is marked as occupied; lower it if low obstacles are missing. It '
         'must be less than dense.grid.max_height_m.',
-        minimum=0.0,
+        limits=(0.0, inf),
         read_only=False,
         expert=True,
     )
@@ -42,7 +42,7 @@ class GridConfig(Config):
         'than the height of the robot: a lower value misses obstacles that the robot would hit, a '
         'higher one closes passages that it fits through. It must be more than '
         'dense.grid.min_height_m.',
-        minimum=0.05,
+        limits=(0.05, inf),
         read_only=False,
     )
     # Height above the floor (m) up to which the space above a cell must have been seen empty
@@ -74,8 +74,7 @@ class DenseConfig(Config):
         3.0,  # chosen: an image costs 20 ms (decision 022), so 6 % of a core
         'Largest rate at which images are fused (Hz). Raise it to complete the map sooner; it '
         'takes more processor time.',
-        minimum=0.1,
-        maximum=30.0,
+        limits=(0.1, 30.0),
         read_only=False,
         expert=True,
     )
@@ -83,16 +82,14 @@ class DenseConfig(Config):
         0.025,  # chosen: half a cell of the grid
         'Side of a voxel (m). Raise it to save memory, lower it to map more detail. The dense map '
         'of a saved map can be loaded only with the value that it was made with.',
-        minimum=0.005,
-        maximum=0.5,
+        limits=(0.005, 0.5),
         expert=True,
     )
     max_depth_m: float = param(
         3.5,  # chosen: the noise of depth grows with its square (decision 002)
         'Depth beyond which readings add no surface to the dense map (m). Raise it to map more of '
         'a large room, with more noise.',
-        minimum=0.5,
-        maximum=CARVE_RANGE_M,
+        limits=(0.5, CARVE_RANGE_M),
         expert=True,
     )
     pixel_stride: int = param(
@@ -101,8 +98,7 @@ class DenseConfig(Config):
         'all pixels. A larger step saves time and leaves holes in distant surfaces. A dense map '
         'in the format of earlier versions can be loaded only with the step that it was made '
         'with.',
-        minimum=1,
-        maximum=8,
+        limits=(1, 8),
         internal=True,
     )
     max_voxels: int = param(
@@ -110,7 +106,7 @@ class DenseConfig(Config):
         'Largest number of voxels in memory, which take 40 bytes each. Beyond it, the parts of '
         'the dense map that are farthest from the camera are kept in a temporary file. Lower it '
         'to save memory; returning to such a part then takes more time.',
-        minimum=1000,
+        limits=(1000, inf),
         expert=True,
     )
     publish_period_s: float = param(
@@ -119,8 +115,7 @@ class DenseConfig(Config):
         'subscribers and when the dense map has changed. The time is longer if making messages '
         'takes more than a fifth of it, and may be shorter when subscribers join or leave. Set a '
         'longer period to save time and bandwidth.',
-        minimum=0.1,
-        maximum=3600.0,
+        limits=(0.1, 3600.0),
         read_only=False,
         expert=True,
     )

@@ -29,8 +29,7 @@ class NavigationConfig(Config):
         'Time for which the keep-out area follows a walking person into the future (s); with 0 it '
         'is only around the present position. People who stand have no keep-out area. Raise it '
         'for a slow robot; a robot that passes behind people needs less.',
-        minimum=0.0,
-        maximum=10.0,
+        limits=(0.0, 10.0),
         expert=True,
     )
     margin_m: float = param(
@@ -38,16 +37,14 @@ class NavigationConfig(Config):
         'Distance that is kept from the places where a walking person will be, and from the edge '
         'of a handled object (m). The radius of the robot is added by the inflation layer of '
         'Nav2.',
-        minimum=0.0,
-        maximum=2.0,
+        limits=(0.0, 2.0),
         expert=True,
     )
     footprint_radius_m: float = param(
         0.4,  # chosen: that of a robot for rooms
         'Radius around the base of the robot in which there is no keep-out area (m), since Nav2 '
         'finds no way out of one: that of the footprint, or more.',
-        minimum=0.0,
-        maximum=5.0,
+        limits=(0.0, 5.0),
         expert=True,
     )
     classes: tuple[str, ...] = param(
@@ -61,8 +58,7 @@ class NavigationConfig(Config):
         'Number of times that people must have crossed a cell of speed_mask for the full '
         'reduction to navigation.busy_speed_percent to hold there. After fewer crossings, the '
         'speed is reduced by proportionally less.',
-        minimum=1,
-        maximum=1000,
+        limits=(1, 1000),
         expert=True,
     )
     busy_speed_percent: float = param(
@@ -70,8 +66,7 @@ class NavigationConfig(Config):
         'Speed limit where people often walk, relative to the largest speed of the robot (%); '
         'with 100, the robot is nowhere slowed down. The parameter navigation.busy_crossings '
         'says where that is.',
-        minimum=1.0,
-        maximum=100.0,
+        limits=(1.0, 100.0),
         expert=True,
     )
     # People who are slower stand, and are not predicted (m/s). Chosen: above the tracker's noise.

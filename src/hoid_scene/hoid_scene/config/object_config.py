@@ -27,8 +27,7 @@ class ObjectTrackerConfig(Config):
         10.0,
         'Largest rate at which images are used to track people and objects (Hz). Raise it to '
         'follow fast people better; it takes more processor time.',
-        minimum=0.1,
-        maximum=60.0,
+        limits=(0.1, 60.0),
         read_only=False,
         expert=True,
     )

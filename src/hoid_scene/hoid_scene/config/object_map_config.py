@@ -24,8 +24,7 @@ class ObjectMapConfig(Config):
         3.0,  # decision 052: as good as 10 in a trial on six rendered rooms
         'Largest rate at which images are used for the object map (Hz). Raise it if the camera '
         'moves fast past the objects; it takes more processor time.',
-        minimum=0.1,
-        maximum=10.0,
+        limits=(0.1, 10.0),
         read_only=False,
         expert=True,
     )
@@ -46,8 +45,7 @@ class ObjectMapConfig(Config):
         'them do not confirm the map. Set it to score_threshold of hoid_detector, and set '
         'expected_score_threshold there as well. With 0, all detections are used, and nothing is '
         'published on expected_objects.',
-        minimum=0.0,
-        maximum=1.0,
+        limits=(0.0, 1.0),
         expert=True,
     )
 

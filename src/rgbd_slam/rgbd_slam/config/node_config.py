@@ -55,8 +55,7 @@ class FrameConfig(Config):
         'false (s). Set a longer time if other nodes report that map -> odom is too old when '
         'images are missing; the correction of a map error or of wheel slip then takes effect '
         'later by this time.',
-        minimum=0.0,
-        maximum=10.0,
+        limits=(0.0, 10.0),
         read_only=False,
         expert=True,
     )
@@ -103,8 +102,7 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         'start of the node, and longer if writing is slow. Set a longer period to write less; a '
         'crash then loses more of the map. With 0, or if the node starts with the mode '
         'localization, no checkpoints are written, and no map is resumed or kept at the end.',
-        minimum=0.0,
-        maximum=3600.0,
+        limits=(0.0, 3600.0),
         expert=True,
     )
     map_period_s: float = param(
@@ -113,8 +111,7 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         'only to subscribers and when the map has changed. The time is longer if making messages '
         'takes more than 5 % of a processor core, and shorter when subscribers join or leave. Set '
         'a longer period to save time and bandwidth.',
-        minimum=0.05,
-        maximum=3600.0,
+        limits=(0.05, 3600.0),
         read_only=False,
         expert=True,
     )

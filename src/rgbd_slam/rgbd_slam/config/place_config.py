@@ -110,8 +110,7 @@ class PlaceConfig(Config):
         'surfaces that are not in the map, a new map can be started earlier, from 0.4 s on. '
         'Raise it if needless maps are started that have to be merged later; lower it if poses '
         'are missing for too long after a loss. In the mode localization, no new map is started.',
-        minimum=0.1,
-        maximum=3600.0,
+        limits=(0.1, 3600.0),
         read_only=False,
     )
     index: IndexConfig = section(IndexConfig)

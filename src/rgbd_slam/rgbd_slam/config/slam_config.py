@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar
 
 from hoid_common.config import Config, param, section
@@ -23,8 +24,7 @@ class CameraConfig(Config):
         'adjustment multiply both parts by a factor that is measured in the images; place '
         'recognition, and the creation and fusion of map points, always use these values. Raise '
         'it for a camera with noisier depth; more outliers in depth are then accepted.',
-        minimum=0.01,
-        maximum=10.0,
+        limits=(0.01, 10.0),
     )
     # Gives u_right, the column in the right image of the virtual stereo camera, the same noise as
     # u and v, and applies one robust kernel to all three, as ORB-SLAM3 does. When it is off,
@@ -41,16 +41,14 @@ class CameraConfig(Config):
         'Ratio of the scales of two successive levels of the image pyramid, which are called '
         'octaves (without unit). Set it to extraction.scale_factor of the filter. A saved map can '
         'be loaded only with the value that it was made with.',
-        minimum=1.01,
-        maximum=2.0,
+        limits=(1.01, 2.0),
     )
     num_octaves: int = param(
         8,  # as extraction.num_levels of the filter
         'Largest number of levels of the image pyramid (octaves) from which features come. Set it '
         'to extraction.num_levels of the filter or more: an image with features of a higher '
         'octave is refused. A saved map can be loaded only with the number that it was made with.',
-        minimum=1,
-        maximum=16,
+        limits=(1, 16),
     )
 
     # Baseline (m) of the virtual stereo camera that stands for the depth camera: the distance
@@ -137,8 +135,7 @@ class KeyframeConfig(Config):
         'and a keyframe that waits for the mapper can prevent it; other rules can make a keyframe '
         'earlier. Raise it if the camera is often lost in fast motion; more keyframes are then '
         'made, which takes more time and memory.',
-        minimum=0.1,
-        maximum=1.0,
+        limits=(0.1, 1.0),
         read_only=False,
     )
     # A frame becomes a keyframe if it tracks fewer near points than this, and has many near
@@ -150,8 +147,7 @@ class KeyframeConfig(Config):
         'Shortest time between two keyframes while tracking is good and the mapper is in time '
         '(s). Raise it to make fewer keyframes on a slow computer. While a keyframe waits for the '
         'mapper, the next one is made when the view has changed, whatever this value.',
-        minimum=0.0,
-        maximum=10.0,
+        limits=(0.0, 10.0),
         read_only=False,
     )
     # A frame whose view no keyframe has becomes a keyframe if it tracks fewer points than this
@@ -250,7 +246,7 @@ class SlamConfig(Config):
         'Number that seeds the random samples of RANSAC, which estimates poses from matches. Runs '
         'with the same seed have the same samples; change it to see how much the results depend '
         'on them.',
-        minimum=0,
+        limits=(0, inf),
         expert=True,
     )
     camera: CameraConfig = section(CameraConfig, expert=True)
