@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import struct
 from collections.abc import Callable
@@ -140,13 +141,38 @@ def test_the_imu_of_a_capture_is_taken_along(case: tuple[Capture, Path], tmp_pat
                 )
 
 
-def test_a_sens_file_is_read_by_its_own_path_also_when_cut_off(tmp_path: Path) -> None:
+def test_a_sens_file_is_read_by_its_own_path_also_when_cut_off(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     made.sens(tmp_path, is_packed=False)
     path = tmp_path / 'scene0000_00.sens'
     assert len(list(open_sequence(path))) == NUM
     data = path.read_bytes()
     path.write_bytes(data[: data.index(struct.pack('<Q', 10), len(data) - 1290) - 100])
     assert len(list(open_sequence(path))) == NUM - 1
+    assert 'scene0000_00.sens: cut off after 3 frames' in caplog.text
+
+
+def test_poses_without_an_image_in_the_video_are_left_out(tmp_path: Path) -> None:
+    pytest.importorskip('av', reason='an optional extra: requirements/video.lock')
+    made.stray(tmp_path)
+    odometry = tmp_path / 'odometry.csv'
+    last = odometry.read_text().splitlines()[-1].replace(f'{NUM - 1:06}', f'{NUM:06}')
+    odometry.write_text(f'{odometry.read_text()}\n{last.replace("100.05", "100.06")}')
+    assert len(list(open_sequence(tmp_path))) == NUM
+
+
+def test_poses_that_are_none_are_left_out(tmp_path: Path) -> None:
+    made.record3d(tmp_path)
+    path = tmp_path / 'metadata.json'
+    metadata = json.loads(path.read_text())
+    metadata['poses'][1] = [0] * 7
+    metadata['poses'][2][0] = float('nan')
+    path.write_text(json.dumps(metadata))
+    sequence = open_sequence(tmp_path)
+    assert len(list(sequence)) == NUM
+    assert sequence.ground_truth is not None
+    np.testing.assert_allclose(sequence.ground_truth.T_world_camera, POSES[[0, 3]], atol=1e-9)
 
 
 def test_accelerations_without_gravity_are_left_out(
@@ -216,6 +242,15 @@ def test_captures_that_cannot_be_read_are_refused_in_one_line(tmp_path: Path) ->
     assert 'lacks image 2 of metadata.json' in refused(tmp_path)
     (tmp_path / 'metadata.json').write_text('{"poses": []}')
     assert 'w must be a number, got None' in refused(tmp_path)
+
+
+def test_a_number_of_an_image_has_an_end(tmp_path: Path) -> None:
+    made.icl_nuim(tmp_path)
+    path = tmp_path / 'associations.txt'
+    path.write_text(path.read_text().replace('4 rgb/4.png', f'{10**20} rgb/4.png'))
+    assert '100000000000000000000 is no number of an image' in refused(tmp_path)
+    path.write_text('1 depth/1.png 1 rgb/9.png')
+    assert 'expected a number and a file, twice' in refused(tmp_path)
 
 
 def test_a_packed_recording_of_record3d_is_refused_with_the_way_out(tmp_path: Path) -> None:

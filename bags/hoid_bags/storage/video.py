@@ -115,8 +115,9 @@ class VideoFile:
         self.path = path
         self._next = 0
         self._open()
-        context = self._container.streams.video[0].codec_context
-        self.size_px: tuple[int, int] = context.width, context.height
+        stream = self._container.streams.video[0]
+        self.size_px: tuple[int, int] = stream.codec_context.width, stream.codec_context.height
+        self.num_images: int = stream.frames  # 0: unknown
 
     def image(self, number: int) -> ByteArray:
         """Return the (H, W, 3) uint8 BGR image of a number from 0 on; an earlier one is slow."""

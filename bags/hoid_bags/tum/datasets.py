@@ -79,10 +79,10 @@ def openloris_truth(path: Path) -> Trajectory:
     edges = storage.getNode('trans_matrix')
     for edge in (edges.at(i) for i in range(edges.size())):
         names = [edge.getNode(name).string() for name in ('parent_frame', 'child_frame')]
-        T_base_color = edge.getNode('matrix').mat()
-        if names == ['base_link', 'd400_color_optical_frame'] and T_base_color is not None:
-            T = truth.T_world_camera @ np.asarray(T_base_color, float).reshape(4, 4)
-            return Trajectory(truth.stamps_ns, T)
+        T_base_color = np.asarray(edge.getNode('matrix').mat(), float)  # NaN if there is none
+        is_wanted = names == ['base_link', 'd400_color_optical_frame']
+        if is_wanted and T_base_color.shape == (4, 4):
+            return listing.rigid_poses(truth.stamps_ns, truth.T_world_camera @ T_base_color)
     raise InputError(f'{transforms}: has no d400_color_optical_frame on base_link')
 
 
@@ -181,14 +181,16 @@ def icl_scene_truth(first: Path) -> Trajectory:
         except (KeyError, ValueError) as error:
             raise InputError(f'{paths[number]}: has no pose') from error
         T = np.eye(4)
-        T[:3] = np.vstack([rows[:3] / np.linalg.norm(rows[:3], axis=1, keepdims=True), rows[3]]).T
+        with np.errstate(invalid='ignore'):  # vectors of zeros
+            axes = rows[:3] / np.linalg.norm(rows[:3], axis=1, keepdims=True)
+        T[:3] = np.vstack([axes, rows[3]]).T
         poses.append(T)
     return _without_y_up(sorted(paths), np.array(poses).reshape(-1, 4, 4))
 
 
 def _without_y_up(numbers: list[int], T: FloatArray) -> Trajectory:
     """Return poses (N, 4, 4) of cameras and a world whose y points up, with y down in both."""
-    return Trajectory(_numbered_stamps(numbers), _Y_UP @ T @ _Y_UP)
+    return listing.rigid_poses(_numbered_stamps(numbers), _Y_UP @ T @ _Y_UP)
 
 
 def _numbered_stamps(numbers: list[int] | range) -> IntArray:

@@ -12,16 +12,26 @@ import cv2
 import numpy as np
 
 from hoid_bags.images import ImageData, decode_color, read_image_bytes
+from hoid_common import se3
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.tum_text import sorted_rows
 from hoid_common.io.untrusted import check_path_name, read_text
-from hoid_common.values import NS_PER_S, ByteArray, CameraModel, FloatArray
+from hoid_common.values import (
+    NS_PER_S,
+    ByteArray,
+    CameraModel,
+    FloatArray,
+    IntArray,
+    Trajectory,
+)
 
+_MAX_NUMBER = 10**9  # chosen: a year at 30 Hz
 _RATE_HZ = 30.0  # chosen: of recordings whose images have numbers and no stamps
 _SUFFIXES = ('.jpg', '.jpeg', '.png', '.depth')
 _MAX_BYTES = 100_000_000  # chosen: a trajectory of a million poses
 # Chosen: 768x576 for the 256x192 px of a phone's depth; twice VGA costs more than it brings.
 _MAX_REPEATS = 3
+_MAX_SKEW = 1e-3  # chosen: of a rotation matrix in float32 or text
 
 
 class ListedImage(NamedTuple):
@@ -72,7 +82,9 @@ def numbered_images(folder: Path, pattern: str) -> Images:
 
 
 def numbered_stamp_ns(number: int) -> int:
-    """Return the stamp (ns) of a numbered image, at 30 Hz from 1 s on."""
+    """Return the stamp (ns) of a numbered image, at 30 Hz from 1 s on; InputError without end."""
+    if not 0 <= number < _MAX_NUMBER:
+        raise InputError(f'{number} is no number of an image')
     return NS_PER_S + round(number * NS_PER_S / _RATE_HZ)
 
 
@@ -164,3 +176,18 @@ def read_table(
         return rows[:, :columns].reshape(-1, columns)
     except ValueError as error:
         raise InputError(f'{path}: expected {columns} numbers in each line') from error
+
+
+def rigid_poses(stamps_ns: IntArray, T: FloatArray) -> Trajectory:
+    """Return those of N poses (N, 4, 4) that are rigid; others mark what was lost."""
+    R = T[:, :3, :3]
+    with np.errstate(invalid='ignore'):  # comparisons with NaN are false
+        is_rotation = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max((1, 2)) < _MAX_SKEW
+    is_rigid = is_rotation & np.isfinite(T).all((1, 2))
+    return Trajectory(stamps_ns[is_rigid], se3.orthonormalized(T[is_rigid]))
+
+
+def quaternion_poses(stamps_ns: IntArray, quat_xyzw: FloatArray, t_m: FloatArray) -> Trajectory:
+    """Return those of N quaternions (N, 4) and positions (N, 3) that are poses."""
+    with np.errstate(invalid='ignore'):  # quaternions of zeros
+        return rigid_poses(stamps_ns, se3.from_quat_translation(quat_xyzw, t_m))

@@ -16,7 +16,6 @@ from hoid_bags.storage.video import VideoFile
 from hoid_bags.tum import listing
 from hoid_bags.tum.exr import decode_exr
 from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
-from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.io.image_size import image_size_px
 from hoid_common.io.stamps import END_STAMP_NS, in_order
@@ -43,10 +42,10 @@ def record3d_camera(folder: Path) -> FolderCamera:
 
 
 def record3d_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Images]:
-    camera = record3d_camera(folder).camera
+    camera, (stamps_ns, _) = record3d_camera(folder).camera, _record3d_poses(folder)
     assert camera is not None
     colors, depths = [], []
-    for i, stamp_ns in enumerate(_record3d_poses(folder).stamps_ns.tolist()):
+    for i, stamp_ns in enumerate(stamps_ns.tolist()):
         paths = [folder / 'rgb' / f'{i}.{ending}' for ending in ('jpg', 'png')]
         color = next(filter(Path.is_file, paths), None)
         depth = folder / 'depth' / f'{i}.exr'
@@ -58,15 +57,17 @@ def record3d_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Ima
 
 
 def record3d_truth(path: Path) -> Trajectory:
-    return _record3d_poses(path.parent)
+    stamps_ns, rows = _record3d_poses(path.parent)
+    truth = listing.quaternion_poses(stamps_ns, rows[:, :4], rows[:, 4:])
+    return Trajectory(truth.stamps_ns, truth.T_world_camera @ _T_ARKIT_CAMERA)
 
 
 def _exr_m(path: Path) -> Float32Array:
     return decode_exr(read_image_bytes(path), path)
 
 
-def _record3d_poses(folder: Path) -> Trajectory:
-    """Return the poses qx qy qz qw tx ty tz of the images, with stamps by the rate if without."""
+def _record3d_poses(folder: Path) -> tuple[IntArray, FloatArray]:
+    """Return stamps (N,), by the rate if there are none, and rows (N, 7) qx qy qz qw tx ty tz."""
     path = folder / 'metadata.json'
     found = listing.read_json(path)
     rows = listing.json_table(path, found, 'poses', 7)
@@ -76,8 +77,7 @@ def _record3d_poses(folder: Path) -> Trajectory:
         stamps_s = 1 + np.arange(len(rows)) / listing.json_number(path, found, 'fps')
     if len(stamps_s) != len(rows):
         raise InputError(f'{path}: {len(rows)} poses, but {len(stamps_s)} stamps')
-    T_world_arkit = se3.from_quat_translation(rows[:, :4], rows[:, 4:])
-    return Trajectory(_stamps_ns(path, stamps_s), T_world_arkit @ _T_ARKIT_CAMERA)
+    return _stamps_ns(path, stamps_s), rows
 
 
 def stray_camera(folder: Path) -> FolderCamera:
@@ -100,6 +100,7 @@ def stray_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Images
     assert camera is not None
     path = folder / 'odometry.csv'
     rows = listing.read_table(path, _STRAY_POSE_COLUMNS, separator=',', num_titles=1)
+    rows = rows[: video.num_images or None]  # the last poses may lack an image
     colors, depths = [], []
     for i, (stamp_ns, number) in enumerate(
         zip(_stamps_ns(path, rows[:, 0]).tolist(), rows[:, 1].astype(int).tolist(), strict=True)
@@ -125,8 +126,7 @@ def _trusted_depth(path: Path) -> ImageData:
 def stray_truth(path: Path) -> Trajectory:
     """Return the poses of odometry.csv, whose cameras have y down and z forward."""
     rows = listing.read_table(path, _STRAY_POSE_COLUMNS, separator=',', num_titles=1)
-    T = se3.from_quat_translation(rows[:, 5:], rows[:, 2:5])
-    return Trajectory(_stamps_ns(path, rows[:, 0]), T)
+    return listing.quaternion_poses(_stamps_ns(path, rows[:, 0]), rows[:, 5:], rows[:, 2:5])
 
 
 def stray_imu(folder: Path) -> tuple[NumberTable | None, NumberTable | None]:

@@ -6,6 +6,7 @@ the calibration in the file.
 
 from __future__ import annotations
 
+import logging
 import os
 import struct
 import zlib
@@ -27,6 +28,7 @@ from hoid_common.io.tum_text import NumberTable
 from hoid_common.io.untrusted import open_regular
 from hoid_common.values import Float32Array, FloatArray, IntArray, Trajectory
 
+_LOG = logging.getLogger(__name__)
 SUFFIX = '.sens'
 _VERSION = 4
 _HEAD = np.dtype(
@@ -68,8 +70,8 @@ class SensFile:
         self.rates = np.empty(0, _RATES)
         with open_regular(self.path) as file:
             try:
-                num_frames = self._read_head(file)
-                self._read_frames(file, num_frames)
+                self.num_frames = self._read_head(file)
+                self._read_frames(file)
             except (struct.error, ValueError, OverflowError) as error:
                 raise InputError(f'{self.path}: damaged, or no recording of ScanNet') from error
 
@@ -93,10 +95,10 @@ class SensFile:
         self.T_color_depth = se3.inverse(matrices[1]) @ matrices[3]
         return int(head['num_frames'])
 
-    def _read_frames(self, file: BinaryIO, num_frames: int) -> None:
+    def _read_frames(self, file: BinaryIO) -> None:
         """Note the frames that are whole, and the rates after them."""
         size = os.fstat(file.fileno()).st_size
-        for _ in range(num_frames):
+        for _ in range(self.num_frames):
             head = file.read(_FRAME.size)
             if len(head) < _FRAME.size:
                 return
@@ -151,6 +153,8 @@ def sens_images(path: Path, _color: str, _depth: str) -> tuple[Images, Images]:
     register = Registration(source.depth_camera, source.camera, source.T_color_depth)
     if not stamps_ns:
         raise InputError(f'{source.path}: has no frames')
+    if len(stamps_ns) < source.num_frames:
+        _LOG.warning('%s: cut off after %d frames', source.path, len(stamps_ns))
     colors, depths = [], []
     for stamp_ns, frame in zip(stamps_ns, source.frames, strict=True):
         read = partial(source.part, frame.color_at, frame.color_bytes)
@@ -164,8 +168,7 @@ def sens_truth(path: Path) -> Trajectory:
     """Return the poses of the frames where the scanner knew its place."""
     source = SensFile(path)
     T = np.array([frame.T_world_camera for frame in source.frames]).reshape(-1, 4, 4)
-    is_known = np.isfinite(T).all(axis=(1, 2))
-    return Trajectory(source.stamps_ns[is_known], T[is_known])
+    return listing.rigid_poses(source.stamps_ns, T)
 
 
 def sens_imu(path: Path) -> tuple[NumberTable | None, None]:
