@@ -21,6 +21,7 @@ from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.map_outputs import MapOutputs
 from rgbd_slam.ros.map_services import MapServices
 from rgbd_slam.ros.motion.imu_input import ImuInput
+from rgbd_slam.ros.motion.wheels import WheelOdometry
 from rgbd_slam.ros.outputs import SlamOutputs
 from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_mapper, owned_map
 from rgbd_slam.ros.tracking_log import TrackingLog
@@ -39,7 +40,10 @@ class RgbdSlamNode(ManagedNode):
         config = self._settings.config
         running = owned_map(self, config)  # raises before anything is started
         static = StaticFrameListener(self, self.diagnostics)
-        self._outputs = SlamOutputs(self, config.frames, static.frames, self.diagnostics)
+        wheels: WheelOdometry | None = None
+        if not config.frames.publish_odom_to_base:
+            wheels = WheelOdometry(self, config.frames.odom, static.frames, self.diagnostics)
+        self._outputs = SlamOutputs(self, config.frames, static.frames, wheels, self.diagnostics)
         self._tracking_log = TrackingLog(self)
         self._keyframes = KeyframeOutputs(self, config.frames, lambda: self._lifecycle.session)
         self._imu = ImuInput(self, config.imu, static.frames, self.diagnostics)
@@ -51,7 +55,7 @@ class RgbdSlamNode(ManagedNode):
             self._keyframes,
             self.diagnostics,
             self._outputs.publish_status,
-            self._outputs.wheel_motion,
+            wheels,
             self._imu.start,
         )
         require_session = self._lifecycle.require_session

@@ -33,22 +33,29 @@ class SlamOutputs:
 
     Messages have the stamp of the header that a method is given, except map -> odom while another
     node sends odom -> base: its stamp is later by `transform_tolerance_s`.
+
+    Args:
+        wheels: Odometry of the node that sends odom -> base; None: this node sends it.
     """
 
     def __init__(
-        self, node: Node, frames: FrameConfig, static: StaticFrames, diagnostics: Diagnostics
+        self,
+        node: Node,
+        frames: FrameConfig,
+        static: StaticFrames,
+        wheels: WheelOdometry | None,
+        diagnostics: Diagnostics,
     ) -> None:
         self._node, self._static, self._diagnostics = node, static, diagnostics
-        self._wheels: WheelOdometry | None = None
+        self._wheels = wheels
         self._T_map_wheels: FloatArray | None = None
         self.frames = frames
         self._transforms = TransformPublisher(node)
         own, self._odom_frame = topics.ODOM, frames.odom
-        if not frames.publish_odom_to_base:
+        if wheels is not None:
             # The other node's odometry (wheels) defines the frame `odom`. The visual odometry
             # drifts relative to it, and therefore has a frame with another name.
             own, self._odom_frame = topics.VISUAL_ODOM, visual_frame(frames.odom)
-            self._wheels = WheelOdometry(node, frames.odom, static, diagnostics)
         self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
         self._status = node.create_publisher(SlamStatusMsg, topics.SLAM_STATUS, qos.STATE)
 
@@ -68,15 +75,6 @@ class SlamOutputs:
         """Return T_map_frame (4, 4) by /tf_static and the transforms that this node sent."""
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 
-    def wheel_motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
-        """Return T_first_second (4, 4) of a base frame between two stamps by the wheels."""
-        if self._wheels is None:
-            return None
-        T_odom_first, T_odom_second = (self._wheels.at(ns, base) for ns in (first_ns, second_ns))
-        if T_odom_first is None or T_odom_second is None:
-            return None
-        return se3.inverse(T_odom_first) @ T_odom_second
-
     def _publish_odometry(self, pose: RobotPose, header: Header) -> None:
         self._odom.publish(
             conversions.odometry_to_msg(
@@ -92,8 +90,9 @@ class SlamOutputs:
     def _publish_tree(self, pose: RobotPose | None, header: Header) -> None:
         names, stamp_ns = self.frames, conversions.stamp_from_msg(header.stamp)
         edges = []
-        if not names.publish_odom_to_base:
-            T_map_odom = self._map_to_wheels(pose, stamp_ns, self._base(header))
+        if self._wheels is not None:
+            T_wheels_base = self._wheels.at(stamp_ns, self._base(header))
+            T_map_odom = self._map_to_wheels(pose, T_wheels_base, self._base(header))
             stamp_ns += int(names.transform_tolerance_s * NS_PER_S)
         else:
             T_map_odom = None if pose is None else pose.T_map_odom
@@ -105,7 +104,7 @@ class SlamOutputs:
             self._transforms.send(stamp_ns, edges)
 
     def _map_to_wheels(
-        self, pose: RobotPose | None, stamp_ns: int, base: str
+        self, pose: RobotPose | None, T_wheels_base: FloatArray | None, base: str
     ) -> FloatArray | None:
         """Return T_map_odom (4, 4) for the odometry frame of the wheels, if it is known.
 
@@ -113,7 +112,6 @@ class SlamOutputs:
         pose of the robot follows the wheels, and if the wheels have no pose for the image, which
         is a problem.
         """
-        T_wheels_base = None if self._wheels is None else self._wheels.at(stamp_ns, base)
         if T_wheels_base is None:
             self._diagnostics.set_problem(
                 _WHEELS,

@@ -25,6 +25,7 @@ from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.map_loader import MapLoader
+from rgbd_slam.ros.motion.wheels import WheelOdometry
 from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.store import map_file
 from rgbd_slam.store.map_file import MapFile
@@ -37,8 +38,7 @@ class SessionLifecycle:
 
     Args:
         publish_status: Publishes the status of a session that has started, before its first image.
-        wheel_motion: Returns the motion (4, 4) of a frame, given by name, between two stamps [ns]
-            by external odometry; None if it is unknown.
+        wheels: External odometry, if another node sends odom -> base.
         start_imu: Returns the IMU of a new session.
     """
 
@@ -51,13 +51,13 @@ class SessionLifecycle:
         keyframes: KeyframeOutputs,
         diagnostics: Diagnostics,
         publish_status: Callable[[SlamStatus, Header], None],
-        wheel_motion: Callable[[int, int, str], FloatArray | None],
+        wheels: WheelOdometry | None,
         start_imu: Callable[[], Imu],
     ) -> None:
         self._config, self._frames, self._keyframes = config, frames, keyframes
         self._logger = node.get_logger()
         self._diagnostics, self._publish_status = diagnostics, publish_status
-        self._wheel_motion, self._start_imu = wheel_motion, start_imu
+        self._wheels, self._start_imu = wheels, start_imu
         reset = node.resolve_service_name(topics.RESET)
         self._camera_remedy = f'call {reset} to begin a new map with the camera as it is now'
         self._tf_static = node.resolve_topic_name(topics.TF_STATIC)
@@ -205,7 +205,9 @@ class SessionLifecycle:
         base = self._config.frames.base or header.frame_id
 
         def camera_motion(first_ns: int, second_ns: int) -> FloatArray | None:
-            T_first_second = self._wheel_motion(first_ns, second_ns, base)
+            if self._wheels is None:
+                return None
+            T_first_second = self._wheels.motion(first_ns, second_ns, base)
             return None if T_first_second is None else frames.camera_motion(T_first_second)
 
         with exiting_without_mapper():

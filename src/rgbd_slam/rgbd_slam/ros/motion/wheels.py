@@ -5,7 +5,7 @@ from __future__ import annotations
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 
-from hoid_common import topics
+from hoid_common import se3, topics
 from hoid_common.poses.frames import PoseBuffer, StaticFrames, check_frame_limit
 from hoid_common.ros import qos
 from hoid_common.ros.conversions import stamp_from_msg, transform_from_msg
@@ -37,6 +37,13 @@ class WheelOdometry:
             if T_child_base is not None and T_odom_child is not None:
                 return T_odom_child @ T_child_base
         return None
+
+    def motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
+        """Return the motion T_first_second (4, 4) of the base between two stamps, if known."""
+        T_odom_first, T_odom_second = (self.at(ns, base) for ns in (first_ns, second_ns))
+        if T_odom_first is None or T_odom_second is None:
+            return None
+        return se3.inverse(T_odom_first) @ T_odom_second
 
     def _add(self, edge: TransformStamped) -> None:
         if edge.header.frame_id == self._odom:
