@@ -10,7 +10,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
-from hoid_common.values import CameraModel, Features, FloatArray
+from hoid_common.values import CameraModel, Features
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.mapper import KeyframeRequest
@@ -104,7 +104,7 @@ class RgbdSlam:
             result = self._tracked = self._result(tracking, start_s)
         elif self.map.is_empty:
             self.states.no_map()
-            result = self._start_map(frame, np.eye(4))  # this pose is the map's origin
+            result = self._start_map(frame, None)
         else:
             result = self._miss(frame)
         return replace(result, note=self._relocalizer.consume_note() or result.note)
@@ -217,19 +217,24 @@ class RgbdSlam:
             to_learn=None,
         )
 
-    def _start_map(self, frame: Frame, T_map_camera: FloatArray) -> TrackingResult:
-        """Start a map with this frame, and return its pose.
+    def _start_map(self, frame: Frame, bridge: Bridge | None) -> TrackingResult:
+        """Start a map with this frame at its bridged or last pose, at first the map's origin.
 
-        Without enough features with depth, and while a saved map is being loaded, no map is
-        started, and the result has no pose.
+        It is linked with the map before if a gyro has bridged the loss. Without enough features
+        with depth, and while a saved map is being loaded, no map is started, and the result has no
+        pose.
         """
         num_features = np.count_nonzero(frame.has_depth & frame.may_seed)
         if self.map.is_loading or num_features < _MIN_FIRST_FEATURES:
             state = SlamState.NOT_INITIALIZED if self.map.is_empty else SlamState.LOST
             return TrackingResult(frame.stamp_ns, state)
-        uid = self.map.start(frame, T_map_camera)
+        before = self.odometry.last
+        pose = self.odometry.pose() if bridge is None else bridge.T_map_camera
+        uid = self.map.start(frame, pose)
         self._policy.inserted(frame.stamp_ns)
         tracked = tracked_keyframe(frame, self._atlas, uid)
+        if bridge is not None and bridge.is_short and before is not None:
+            self.trajectory.link(before, tracked, bridge.T_last_camera)
         self.odometry.restart_from(tracked)
         self.states.started()
         self.trajectory.add(tracked)
@@ -254,7 +259,7 @@ class RgbdSlam:
         is_short = bridge is not None and bridge.is_short
         self.states.missed(is_followed=bridge is not None, is_recorded=is_short)
         if self.map.takes_keyframes and self.states.wants_map(frame, odometry.last):
-            started = self._start_next_map(frame, bridge)
+            started = self._start_map(frame, bridge)
             if started.is_keyframe:
                 return started
         if bridge is None:
@@ -270,15 +275,6 @@ class RgbdSlam:
             image_covariance=bridge.image_covariance,
             note=bridge.note,
         )
-
-    def _start_next_map(self, frame: Frame, bridge: Bridge | None) -> TrackingResult:
-        """Start a map after a loss; link it with the one before if a gyro has bridged the loss."""
-        before = self.odometry.last
-        pose = self.odometry.pose() if bridge is None else bridge.T_map_camera
-        started = self._start_map(frame, pose)
-        if started.is_keyframe and bridge is not None and bridge.is_short:
-            self.trajectory.link(before, self.odometry.last, bridge.T_last_camera)
-        return started
 
     def _update_estimates(self, tracking: TrackerOutput) -> None:
         """Update point counts, noise, rolling shutter, trajectory and first poses (`WarmUp`)."""

@@ -100,16 +100,13 @@ class TrajectoryRecorder:
         frame['reference_uid'], frame['T_reference_camera'] = uid, np.eye(4)[:3]
         self._frames[len(self) - 1] = frame
 
-    def link(
-        self, before: TrackedFrame | None, after: TrackedFrame | None, T_before_after: FloatArray
-    ) -> None:
+    def link(self, before: TrackedFrame, after: TrackedFrame, T_before_after: FloatArray) -> None:
         """Store the measured pose (4, 4) of the first frame of a map in that of the last before.
 
-        The final poses then include both maps. Without one of the frames, nothing is stored.
+        The final poses then include both maps.
         """
-        if before is not None and after is not None:
-            T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
-            self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
+        T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
+        self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
 
     def end_bridge(
         self, num_bridged: int, T_map_predicted: FloatArray, found: TrackedFrame
