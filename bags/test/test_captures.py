@@ -146,6 +146,7 @@ def test_a_sens_file_is_read_by_its_own_path_also_when_cut_off(
 ) -> None:
     made.sens(tmp_path, is_packed=False)
     path = tmp_path / 'scene0000_00.sens'
+    assert str(open_sequence(path)) == CAPTURES['ScanNet'].told
     assert len(list(open_sequence(path))) == NUM
     data = path.read_bytes()
     path.write_bytes(data[: data.index(struct.pack('<Q', 10), len(data) - 1290) - 100])

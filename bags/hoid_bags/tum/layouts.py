@@ -58,12 +58,13 @@ class Layout(NamedTuple):
 def find_layout(path: Path) -> Layout | None:
     """Return the layout of a folder or file by the names of files; None if it is not known."""
     for layout in LAYOUTS:
-        if all(any(_exists(path, n) for n in mark.split('|')) for mark in layout.marks):
+        if all(any(has_file(path, n) for n in mark.split('|')) for mark in layout.marks):
             return layout
     return None
 
 
-def _exists(path: Path, pattern: str) -> bool:
+def has_file(path: Path, pattern: str) -> bool:
+    """Return whether a folder has a file of a pattern, or a file is one."""
     return any(path.glob(pattern)) if path.is_dir() else fnmatch(path.name, pattern)
 
 

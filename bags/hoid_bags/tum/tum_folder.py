@@ -12,7 +12,7 @@ import numpy as np
 
 from hoid_bags.images import check_size, decode_color, decode_depth
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
-from hoid_bags.tum.layouts import TUM, Layout, find_layout
+from hoid_bags.tum.layouts import TUM, Layout, find_layout, has_file
 from hoid_bags.tum.listing import Images, ListedImage
 from hoid_common.errors import ConfigError, InputError, MessageError
 from hoid_common.inputs.registration import DepthAligner
@@ -51,7 +51,7 @@ class TumFolder:
         truth = layout.truth_path(self.path)
         names = dict.fromkeys((layout.gyro, layout.accelerometer))
         others = [f'truth {truth.name}'] if truth is not None else []
-        others += [f'IMU {name}' for name in names if name and any(self.path.glob(name))]
+        others += [f'IMU {name}' for name in names if name and has_file(self.path, name)]
         others += [layout.note] if layout.note else []
         return (
             f'{layout.name} layout: color {layout.color} ({len(self.color)}), depth '
