@@ -102,16 +102,15 @@ class PartReader:
         packet = video_packet(data, self._type_name)
         if self._decoder is None:
             self._decoder = VideoDecoder(self._topic, packet.codec)
-        for image in self._decoder.decode(packet, log_ns):
-            yield self._message(image)
+        yield from map(self._message, self._decoder.decode(packet, log_ns))
 
     def flush(self) -> Iterator[BagMessage]:
         if self._decoder is not None:
-            for image in self._decoder.flush():
-                yield self._message(image)
+            yield from map(self._message, self._decoder.flush())
 
     def _message(self, image: DecodedImage) -> BagMessage:
-        message = bag_messages.image(image.stamp_ns, image.image_bgr, 'bgr8')
-        message.header.frame_id = image.frame_id
+        packet, log_ns, image_bgr = image
+        message = bag_messages.image(packet.stamp_ns, image_bgr, 'bgr8')
+        message.header.frame_id = packet.frame_id
         name = f'{self._topic}/{_OF_VIDEO}'
-        return BagMessage(name, image.log_ns, bytes(types.serialize(message, types.IMAGE)))
+        return BagMessage(name, log_ns, bytes(types.serialize(message, types.IMAGE)))

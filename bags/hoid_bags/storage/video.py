@@ -50,13 +50,8 @@ def video_packet(data: bytes, type_name: str) -> Packet:
     return Packet(stamp_from_msg(stamp), frame, codec, size, message.data.tobytes())
 
 
-class DecodedImage(NamedTuple):
-    """One image of a video, with what its packet said."""
-
-    stamp_ns: int
-    log_ns: int
-    frame_id: str
-    image_bgr: ByteArray
+DecodedImage = tuple[Packet, int, ByteArray]
+"""The packet of an image, its log time (ns), and the (H, W, 3) uint8 BGR image."""
 
 
 class VideoDecoder:
@@ -102,7 +97,7 @@ class VideoDecoder:
             self._waits_for_key = (self._waits_for_key or frame.is_corrupt) and not frame.key_frame
             if not self._waits_for_key:
                 image_bgr = np.ascontiguousarray(frame.to_ndarray(format='bgr24'))
-                yield DecodedImage(packet.stamp_ns, log_ns, packet.frame_id, image_bgr)
+                yield packet, log_ns, image_bgr
         for pts in [pts for pts in self._fed if pts < self._next_pts - _MAX_DELAY]:
             del self._fed[pts]  # it gave no image
 
