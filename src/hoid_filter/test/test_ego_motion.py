@@ -7,7 +7,7 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray
-from hoid_filter.motion.depth_history import DepthHistory
+from hoid_filter.motion.depth_history import DepthHistory, widened
 from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_filter.motion.downscaled_view import DownscaledView
 from hoid_filter.motion.ego_motion import EgoMotion, PointObservations
@@ -89,3 +89,14 @@ def test_a_wrong_pose_moves_surface_in_front_of_earlier_depth() -> None:
     shifted = se3.exp(np.array([0.0, 0.0, 0.0, 0.1, 0.0, 0.0]))
     strip = 12 * 40 / view.depth_m.size
     assert history.contradiction(view, shifted) == pytest.approx(strip, rel=0.15)
+
+
+def test_depth_ranges_cover_three_by_three_pixels() -> None:
+    rng = np.random.default_rng(2)
+    depth_m = rng.uniform(1, 4, (30, 37)).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) < 0.6] = 0.0
+    found = widened(np.stack([depth_m, depth_m], axis=2), 1)
+    for v, u in np.ndindex(depth_m.shape):
+        near = depth_m[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2]
+        expected = (near[near > 0].min(), near.max()) if depth_m[v, u] > 0 else (0, 0)
+        assert tuple(found[v, u]) == expected

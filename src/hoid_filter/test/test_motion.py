@@ -28,6 +28,7 @@ from hoid_filter.feature_filter import FeatureFilter
 from hoid_filter.motion.downscaled_camera import DownscaledCamera
 from hoid_filter.motion.downscaled_view import DownscaledView
 from hoid_filter.motion.motion_log_odds import MotionLogOdds
+from hoid_filter.motion.motion_segmentation import strongest_per_cell
 from hoid_native import depth_segments
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
@@ -381,3 +382,9 @@ def test_a_weak_person_is_doubted_by_the_turn_that_the_images_show(
         result = both.process(frame, found if is_last else Detections.none(frame.stamp_ns))
     (person,) = [item for item in result.objects if item.class_name == PERSON]
     assert person.state is expected
+
+
+def test_the_strongest_corner_of_each_cell_is_chosen() -> None:
+    cells = np.array([7, 0, 0, 0, 7, 3])
+    scores = np.array([10, 90, 90, 80, 200, 255], np.uint8)
+    assert strongest_per_cell(cells, scores).tolist() == [1, 5, 4]

@@ -1,60 +1,23 @@
 """C++ kernels for the loops in which NumPy is measured to be too slow (docs/architecture.md).
 
-The kernels work on NumPy arrays. A wrong dtype or shape raises a TypeError. Lengths that differ,
-indices out of range, and values that a docstring excludes raise a ValueError. Arrays that are not
-contiguous are copied, except arrays that a kernel changes: these must be contiguous. Arguments of
-type `NDArray[Any]` may have any real dtype.
+The kernels work on NumPy arrays, whose dtypes and numbers of dimensions the signatures show. A
+wrong dtype or shape raises a TypeError. Lengths that differ, indices out of range, and values that
+a docstring excludes raise a ValueError. Arrays that are not contiguous are copied, except arrays
+that a kernel changes: these must be contiguous. Arguments of type `NDArray[Any]` may have any real
+dtype. Where a docstring does not say otherwise:
+
+- `depth_m` is a depth image (H, W); 0 or NaN = no measurement. Other images are as large.
+- `points_map_m` are the points (H * W, 3) of its pixels in the map frame.
+- `boxes_xyxy_px` are finite boxes (N, 4), `others_xyxy_px` others (M, 4).
+- `ends` have the index after the last row of each part of a table; the last one is its length.
 """
 
-from hoid_native._native import (
+from hoid_native._native import *  # noqa: F403  all names of the stub
+from hoid_native.parameters import (
     Candidates,
     Gates,
     MatchThreshold,
-    ObservationGraph,
     Pinhole,
     QueryConstraints,
     StereoParams,
-    adjust_bundle,
-    align_triples,
-    box_center_depths_m,
-    cells_of,
-    classify_boxes,
-    depth_ranges_3x3,
-    depth_segments,
-    evaluate_matches,
-    fast_corners,
-    hash_keys,
-    intersections_over_union,
-    match_along_segments,
-    match_by_projection,
-    merged_voxels,
-    missed_voxels,
-    most_biasing_region,
-    move_points,
-    object_surfaces,
-    occlusion_log_odds,
-    optimize_pose,
-    orb_descriptors,
-    orientations_deg,
-    overlap_ratios,
-    pair_scores,
-    person_depths_m,
-    pixels_on_surface,
-    point_statistics,
-    propagate_log_odds,
-    register_depth,
-    score_poses,
-    seen_voxels,
-    segment_objects,
-    share_in_box,
-    share_on_surface,
-    solid_voxels,
-    sorted_hash_keys,
-    spread_evenly,
-    strongest_corners_per_cell,
-    subpixel_offsets_px,
-    transformed_parts,
-    trimmed_box,
-    voxel_keys,
-    voxels_of,
 )

@@ -7,6 +7,7 @@ import numpy
 import numpy.typing
 from numpy.typing import NDArray
 
+import hoid_native.parameters
 import hoid_native.results
 
 def fast_corners(
@@ -22,8 +23,8 @@ def fast_corners(
     if it is less than 32 px wide or high without the border.
 
     Args:
-        levels: at most 256 gray images (H_l, W_l) uint8, the finest first.
-        steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
+        levels: at most 256 gray images, the finest first.
+        steps_px: (L, 2) level-0 pixels per pixel of each level, in x and y.
         threshold: contrast in gray levels that a corner must exceed, from 1 to 254.
         border_px: least distance of a corner from the edge of its level; values below 3 count as 3.
     """
@@ -45,9 +46,8 @@ def spread_evenly(
 
     Args:
         uv_px: (N, 2) positions of the corners in level 0, from 0 to less than 65536.
-        octave: (N,) uint8 index of the level of each corner, less than L.
-        score: (N,) uint8 strength of each corner.
-        budgets: (L,) int64 number of corners wanted from each octave.
+        octave, score: (N,) index of the level of each corner, less than L, and its strength.
+        budgets: (L,) number of corners wanted from each octave.
         area_px: image area over which the corners are spread, in level-0 pixels. A grid cell has at
             least one pixel.
     """
@@ -58,16 +58,14 @@ def subpixel_offsets_px(
     y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
     """
-    Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
+    Return the (N, 2) offsets (x, y) in pixels from FAST corners to their subpixel peaks.
 
     The peak is the maximum of the quadratic fitted to the signed FAST scores of the corner's pixel and
     its 8 neighbors (docs/decisions/008). Offsets are clamped to [-0.5, 0.5]; they are 0 if the
     quadratic has no maximum.
 
     Args:
-        image_gray: (H, W) uint8 image.
-        x: (N,) int32 columns of the corners, at least 4 px from the image's edge.
-        y: (N,) int32 rows of the corners, likewise.
+        x, y: (N,) columns and rows of the corners, at least 4 px from the image's edge.
     """
 
 def orientations_deg(
@@ -76,14 +74,12 @@ def orientations_deg(
     y: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None,))]:
     """
-    Return the (N,) float32 orientations of corners in degrees, in [0, 360), clockwise from the x axis.
+    Return the (N,) orientations of corners in degrees, in [0, 360), clockwise from the x axis.
 
     They are the directions of the intensity centroids (Rublee et al., ORB, ICCV 2011, sec. 3.2).
 
     Args:
-        image_gray: (H, W) uint8 image.
-        x: (N,) int32 columns of the corners, at least 15 px from the image's edge.
-        y: (N,) int32 rows of the corners, likewise.
+        x, y: (N,) columns and rows of the corners, at least 15 px from the image's edge.
     """
 
 def orb_descriptors(
@@ -93,24 +89,22 @@ def orb_descriptors(
     angle_deg: Annotated[NDArray[numpy.float32], dict(shape=(None,), writable=False)],
 ) -> Annotated[NDArray[numpy.uint8], dict(shape=(None, None))]:
     """
-    Return the (N, 32) uint8 ORB descriptors of corners, rotated by their orientations.
+    Return the (N, 32) ORB descriptors of corners of a smoothed image, rotated by their orientations.
 
     Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
     Args:
-        image_smooth: (H, W) uint8 smoothed gray image.
-        x: (N,) int32 columns of the corners, at least 19 px from the image's edge.
-        y: (N,) int32 rows of the corners, likewise.
-        angle_deg: (N,) float32 orientations, as `orientations_deg` returns them; finite.
+        x, y: (N,) columns and rows of the corners, at least 19 px from the image's edge.
+        angle_deg: (N,) orientations, as `orientations_deg` returns them; finite.
     """
 
 class ObservationGraph:
     """
     Stores which keyframes observe which map points, and how many points two keyframes share.
 
-    Keyframes, features and points are int64 row numbers from 0 to 2^31 - 2. The cost of most calls
-    depends on the observations concerned and not on the size of the map. Except in the table of
-    `points_of`, a number in an array that is out of range raises a ValueError.
+    Keyframes (`i`), their features (`k`) and points (`j`) are int64 row numbers from 0 to 2^31 - 2. The
+    cost of most calls depends on the observations concerned and not on the size of the map. Except in
+    the table of `points_of`, a number in an array that is out of range raises a ValueError.
     """
 
     def __init__(self) -> None: ...
@@ -121,14 +115,9 @@ class ObservationGraph:
         j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> None:
         """
-        Add N observations: keyframe i observes point j in its feature k.
+        Add N observations: keyframe i (N,) observes point j (N,) in its feature k (N,).
 
         They must not have been added before, which is not checked.
-
-        Args:
-            i: (N,) rows of keyframes.
-            k: (N,) features of the keyframes.
-            j: (N,) rows of points.
         """
 
     def unobserve(
@@ -138,12 +127,7 @@ class ObservationGraph:
         j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> None:
         """
-        Remove N observations.
-
-        Args:
-            i: (N,) rows of keyframes.
-            k: (N,) features of the keyframes.
-            j: (N,) rows of points.
+        Remove N observations of points j (N,) by keyframes i (N,) in their features k (N,).
 
         Raises:
             ValueError: One of the observations does not exist; those before it are removed nevertheless.
@@ -159,10 +143,9 @@ class ObservationGraph:
         | None = None,
     ) -> hoid_native.results.Observations:
         """
-        Return the observations of some points, sorted by keyframe and feature.
+        Return the observations of points j (P,), sorted by keyframe and feature.
 
         Args:
-            j: (P,) rows of points.
             keyframes: (K,) rows of the keyframes whose observations are returned; the observations are
                 sorted by the order of the keyframes in this list. None: all keyframes, sorted by row.
         """
@@ -171,20 +154,16 @@ class ObservationGraph:
         self, j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)]
     ) -> hoid_native.results.Observations:
         """
-        Return the observations of some points, sorted by point, keyframe and feature.
-
-        Args:
-            j: (P,) rows of points.
+        Return the observations of points j (P,), sorted by point, keyframe and feature.
         """
 
     def connect(
         self, i: int, j: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)]
     ) -> None:
         """
-        Count again how many points a keyframe shares with each other keyframe, and store the numbers.
+        Count again how many points keyframe i shares with each other keyframe, and store the numbers.
 
         Args:
-            i: row of the keyframe.
             j: (P,) rows of all points that the keyframe observes.
         """
 
@@ -195,33 +174,25 @@ class ObservationGraph:
         shared: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> None:
         """
-        Replace the stored numbers of points that a keyframe shares with other keyframes, both ways.
+        Replace the stored numbers of points that keyframe i shares with other keyframes, both ways.
 
         Args:
-            i: row of the keyframe.
             rows: (N,) rows of all keyframes that share points with it, ascending, each once.
             shared: (N,) numbers of shared points, at least 1.
         """
 
     def neighbors(self, i: int, min_shared: int = 1) -> hoid_native.results.Neighbors:
         """
-        Return the keyframes that share points with a keyframe, by the numbers stored last.
+        Return the keyframes that share at least `min_shared` points with keyframe i, as stored last.
 
         Those that share most points come first; those that share equally many are sorted by row.
-
-        Args:
-            i: row of the keyframe.
-            min_shared: least number of shared points.
         """
 
     def edges(self, min_shared: int = 1) -> hoid_native.results.Edges:
         """
-        Return the pairs of keyframes that share points, by the numbers stored last.
+        Return the pairs of keyframes that share at least `min_shared` points, as stored last.
 
         They are sorted by first and second row.
-
-        Args:
-            min_shared: least number of shared points.
         """
 
     def path_length_m(
@@ -236,15 +207,13 @@ class ObservationGraph:
         """
         Return the length [m] of the shortest path between two keyframes (Dijkstra's algorithm).
 
-        Each step of a path joins two keyframes that share points, or a keyframe and its parent in the
-        spanning tree. The length is infinite if there is no path.
+        Each step of a path joins two keyframes that share at least `min_shared` points, or a keyframe and
+        its parent in the spanning tree. The length is infinite if there is no path.
 
         Args:
             T_map_camera: (K, 4, 4) poses of all keyframes.
             parents: (K,) row of each keyframe's parent in the spanning tree; -1: none.
-            start: row of the first keyframe.
-            goal: row of the last keyframe.
-            min_shared: least number of points that two keyframes of a step share.
+            start, goal: rows of the first and the last keyframe.
             m_per_rad: length [m] that is added to a step for each radian of its rotation.
         """
 
@@ -254,11 +223,7 @@ class ObservationGraph:
         keyframes: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
         """
-        Return the (K,) numbers of points, out of some given points, that keyframes observe.
-
-        Args:
-            j: (P,) rows of points, without repetitions.
-            keyframes: (K,) rows of keyframes.
+        Return how many of the distinct points j (P,) each of the keyframes (K,) observes, (K,).
         """
 
     def points_of(
@@ -269,14 +234,13 @@ class ObservationGraph:
         keyframes: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
     ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
         """
-        Return the (P,) ascending rows of the points that at least one of some keyframes observes.
+        Return the (P,) ascending rows of the points that at least one of some keyframes (N,) observes.
 
         What they observe is read from a table, not from the stored observations.
 
         Args:
             point_of_feature: (K, F) int32 row of the point that each feature of each keyframe observes, or
                 -1. The values are not checked.
-            keyframes: (N,) rows of keyframes in `point_of_feature`.
         """
 
 def point_statistics(
@@ -301,15 +265,11 @@ def point_statistics(
     distance to them (ComputeDistinctiveDescriptors of ORB-SLAM); of two, it is the second one.
 
     Args:
-        T_map_camera: (K, 4, 4) poses of the keyframes.
-        keyframe_uid: (K,) int64 uids of the keyframes.
-        octave: (K, F) uint8 octaves of their features.
-        descriptors: (K, F, 32) uint8 descriptors of their features.
-        position_m: (P, 3) positions of all points.
-        reference_uid: (P,) int64 uids of their reference keyframes.
-        i: (N,) int64 rows of keyframes, which observe
-        k: (N,) int64 in these features
-        j: (N,) int64 these points; ascending.
+        T_map_camera, keyframe_uid: (K, 4, 4) poses and (K,) uids of the keyframes.
+        octave, descriptors: (K, F) and (K, F, 32), of their features.
+        position_m, reference_uid: (P, 3) positions of all points, and (P,) uids of their reference
+            keyframes.
+        i, k, j: (N,) rows of keyframes, which observe in these features these points; j ascends.
         octave_scale: (L,) scales of the octaves, at least one; octaves from L on have the last one.
     """
 
@@ -322,13 +282,11 @@ def move_points(
     ],
 ) -> None:
     """
-    Apply rigid motions to points and their viewing directions, in place.
+    Apply rigid motions (G, 4, 4) to points and their viewing directions, in place.
 
     Args:
-        motions: (G, 4, 4) rigid transforms.
-        which: (N,) int64 index of the motion of each point; -1: the point stays.
-        position_m: (N, 3) float64 positions of the points, which are changed.
-        view_direction: (N, 3) float32 viewing directions, which are changed.
+        which: (N,) index of the motion of each point; -1: the point stays.
+        position_m, view_direction: (N, 3) of the points, which are changed.
     """
 
 def overlap_ratios(
@@ -338,10 +296,6 @@ def overlap_ratios(
     Return the (N, M) ratios of the area of box n that other box m covers, in [0, 1].
 
     This is the interaction area of the HOID paper. It is 0 for a box without area.
-
-    Args:
-        boxes_xyxy_px: (N, 4) boxes, finite.
-        others_xyxy_px: (M, 4) other boxes, finite.
     """
 
 def intersections_over_union(
@@ -349,10 +303,6 @@ def intersections_over_union(
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
     Return the (N, M) intersections over union of boxes, in [0, 1]; 0 for boxes without area.
-
-    Args:
-        boxes_xyxy_px: (N, 4) boxes, finite.
-        others_xyxy_px: (M, 4) other boxes, finite.
     """
 
 def classify_boxes(
@@ -373,10 +323,8 @@ def classify_boxes(
     `apart_m`. An unknown depth fulfills the second condition.
 
     Args:
-        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no measurement.
-        pixels: (K,) int64 pixels of image corners, as indices into the flattened image.
-        boxes_xyxy_px: (N, 4) boxes, finite.
-        roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
+        pixels: (K,) pixels of image corners, as indices into the flattened image.
+        roles: (N,) role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
         side_px: side of the square at a box's center whose median depth is the depth of the box; at
             least 1.
         min_share: ratio of an object's box that a person's box must exceed.
@@ -394,8 +342,6 @@ def box_center_depths_m(
     Return the (N,) median depths (m) in squares at the centers of boxes; NaN without a measurement.
 
     Args:
-        depth_m: (H, W) float32 depth, not empty; 0 or NaN = no measurement.
-        boxes_xyxy_px: (N, 4) boxes, finite.
         side_px: side of the squares, at least 1. Beyond the image, its border pixels are repeated.
     """
 
@@ -413,8 +359,6 @@ def person_depths_m(
     image is known, only measurements near this depth are used, unless there are few of them.
 
     Args:
-        depth_m: (H, W) float32 depth; 0 or NaN = no measurement.
-        boxes_xyxy_px: (N, 4) boxes, finite, in pixels of this depth image.
         known_m: (N,) depths of the same people in an earlier image; NaN = unknown.
     """
 
@@ -435,96 +379,36 @@ def segment_objects(
     like the desk on which a person leans (docs/decisions/010).
 
     Args:
-        depth_m: (H, W) float32 depth; 0 = no measurement.
-        areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
+        areas_xyxy_px: (N, 4) boxes of whole pixels within the image; x2 and y2 are exclusive.
         depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
         reaches_m: (N,) largest difference between an object's depth and the depths of its regions.
-        seen: (N,) bool, whether the object was detected in this image and not predicted. If the
-            regions of a detected object fill little of its box, the object has merged with its
-            surroundings; then all pixels of the box near its depth are masked.
+        seen: (N,) whether the object was detected in this image and not predicted. If the regions of a
+            detected object fill little of its box, the object has merged with its surroundings; then
+            all pixels of the box near its depth are masked.
     """
-
-class QueryConstraints:
-    """
-    Octave limits and descriptors of Q queries, for which matching features are searched.
-
-    Args:
-        min_octave: (Q,) int8 least octave of a matching feature.
-        max_octave: (Q,) int8 greatest octave of a matching feature.
-        descriptors: (Q, 32) uint8 ORB descriptors.
-    """
-
-    def __init__(
-        self,
-        min_octave: Annotated[NDArray[numpy.int8], dict(shape=(None,), writable=False)],
-        max_octave: Annotated[NDArray[numpy.int8], dict(shape=(None,), writable=False)],
-        descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
-    ) -> None: ...
-
-class Candidates:
-    """
-    N features of an image among which matches are searched.
-
-    Args:
-        measurement_px: (N, 3) float32 stereo observations u, v, u_right; NaN u_right: no depth. A
-            feature whose position is NaN or beyond 16384 px is not matched.
-        octave: (N,) uint8 octaves.
-        descriptors: (N, 32) uint8 ORB descriptors.
-        free: (N,) bool, whether each feature may be matched; None: all may be matched.
-    """
-
-    def __init__(
-        self,
-        measurement_px: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), writable=False)],
-        octave: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
-        descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
-        free: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)] | None = None,
-    ) -> None: ...
-
-class MatchThreshold:
-    """
-    Limits of the descriptor distances of a match.
-
-    Args:
-        max_distance: largest Hamming distance.
-        ratio: largest ratio of the best distance to the second best distance. The ratio is tested only
-            if both features have the same octave; 1.0: no test.
-    """
-
-    def __init__(self, max_distance: int, ratio: float) -> None: ...
-    @property
-    def max_distance(self) -> int:
-        """Largest Hamming distance."""
-
-    @property
-    def ratio(self) -> float:
-        """Largest ratio of best to second best distance; 1.0: no test."""
 
 def match_by_projection(
     projection_px: numpy.typing.NDArray[Any],
     radius_px: numpy.typing.NDArray[Any],
-    queries: QueryConstraints,
-    candidates: Candidates,
-    threshold: MatchThreshold,
+    queries: hoid_native.parameters.QueryConstraints,
+    candidates: hoid_native.parameters.Candidates,
+    threshold: hoid_native.parameters.MatchThreshold,
 ) -> hoid_native.results.Pairs:
     """
     Return one-to-one matches of queries and features within windows around expected positions.
 
     Args:
         projection_px: (3, Q) expected u, v, u_right of each query; NaN u_right: unknown.
-        radius_px: (Q,) half sides of the square windows around u, v.
-        queries: octave limits and descriptors of the queries.
-        candidates: features of the image. If expected and measured u_right are known, they must also
-            agree within the radius.
-        threshold: limits of the descriptor distances.
+        radius_px: (Q,) half sides of the square windows around u, v. If expected and measured u_right
+            are known, they must also agree within the radius.
     """
 
 def match_along_segments(
     segments_px: numpy.typing.NDArray[Any],
     octave_radius_px: numpy.typing.NDArray[Any],
-    queries: QueryConstraints,
-    candidates: Candidates,
-    threshold: MatchThreshold,
+    queries: hoid_native.parameters.QueryConstraints,
+    candidates: hoid_native.parameters.Candidates,
+    threshold: hoid_native.parameters.MatchThreshold,
 ) -> hoid_native.results.Pairs:
     """
     Return one-to-one matches of queries and features near image segments (of epipolar lines).
@@ -533,9 +417,6 @@ def match_along_segments(
         segments_px: (Q, 4) u, v of both ends of each query's segment; NaN: no segment.
         octave_radius_px: (L,) largest distance between a segment and a feature, by the octave of the
             feature. It must not decrease with the octave. All octaves are less than L.
-        queries: octave limits and descriptors of the queries.
-        candidates: features of the image, of which u_right is not used.
-        threshold: limits of the descriptor distances.
     """
 
 def hash_keys(
@@ -543,50 +424,15 @@ def hash_keys(
     bits: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
 ) -> Annotated[NDArray[numpy.uint64], dict(shape=(None, None))]:
     """
-    Return the (T, N) uint64 keys of descriptors in T hash tables, in the 32 upper bits.
+    Return the (T, N) uint64 keys of descriptors (N, 32) in T hash tables, in the 32 upper bits.
 
     The lower bits are 0. Each key consists of some bits of the descriptor (locality-sensitive hashing,
     Indyk and Motwani, STOC 1998).
 
     Args:
-        descriptors: (N, 32) uint8 ORB descriptors.
         bits: (T, B) uint8 bits of the descriptor, at most 32, that are bits 0, 1, ... of the keys of
             each table. They are numbered as `numpy.unpackbits` orders them.
     """
-
-def sorted_hash_keys(
-    descriptors: Annotated[NDArray[numpy.uint8], dict(shape=(None, 32), writable=False)],
-    bits: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
-    first: int,
-) -> Annotated[NDArray[numpy.uint64], dict(shape=(None, None))]:
-    """
-    Return the keys of `hash_keys`, sorted in each table, with row numbers in the 32 lower bits.
-
-    Args:
-        descriptors: (N, 32) uint8 ORB descriptors.
-        bits: as in `hash_keys`.
-        first: row number of the first descriptor; the others have the next ones, of at most 32 bits.
-    """
-
-class Pinhole:
-    """A pinhole camera without distortion."""
-
-    def __init__(self, fx_px: float, fy_px: float, cx_px: float, cy_px: float) -> None: ...
-    @property
-    def fx_px(self) -> float:
-        """Horizontal focal length."""
-
-    @property
-    def fy_px(self) -> float:
-        """Vertical focal length."""
-
-    @property
-    def cx_px(self) -> float:
-        """Column of the principal point."""
-
-    @property
-    def cy_px(self) -> float:
-        """Row of the principal point."""
 
 def depth_segments(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
@@ -599,24 +445,11 @@ def depth_segments(
     without a measurement count as depth 0, so that there is a jump beside them.
 
     Args:
-        depth_m: (H, W) float32 depth; 0 = no measurement.
         cell_px: side of a cell in pixels, at least 1.
     """
 
-def depth_ranges_3x3(
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None, None))]:
-    """
-    Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
-
-    Pixels without a measurement are ignored; both numbers are 0 where the middle pixel has none.
-
-    Args:
-        depth_m: (H, W) float32 depth; 0 = no measurement.
-    """
-
 def occlusion_log_odds(
-    camera: Pinhole,
+    camera: hoid_native.parameters.Pinhole,
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
     num_segments: int,
@@ -638,12 +471,10 @@ def occlusion_log_odds(
     time. The log-odds of all earlier views are added up.
 
     Args:
-        camera: camera model of all images.
-        depth_m: (H, W) float32 current depth; 0 = no measurement.
-        label: (H, W) int32 segment of each pixel, less than S; -1 = none.
-        num_segments: number S of segments.
-        earlier: for each earlier view, the camera motion T_earlier_now (4, 4), its `depth_ranges_3x3`
-            (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
+        label: (H, W) segment of each pixel, less than S; -1 = none.
+        earlier: for each earlier view, the camera motion T_earlier_now (4, 4), the least and the
+            greatest depth in the 3x3 pixels around each of its pixels (H, W, 2), 0 where it has no
+            depth, and the log-odds against motion of a segment that has the same depth everywhere.
         margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
             more than their sum.
         evidence: three numbers: the log-odds of a segment that occludes with all its pixels, which are
@@ -653,7 +484,7 @@ def occlusion_log_odds(
     """
 
 def propagate_log_odds(
-    camera: Pinhole,
+    camera: hoid_native.parameters.Pinhole,
     T_previous_now: numpy.typing.NDArray[Any],
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     previous_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
@@ -665,28 +496,24 @@ def propagate_log_odds(
     limit: float,
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
     """
-    Return the (H, W) float32 log-odds that each pixel of the current image moves.
+    Return the (H, W) log-odds that each pixel of the current image moves.
 
     They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
     evidence from the current image. Where the previous image shows another depth or none, a pixel
     starts at 0. A pixel of the current image without a measurement has 0.
 
     Args:
-        camera: camera model of both images.
         T_previous_now: (4, 4) pose of the current camera in the previous camera's frame.
-        depth_m: (H, W) float32 current depth; 0 = no measurement.
-        previous_m: (H, W) float32 depth of the previous image.
-        log_odds: (H, W) float32 log-odds of the previous image's pixels.
+        previous_m, log_odds: (H, W) depth of the previous image, and log-odds of its pixels.
         margin: coefficients of 1 (in m), z and z^2. A pixel of depth z shows the same surface if the
             depths differ by less than their sum.
-        decay: factor of the previous log-odds.
-        label: (H, W) int32 segment of each pixel of the current image, less than S; -1 = none.
-        evidence: (S,) float32 log-odds that are added to the pixels of each segment.
+        label: (H, W) segment of each pixel of the current image, less than S; -1 = none.
+        evidence: (S,) log-odds that are added to the pixels of each segment.
         limit: the result is clamped to [-limit, limit].
     """
 
 def score_poses(
-    camera: StereoParams,
+    camera: hoid_native.parameters.StereoParams,
     pixel_px: float,
     limit: float,
     T_camera_world: numpy.typing.NDArray[Any],
@@ -706,9 +533,8 @@ def score_poses(
         pixel_px: standard deviation of u and of v, positive.
         limit: largest residual of an explained point, in standard deviations, positive.
         T_camera_world: (M, 4, 4) poses of the world in the camera frame.
-        points_m: (N, 3) points in the world.
-        measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-        weights: (N, 2) two weights of each point.
+        points_m, measured_px, weights: (N, 3) points in the world, (N, 3) stereo observations u, v,
+            u_right (NaN u_right: no depth), and (N, 2) two weights of each.
     """
 
 def align_triples(
@@ -723,35 +549,8 @@ def align_triples(
     line, the result is the identity.
 
     Args:
-        from_m: (N, 3) points in the frame `from`.
-        to_m: (N, 3) the same points in the frame `to`.
-        triples: (M, 3) int64 indices of the points of each triple, less than N.
-    """
-
-def strongest_corners_per_cell(
-    corner_pixels: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    corner_scores: Annotated[NDArray[numpy.uint8], dict(shape=(None,), writable=False)],
-    depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
-    small_of_pixel: Annotated[NDArray[numpy.int64], dict(shape=(None,), writable=False)],
-    label: Annotated[NDArray[numpy.int32], dict(shape=(None, None), writable=False)],
-    cell_px: float,
-    taken: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), writable=False)],
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
-
-    Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
-    corner wins.
-
-    Args:
-        corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
-        corner_scores: (K,) uint8 strength of each corner.
-        depth_m: (H, W) float32 depth; 0 or not finite = no measurement.
-        small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
-            is out of range, the pixel has no segment.
-        label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
-        cell_px: side of a cell in pixels, positive.
-        taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.
+        from_m, to_m: (N, 3) points in the frame `from`, and the same points in the frame `to`.
+        triples: (M, 3) indices of the points of each triple, less than N.
     """
 
 def register_depth(
@@ -759,7 +558,7 @@ def register_depth(
     rays: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), writable=False)],
     t_m: Annotated[NDArray[numpy.float32], dict(shape=(3), writable=False)],
     side_px: Annotated[NDArray[numpy.float32], dict(shape=(2), writable=False)],
-    camera: Pinhole,
+    camera: hoid_native.parameters.Pinhole,
     size_px: tuple[int, int],
 ) -> Annotated[NDArray[numpy.float32], dict(shape=(None, None))]:
     """
@@ -769,14 +568,12 @@ def register_depth(
     pixel, the nearest is kept.
 
     Args:
-        depth_m: (h, w) float32 depth; 0, negative or NaN = no measurement.
-        rays: (h, w, 3) float32 ray of each depth pixel in the frame of the other camera. A point at
-            depth z is at z times the ray plus `t_m`.
-        t_m: (3,) float32 position of the depth camera in the frame of the other camera.
-        side_px: (2,) float32 width and height of a depth pixel in pixels of the other camera, at
-            equal depth.
-        camera: the other camera, without distortion.
-        size_px: its width W and height H, positive.
+        depth_m: (h, w) depth; 0, negative or NaN = no measurement.
+        rays: (h, w, 3) ray of each depth pixel in the frame of the other camera. A point at depth z is
+            at z times the ray plus `t_m`.
+        t_m: (3,) position of the depth camera in the frame of the other camera.
+        side_px: (2,) width and height of a depth pixel in pixels of the other camera, at equal depth.
+        camera, size_px: the other camera, and its width W and height H, positive.
     """
 
 def voxel_keys(
@@ -785,10 +582,9 @@ def voxel_keys(
     bits: int,
 ) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
     """
-    Return the (N,) int64 keys of the voxels of points (N, 3); -1 outside the grid.
+    Return the (N,) keys of the voxels of points (N, 3); -1 outside the grid.
 
     Args:
-        points_m: (N, 3) points.
         voxel_m: side of a voxel, positive.
         bits: the grid has 2^bits voxels along each axis (1 to 20 bits), half of them on either side of
             the origin.
@@ -824,11 +620,9 @@ def merged_voxels(
     max_voxels: int,
 ) -> hoid_native.results.Voxels:
     """
-    Return the voxels of two sets, with the sum of the evidence where both have one.
+    Return the voxels of two sets (`Voxels`), with the sum of the evidence where both have one.
 
     Args:
-        voxels: keys (ascending), means, readings, hits and misses (`Voxels`).
-        others: the same of the other set.
         max_count: hits and misses of a voxel are scaled down together to this sum.
         max_voxels: of more voxels, those with fewest hits are left out; at least 1.
     """
@@ -847,41 +641,13 @@ def solid_voxels(
     bits: int,
 ) -> Annotated[NDArray[numpy.bool_], dict(shape=(None,))]:
     """
-    Return the (N,) bool mask of the voxels that were hit often enough.
+    Return the (N,) mask of the voxels (`Voxels`) that were hit often enough.
 
     Args:
-        voxels: keys, means, readings, hits and misses (`Voxels`).
         least_hits: smallest number of hits.
         least_share: smallest ratio of the hits to the sum of hits and misses.
         cell_m: side of the cells whose voxels are counted together; None: each is counted alone.
         bits: number of cells along each axis (see `voxel_keys`).
-    """
-
-def trimmed_box(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)] | None,
-    outer_share: float,
-) -> tuple[
-    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
-    Annotated[NDArray[numpy.float64], dict(shape=(None,))],
-]:
-    """
-    Return the lowest and the highest corner (3,) of points without the outermost ones.
-
-    Args:
-        points_m: (N, 3) points.
-        chosen: (N,) bool, which of them are used, at least one; None: all.
-        outer_share: ratio of the points that is left out on each side of each axis, 0 to 0.5.
-    """
-
-def cells_of(
-    points_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    chosen: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
-    cell_m: float,
-    bits: int,
-) -> Annotated[NDArray[numpy.int64], dict(shape=(None,))]:
-    """
-    Return the ascending int64 keys (`voxel_keys`) of the cells that contain chosen points (N, 3).
     """
 
 def pixels_on_surface(
@@ -897,13 +663,10 @@ def pixels_on_surface(
     Return the ascending pixels with depth in a box whose points are in cells of a surface.
 
     Args:
-        depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
-        points_map_m: (H * W, 3) points of the pixels in the map frame.
         box_px: left, top, right and bottom, cut at the border; right and bottom are excluded.
         T_object_map: (4, 4) transform from the map frame to that of the cells.
-        cells: ascending int64 keys of the cells (`cells_of`).
-        cell_m: side of a cell.
-        bits: number of cells along each axis (see `voxel_keys`).
+        cells: ascending keys (`voxel_keys`) of the cells of the surface.
+        cell_m, bits: side of a cell, and number of cells along each axis (see `voxel_keys`).
     """
 
 def share_on_surface(
@@ -919,18 +682,6 @@ def share_on_surface(
     The points are in the map frame; the other arguments are those of `pixels_on_surface`.
     """
 
-def share_in_box(
-    points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
-    T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(4, 4), writable=False)],
-    low_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
-    high_m: Annotated[NDArray[numpy.float64], dict(shape=(3), writable=False)],
-) -> float:
-    """
-    Return the ratio of points (N, 3) of the map frame that are inside a box; 0 without points.
-
-    The box has a lowest and a highest corner (3,) in a frame to which `T_box_map` (4, 4) maps.
-    """
-
 def object_surfaces(
     depth_m: Annotated[NDArray[numpy.float32], dict(shape=(None, None), writable=False)],
     points_map_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
@@ -944,7 +695,7 @@ def object_surfaces(
     owner: Annotated[NDArray[numpy.int32], dict(shape=(None,), writable=False)],
 ) -> hoid_native.results.ObjectSurfaces:
     """
-    Return the surfaces of the detected objects that have enough depth pixels, without people.
+    Return the surfaces of the D detected objects that have enough depth pixels, without people.
 
     The surface is the nearest layer of depth in the box, without planes that continue around the box.
     Where two boxes claim the same surface, it belongs to the box that it fills better, or of two boxes
@@ -953,17 +704,14 @@ def object_surfaces(
     part, the surface is what lies in its known box.
 
     Args:
-        depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
-        points_map_m: (H * W, 3) points of the pixels in the map frame.
         pixel_m: distance between neighboring pixels at a depth of 1 m.
-        boxes_px: (D, 4) int32 left, top, right and bottom of the detections, within the image;
-            right and bottom are excluded.
+        boxes_px: (D, 4) left, top, right and bottom of the detections, within the image; right and
+            bottom are excluded.
         areas_px: (D,) areas of the boxes, also of what is beyond the image.
-        is_person: (D,) bool, whether the detection is a person.
         T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
-        known_low_m: (D, 3) lowest corners of the known boxes; not below the highest ones: unknown.
-        known_high_m: (D, 3) highest corners.
-        owner: (H * W,) int32 detection of the known object that shows at each pixel; -1 = none.
+        known_low_m, known_high_m: (D, 3) lowest and highest corners of the known boxes; if the lowest
+            ones are not below the highest ones, the object is unknown.
+        owner: (H * W,) detection of the known object that shows at each pixel; -1 = none.
     """
 
 def transformed_parts(
@@ -972,12 +720,7 @@ def transformed_parts(
     T: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
 ) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Return points (N, 3) in other frames, those of each part with its own transform.
-
-    Args:
-        points_m: (N, 3) points.
-        ends: (P,) int64 index after the last point of each part, ascending; the last one is N.
-        T: (P, 4, 4) transforms.
+    Return points (N, 3) in other frames, those of each part with its own transform T (P, 4, 4).
     """
 
 def seen_voxels(
@@ -996,12 +739,10 @@ def seen_voxels(
     margin, and seen through if the measured depth is larger.
 
     Args:
-        depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
-        ahead: (M,) int64 rows of the voxels in front of the camera, within its range.
-        uv_px: (M, 2) pixels of these, which need not be within the image.
+        ahead, uv_px: (M,) rows of the voxels in front of the camera, within its range, and (M, 2) their
+            pixels, which need not be within the image.
         voxel_depth_m: (N,) depths of all voxels.
-        is_solid: (N,) bool, whether the voxel belongs to its object.
-        ends: (O,) int64 index after the last voxel of each object, ascending; the last one is N.
+        is_solid: (N,) whether the voxel belongs to its object.
         margin: largest difference of depths: constant (m), and multiple of the squared depth (1/m).
     """
 
@@ -1019,10 +760,8 @@ def missed_voxels(
 
     Args:
         uv_px: (N, 2) pixels of the voxels; NaN where they are not visible.
-        is_visible: (N,) bool, whether a surface is measured at the voxel.
         box_px: (4,) left, top, right and bottom; all are inside.
-        others: ascending flat indices of the pixels that show other things.
-        width: width of the image.
+        others: ascending flat indices of the pixels that show other things in an image of this width.
     """
 
 def pair_scores(
@@ -1046,102 +785,16 @@ def pair_scores(
 
     Args:
         points_map_m: (N, 3) points of all segments, of one after the other.
-        point_ends: (S,) int64 index after the last point of each segment, ascending; the last one is N.
-        boxes_px: (S, 4) int32 boxes of the detections; right and bottom are excluded.
+        boxes_px: (S, 4) boxes of the detections; right and bottom are excluded.
         T_box_map: (O, 4, 4) transforms from the map frame to that of the object's box.
-        low_m: (O, 3) lowest corners of the objects' boxes.
-        high_m: (O, 3) highest corners.
-        uv_px: (V, 2) pixels of the voxels of all objects.
-        is_visible: (V,) bool, whether the voxel is visible.
-        voxel_ends: (O,) int64 index after the last voxel of each object, ascending; the last one is V.
-        is_candidate: (S, O) bool; the scores of other pairs are 0.
+        low_m, high_m: (O, 3) lowest and highest corners of the objects' boxes.
+        uv_px, is_visible: (V, 2) pixels of the voxels of all objects, and (V,) whether they are visible.
+        is_candidate: (S, O) the scores of other pairs are 0.
     """
-
-class StereoParams:
-    """
-    A pinhole camera with a virtual right camera, and its noise.
-
-    A depth is expressed as the disparity u - u_right = disparity_px_m / depth_m.
-    """
-
-    def __init__(
-        self,
-        fx_px: float,
-        fy_px: float,
-        cx_px: float,
-        cy_px: float,
-        disparity_px_m: float,
-        disparity_noise_px: float,
-        relative_noise: float,
-        pixel_noise: float = 1.0,
-        joint_noise: bool = False,
-    ) -> None: ...
-    @property
-    def fx_px(self) -> float:
-        """Horizontal focal length."""
-
-    @property
-    def fy_px(self) -> float:
-        """Vertical focal length."""
-
-    @property
-    def cx_px(self) -> float:
-        """Column of the principal point."""
-
-    @property
-    def cy_px(self) -> float:
-        """Row of the principal point."""
-
-    @property
-    def disparity_px_m(self) -> float:
-        """Disparity at a depth of 1 m, in pixels."""
-
-    @property
-    def disparity_noise_px(self) -> float:
-        """Constant part of the standard deviation of a disparity, in pixels."""
-
-    @property
-    def relative_noise(self) -> float:
-        """
-        Proportional part of the standard deviation of a disparity: its ratio to the disparity.
-        """
-
-    @property
-    def pixel_noise(self) -> float:
-        """
-        Standard deviation of u and v, divided by the standard deviation that `inv_sigma2` states.
-        """
-
-    @property
-    def joint_noise(self) -> bool:
-        """
-        True: u, v and u_right have equal noise and share one robust kernel, as in ORB-SLAM.
-        """
-
-    def __getstate__(
-        self,
-    ) -> tuple[float, float, float, float, float, float, float, float, bool]: ...
-    def __setstate__(
-        self, arg: tuple[float, float, float, float, float, float, float, float, bool], /
-    ) -> None: ...
-
-class Gates:
-    """
-    Limits of squared normalized residuals (chi-square); observations beyond are outliers.
-    """
-
-    def __init__(self, mono: float, stereo: float) -> None: ...
-    @property
-    def mono(self) -> float:
-        """Limit for observations without depth."""
-
-    @property
-    def stereo(self) -> float:
-        """Limit for observations with depth."""
 
 def optimize_pose(
-    camera: StereoParams,
-    gates: Gates,
+    camera: hoid_native.parameters.StereoParams,
+    gates: hoid_native.parameters.Gates,
     points_m: numpy.typing.NDArray[Any],
     measured_px: numpy.typing.NDArray[Any],
     inv_sigma2: numpy.typing.NDArray[Any],
@@ -1160,9 +813,8 @@ def optimize_pose(
     round and no prior, the pose of that round is returned.
 
     Args:
-        camera: camera model of the image, with its measured noise.
-        gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
-            that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
+        gates: limits of outliers. The Huber kernel of pixels has the limit `gates.mono`, that of the
+            disparity 3.841; with `joint_noise`, both limits are those of outliers.
         points_m: (N, 3) map points in the map frame.
         measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
         inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
@@ -1175,8 +827,8 @@ def optimize_pose(
     """
 
 def evaluate_matches(
-    camera: StereoParams,
-    gates: Gates,
+    camera: hoid_native.parameters.StereoParams,
+    gates: hoid_native.parameters.Gates,
     points_m: numpy.typing.NDArray[Any],
     measured_px: numpy.typing.NDArray[Any],
     inv_sigma2: numpy.typing.NDArray[Any],
@@ -1190,15 +842,12 @@ def evaluate_matches(
     (u, v, u_right) at the limit of outliers. Therefore the sum over all matches can be compared
     between poses that have different outliers.
 
-    Args:
-        camera: camera model; points and measurements as in `optimize_pose`.
-        gates: chi-square limits of outliers.
-        T_camera_map: (4, 4) pose.
+    Points, measurements and `inv_sigma2` are those of `optimize_pose`.
     """
 
 def most_biasing_region(
-    camera: StereoParams,
-    gates: Gates,
+    camera: hoid_native.parameters.StereoParams,
+    gates: hoid_native.parameters.Gates,
     points_m: numpy.typing.NDArray[Any],
     measured_px: numpy.typing.NDArray[Any],
     inv_sigma2: numpy.typing.NDArray[Any],
@@ -1212,17 +861,17 @@ def most_biasing_region(
     the matches (docs/decisions/036). Pixel and disparity are independent measurements, even if
     `joint_noise` is on. If a point or the pose is not finite, the region is empty and has a gain of 0.
 
+    A pixel error beyond `gates.mono` and a disparity error beyond 3.841 are not used.
+
     Args:
-        camera: camera model; points and measurements as in `optimize_pose`.
-        gates: chi-square limits of outliers. A pixel error beyond `gates.mono` and a disparity error
-            beyond 3.841 are not used.
+        points_m, measured_px, inv_sigma2: as in `optimize_pose`.
         T_camera_map: (4, 4) pose fitted to all matches.
         noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.
     """
 
 def adjust_bundle(
-    lens: StereoParams,
-    gates: Gates,
+    lens: hoid_native.parameters.StereoParams,
+    gates: hoid_native.parameters.Gates,
     T_camera_map: numpy.typing.NDArray[Any],
     num_free: int,
     points_m: numpy.typing.NDArray[Any],
@@ -1240,17 +889,13 @@ def adjust_bundle(
     following rounds. Pixels and disparities have separate robust kernels, unless `joint_noise` is on.
 
     Args:
-        lens: camera model of all images.
-        gates: chi-square limits of outliers, as in `optimize_pose`.
+        lens, gates: as in `optimize_pose`.
         T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
-        num_free: number of optimized cameras.
         points_m: (P, 3) map points in the map frame, which are all optimized.
-        camera: (M,) int64 index of the camera of each observation.
-        point: (M,) int64 index of the point of each observation. A camera observes a point at most
-            once.
+        camera, point: (M,) indices of the camera and of the point of each observation. A camera
+            observes a point at most once.
         measured_px, inv_sigma2: (M, 3) and (M,) as in `optimize_pose`, of each observation.
-        rounds: number of rounds, at least 1.
-        iterations: largest number of iterations in each round.
+        rounds, iterations: number of rounds, at least 1, and largest number of iterations in each.
 
     Raises:
         MemoryError: The dense system of the optimized cameras does not fit in memory.

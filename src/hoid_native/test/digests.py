@@ -72,7 +72,6 @@ def features_and_matches() -> dict[str, Any]:
             near, radius_px, queries, features, threshold
         ),
         'hash_keys': kernels.hash_keys(descriptors, key_bits),
-        'sorted_hash_keys': kernels.sorted_hash_keys(descriptors, key_bits, 0),
         'match_along_segments': kernels.match_along_segments(
             segments, np.arange(2.0, 6.0), queries, features, threshold
         ),
@@ -174,7 +173,7 @@ def motion() -> dict[str, Any]:
     T = np.eye(4)
     T[:3, 3] = 0.05, -0.02, 0.1
     found = kernels.depth_segments(depth_m, 10)
-    range_m = kernels.depth_ranges_3x3(before_m)
+    range_m = np.stack([before_m - 0.1, before_m + 0.1], axis=2).astype(np.float32)
     points = rng.uniform([-1, -1, 1], [1, 1, 4], (200, 3))
     u, v = (50 * points[:, :2] / points[:, 2:]).T + np.array([[31.5], [23.5]])
     measured = np.stack([u, v, u - 5 / points[:, 2]], 1) + rng.normal(0, 0.5, (200, 3))
@@ -191,7 +190,6 @@ def motion() -> dict[str, Any]:
             margin,
             (1.5, 0.1, 0.25),
         ),
-        'depth_ranges_3x3': kernels.depth_ranges_3x3(depth_m),
         'propagate_log_odds': kernels.propagate_log_odds(
             camera,
             T,
@@ -219,15 +217,6 @@ def motion() -> dict[str, Any]:
         'align_triples': kernels.align_triples(
             points, points + rng.normal(0, 0.1, points.shape), rng.integers(0, 200, (30, 3))
         ),
-        'strongest_corners_per_cell': kernels.strongest_corners_per_cell(
-            rng.integers(0, depth_m.size, 500),
-            rng.integers(0, 256, 500).astype(np.uint8),
-            depth_m,
-            np.arange(depth_m.size),
-            found.label,
-            7.5,
-            (rng.random((7, 9)) < 0.3).astype(np.uint8),
-        ),
     }
 
 
@@ -246,7 +235,7 @@ def objects() -> dict[str, Any]:
     voxels, others = (kernels.voxels_of(part, *grid) for part in (points, points + 0.02))
     merged = kernels.merged_voxels(voxels, others, 1.5, 500)
     solid = kernels.solid_voxels(merged, 1.0, 0.4, 0.2, 10)
-    cells = kernels.cells_of(merged.means_m, solid, *grid)
+    cells = np.unique(kernels.voxel_keys(merged.means_m[solid], *grid))
     uv, rows = rng.uniform(0, 60, (900, 2)), np.arange(900)
     z, flags = rng.uniform(1, 4, 900), rng.random(900) < 0.7
     return {
@@ -258,13 +247,10 @@ def objects() -> dict[str, Any]:
         'voxels_of': voxels,
         'merged_voxels': merged,
         'solid_voxels': solid,
-        'trimmed_box': kernels.trimmed_box(points, None, 0.02),
-        'cells_of': cells,
         'pixels_on_surface': kernels.pixels_on_surface(
             depth_m, points, (4, 4, 60, 40), T[0], cells, *grid
         ),
         'share_on_surface': kernels.share_on_surface(points, T[0], cells, *grid),
-        'share_in_box': kernels.share_in_box(points, T[0], low[0], high[0]),
         'transformed_parts': kernels.transformed_parts(points[:900], ends, T),
         'seen_voxels': kernels.seen_voxels(depth_m, rows, uv, z, flags, ends, (0.06, 0.006)),
         'missed_voxels': kernels.missed_voxels(uv, flags, np.array([9.0, 9, 40, 30]), rows, 64),

@@ -28,7 +28,6 @@ from hoid_native import (
     segment_objects,
     solid_voxels,
     transformed_parts,
-    trimmed_box,
     voxels_of,
 )
 
@@ -37,7 +36,6 @@ IMAGE = np.zeros((60, 80), np.uint8)
 ONE_STEP = np.ones((1, 2), np.float32)
 BOX = np.array([[2.0, 2.0, 9.0, 9.0]])
 OBJECT = np.array([1.0]), np.array([0.5]), np.array([True])
-NO_DESCRIPTORS = np.zeros((0, 32), np.uint8)
 
 
 def test_another_dtype_or_shape_is_a_type_error() -> None:
@@ -71,12 +69,13 @@ def segment(*area: int) -> object:
     return segment_objects(DEPTH_M, np.array([area], np.int32), *OBJECT)
 
 
-def search(octave: int, max_octave: int) -> object:
+def search(octave: int, max_octave: int, num_octaves: int = 1, num_measured: int = 1) -> object:
+    descriptors = np.zeros((1, 32), np.uint8)
     queries = QueryConstraints(
-        np.zeros(1, np.int8), np.array([max_octave], np.int8), np.zeros((1, 32), np.uint8)
+        np.zeros(num_octaves, np.int8), np.array([max_octave], np.int8), descriptors
     )
     features = Candidates(
-        np.zeros((1, 3), np.float32), np.array([octave], np.uint8), np.zeros((1, 32), np.uint8)
+        np.zeros((num_measured, 3), np.float32), np.array([octave], np.uint8), descriptors
     )
     segments = np.array([[0.0, 0.0, 9.0, 9.0]])
     return match_along_segments(segments, np.ones(4), queries, features, MatchThreshold(60, 1.0))
@@ -118,7 +117,7 @@ def see(row: int, end: int) -> object:
 @pytest.mark.parametrize(
     ('call', 'reason'),
     [
-        (lambda: find_surfaces(31, -1), 'boxes_px: a box is not within the image'),
+        (lambda: find_surfaces(31, -1), 'boxes_px: a box is not within the image of 30 x 20 px'),
         (lambda: find_surfaces(30, 1), 'owner: 1 to 1 is not within -1 to 0'),
         (lambda: find_pixels(599), 'points_map_m: expected 600 rows, not 599'),
         (lambda: see(2, 2), 'ahead: 2 to 2 is not within 0 to 1'),
@@ -129,10 +128,10 @@ def see(row: int, end: int) -> object:
         (lambda: voxels_of(np.ones((1, 3)), 0.1, 21), 'bits: must be within 1 to 20'),
         (lambda: solid_voxels(voxels_of(np.ones((1, 3)), 0.1, 9)._replace(hits=np.ones(
             2, np.float32)), 1.0, 0.4, None, 9), 'hits: expected 1 rows, not 2'),
-        (lambda: trimmed_box(np.empty((0, 3)), None, 0.0), 'there must be one at least'),
         (lambda: classify(-1), 'pixels: -1 to 0 is not within 0 to 599'),
         (lambda: classify(600), 'pixels: 0 to 600 is not within 0 to 599'),
-        (lambda: segment(0, 0, 31, 5), 'areas must be inside the image of 30 x 20 px'),
+        (lambda: segment(0, 0, 31, 5),
+         'areas_xyxy_px: a box is not within the image of 30 x 20 px'),
         (lambda: segment(0, -1, 9, 5), 'areas'),
         (lambda: segment(0, 0, 30, 21), 'areas'),
         (lambda: search(4, 3), 'octave: 4 to 4 is not within 0 to 3'),
@@ -149,10 +148,8 @@ def see(row: int, end: int) -> object:
         (lambda: person_depths_m(DEPTH_M, BOX * np.nan, np.ones(1)), 'boxes_xyxy_px'),
         (lambda: person_depths_m(DEPTH_M, BOX, np.ones(2)), 'known_m: expected 1 rows, not 2'),
         (lambda: fast_corners([IMAGE], ONE_STEP, 255, 3), 'threshold'),
-        (lambda: Candidates(np.zeros((2, 3), np.float32), np.zeros(2, np.uint8), NO_DESCRIPTORS),
-         'descriptors: expected 2 rows, not 0'),
-        (lambda: QueryConstraints(np.zeros(1, np.int8), np.zeros(0, np.int8), NO_DESCRIPTORS),
-         'min_octave'),
+        (lambda: search(0, 0, num_measured=2), 'measurement_px: expected 1 rows, not 2'),
+        (lambda: search(0, 0, num_octaves=0), 'min_octave: expected 1 rows, not 0'),
     ],
 )  # fmt: skip
 def test_indices_beyond_an_array_are_refused(call: Callable[[], object], reason: str) -> None:

@@ -9,12 +9,10 @@ from hoid_native import (
     Pinhole,
     StereoParams,
     align_triples,
-    depth_ranges_3x3,
     depth_segments,
     occlusion_log_odds,
     propagate_log_odds,
     score_poses,
-    strongest_corners_per_cell,
 )
 
 CAMERA = Pinhole(50.0, 50.0, 31.5, 23.5)
@@ -151,19 +149,6 @@ def test_log_odds_decay_and_grow_with_evidence_up_to_a_limit() -> None:
             )
 
 
-def test_depth_ranges_cover_three_by_three_pixels() -> None:
-    rng = np.random.default_rng(2)
-    depth_m = rng.uniform(1, 4, (30, 37)).astype(np.float32)
-    depth_m[rng.random(depth_m.shape) < 0.6] = 0.0
-    found = depth_ranges_3x3(depth_m)
-    for v, u in np.ndindex(depth_m.shape):
-        near = depth_m[max(v - 1, 0) : v + 2, max(u - 1, 0) : u + 2]
-        expected = (near[near > 0].min(), near.max()) if depth_m[v, u] > 0 else (0, 0)
-        assert tuple(found[v, u]) == expected
-    assert depth_ranges_3x3(depth_m[:0]).shape == (0, 37, 2)
-    assert depth_ranges_3x3(depth_m[:1, :1])[..., 1].tolist() == depth_m[:1, :1].tolist()
-
-
 def test_scores_sum_the_weights_of_points_that_fit() -> None:
     camera = StereoParams(50.0, 50.0, 31.5, 23.5, 5.0, 1.0, 0.0)
     points = np.array([[0.0, 0.0, 2.0], [0.5, 0.2, 2.0], [0.1, 0.1, -1.0]])
@@ -198,22 +183,3 @@ def test_three_points_are_aligned_by_least_squares() -> None:
     np.testing.assert_array_equal(on_a_line[0], REST)
     with pytest.raises(ValueError, match='triples'):
         align_triples(from_m, to_m, np.array([[0, 1, 60]]))
-
-
-def test_the_strongest_corner_of_each_free_cell_is_chosen() -> None:
-    depth_m = plane(2.0)
-    depth_m[0, 1] = 0.0
-    label = np.zeros(SHAPE, np.int32)
-    label[0, 2] = -1
-    #       no depth, no segment, equal, equal, weaker, another cell, a taken cell
-    pixels = np.array([1, 2, 3, 4, 5, 40, 20 * 64 + 3])
-    scores = np.array([200, 190, 90, 90, 80, 10, 99], np.uint8)
-    taken = np.zeros((3, 4), np.uint8)
-    taken[1, 0] = 1
-    small = np.arange(48 * 64)
-    best = strongest_corners_per_cell(pixels, scores, depth_m, small, label, 16.0, taken)
-    assert best.tolist() == [2, 5]
-    with pytest.raises(ValueError, match='taken'):
-        strongest_corners_per_cell(pixels, scores, depth_m, small, label, 16.0, taken[:2])
-    with pytest.raises(ValueError, match='corner_pixels'):
-        strongest_corners_per_cell(pixels + 48 * 64, scores, depth_m, small, label, 16.0, taken)

@@ -9,17 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from hoid_native import (
-    cells_of,
     merged_voxels,
     missed_voxels,
     pair_scores,
     pixels_on_surface,
     seen_voxels,
-    share_in_box,
     share_on_surface,
     solid_voxels,
     transformed_parts,
-    trimmed_box,
     voxel_keys,
     voxels_of,
 )
@@ -102,17 +99,6 @@ def test_voxels_are_solid_with_hits_enough(cell_m: float | None) -> None:
     assert np.array_equal(solid_voxels(voxels, 8.0, 0.4, cell_m, BITS), expected)
 
 
-def test_the_box_leaves_out_the_outermost_points() -> None:
-    given = np.column_stack([np.random.default_rng(4).permutation(101) for _ in range(3)])
-    low, high = trimmed_box(given.astype(float), None, 0.02)
-    assert low.tolist() == [2, 2, 2]
-    assert high.tolist() == [98, 98, 98]
-    chosen = given[:, 0] >= 90
-    low, high = trimmed_box(given.astype(float), chosen, 0.0)
-    assert np.array_equal(low, given[chosen].min(axis=0))
-    assert np.array_equal(high, given[chosen].max(axis=0))
-
-
 def test_pixels_and_points_on_a_surface() -> None:
     """The surface has the cells of the points in the left half of an image."""
     depth_m = np.random.default_rng(5).uniform(1, 2, (12, 16)).astype(np.float32)
@@ -120,7 +106,7 @@ def test_pixels_and_points_on_a_surface() -> None:
     points_m = points(depth_m.size, 5)
     is_left = np.tile(np.arange(16) < 8, 12)
     local = points_m @ TURN[:3, :3].T + TURN[:3, 3]
-    cells = cells_of(local, is_left, 0.05, BITS)
+    cells = np.unique(voxel_keys(local[is_left], 0.05, BITS))
     is_on = np.isin(voxel_keys(local, 0.05, BITS), cells)
     assert is_on[is_left].all()
     v, u = np.divmod(np.arange(depth_m.size), 16)
@@ -129,15 +115,6 @@ def test_pixels_and_points_on_a_surface() -> None:
     assert np.array_equal(pixels, np.flatnonzero(is_on & in_box))
     assert share_on_surface(points_m, TURN, cells, 0.05, BITS) == is_on.mean()
     assert share_on_surface(points_m[:0], TURN, cells, 0.05, BITS) == 0
-
-
-def test_the_share_of_points_in_a_box() -> None:
-    given, low, high = points(1000), np.array([-0.1, -0.3, -0.2]), np.array([0.4, 0.2, 0.3])
-    local = given @ TURN[:3, :3].T + TURN[:3, 3]
-    expected = ((local > low) & (local < high)).all(axis=1).mean()
-    assert 0.1 < expected < 0.9
-    assert share_in_box(given, TURN, low, high) == pytest.approx(expected)
-    assert share_in_box(given[:0], TURN, low, high) == 0
 
 
 def test_each_part_is_transformed_with_its_own_pose() -> None:

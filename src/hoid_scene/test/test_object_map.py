@@ -12,6 +12,7 @@ from hoid_scene.objects.association import are_inside_each_other
 from hoid_scene.objects.mapped_object import MapObject, MappedObject
 from hoid_scene.objects.place import Anchor, Place
 from hoid_scene.objects.segmentation import Segment
+from hoid_scene.objects.voxel_set import trimmed_box
 from hoid_scene.tracks.object_tracker import TrackedObject
 
 from .object_world import LOOK_NS, Box, ObjectWorld, keyframes
@@ -293,3 +294,20 @@ def test_a_table_does_not_become_a_part_of_the_thing_on_it() -> None:
     assert after.class_scores[0][0] == 'teddy bear'
     assert len(after.class_scores) == 1
     np.testing.assert_allclose(after.size_m, before.size_m, atol=0.03)
+
+
+def test_the_share_of_points_in_the_box_of_an_object() -> None:
+    item = thing('vase', (2.0, 0.0, 0.0))  # from 2.0 to 2.2 m, 0.0 to 0.2 m, 0.0 to 0.2 m
+    points = np.array([[2.1, 0.1, 0.1], [2.15, 0.05, 0.15], [2.25, 0.1, 0.1], [2.1, 0.1, -0.4]])
+    assert item.contains(points, 0.0) == 0.5
+    assert item.contains(points, 0.1) == 0.75
+    assert item.contains(points[:0], 0.0) == 0
+
+
+def test_the_box_leaves_out_the_outermost_points() -> None:
+    points = np.column_stack([np.random.default_rng(4).permutation(101) for _ in range(3)])
+    low, high = trimmed_box(points.astype(float), 0.02)
+    assert low.tolist() == [2, 2, 2]
+    assert high.tolist() == [98, 98, 98]
+    low, high = trimmed_box(points.astype(float), 0.0)
+    assert (low.tolist(), high.tolist()) == ([0, 0, 0], [100, 100, 100])

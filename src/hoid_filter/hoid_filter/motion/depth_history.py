@@ -12,7 +12,7 @@ from hoid_common import se3
 from hoid_common.values import Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera, rays_of
 from hoid_filter.motion.downscaled_view import DownscaledView
-from hoid_native import depth_ranges_3x3, occlusion_log_odds
+from hoid_native import occlusion_log_odds
 
 # Chosen, least time between stored images: every image of a 30 Hz camera is stored, and every
 # other image of a 60 Hz camera.
@@ -88,7 +88,7 @@ class DepthHistory:
         """Store the depth of a view, and drop depths that are more than 3.25 s older."""
         if self._past and view.stamp_s - self._past[-1].stamp_s < _MIN_SPACING_S:
             return
-        range_m = depth_ranges_3x3(view.depth_m)
+        range_m = widened(np.stack([view.depth_m, view.depth_m], axis=2), 1)
         T_camera_world = se3.inverse(T_world_camera)
         self._past.append(_PastDepth(view.stamp_s, T_camera_world, turn_radps, range_m))
         oldest_s = view.stamp_s - _BASELINES[-1].age_s * (1 + _AGE_TOLERANCE)
@@ -108,7 +108,7 @@ class DepthHistory:
         earlier = [
             (
                 past.T_camera_world @ T_world_camera,
-                _widened(past.range_m, shift_px(turn_radps, past.turn_radps, focal_px)),
+                widened(past.range_m, shift_px(turn_radps, past.turn_radps, focal_px)),
                 baseline.static_log_odds,
             )
             for baseline in _BASELINES
@@ -166,7 +166,7 @@ class DepthHistory:
         return best if abs(best.stamp_s - wanted_s) <= tolerance_s else None
 
 
-def _widened(range_m: Float32Array, by_px: FloatArray) -> Float32Array:
+def widened(range_m: Float32Array, by_px: FloatArray | float) -> Float32Array:
     """Return the depth ranges (h, w, 2) of neighborhoods larger by `by_px` to each side."""
     side = 2 * round(float(by_px)) + 1
     if side == 1:

@@ -16,6 +16,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import (
     BoolArray,
+    ByteArray,
     CameraModel,
     FloatArray,
     IntArray,
@@ -29,7 +30,6 @@ from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, PointObservatio
 from hoid_filter.motion.motion_log_odds import LabeledRegions, MotionLogOdds, dilate_labels
 from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS, MovingRegions
 from hoid_filter.motion.point_tracks import PointTracks, predict_px, track
-from hoid_native import strongest_corners_per_cell
 
 _MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again
 # A point moves when its reprojection error exceeds the smaller of 6 times the noise and 3 px, and
@@ -302,16 +302,26 @@ class MotionSegmentation:
         pixel = nearest_pixels(self.camera.full_px(self._tracks.uv_px), (height, width))
         row, column = np.divmod(pixel, width)
         occupied[(row / cell_px).astype(np.int64), (column / cell_px).astype(np.int64)] = 1
-        strongest = strongest_corners_per_cell(
-            view.corner_pixels,
-            view.corner_scores,
-            view.depth_m,
-            self.camera.downscaled_of_pixel,
-            small.segments.label,
-            cell_px,
-            occupied,
-        )[: max(missing, 0)]
-        return view.corner_pixels[strongest]
+        row, column = np.divmod(view.corner_pixels, width)
+        per_px = 1 / cell_px
+        cell = (row * per_px).astype(np.int64) * occupied.shape[1]
+        cell += (column * per_px).astype(np.int64)
+        depth_m = view.depth_m.ravel()[view.corner_pixels]
+        label = small.segments.label.ravel()[self.camera.downscaled_of_pixel[view.corner_pixels]]
+        is_free = (occupied.ravel()[cell] == 0) & (depth_m > 0) & np.isfinite(depth_m)
+        k = np.flatnonzero(is_free & (label >= 0))
+        strongest = k[strongest_per_cell(cell[k], view.corner_scores[k])]
+        return view.corner_pixels[strongest[: max(missing, 0)]]
+
+
+def strongest_per_cell(cells: IntArray, scores: ByteArray) -> IntArray:
+    """Return the index (M,) of the strongest corner in each cell, by ascending cell.
+
+    Among equal scores (N,) the first corner of a cell (N,) wins.
+    """
+    order = np.argsort(cells * 256 - scores, kind='stable')
+    is_first: BoolArray = np.diff(cells[order], prepend=-1) != 0
+    return order[is_first]
 
 
 class MotionDetector:

@@ -22,7 +22,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/image.hpp"
+#include "common/views.hpp"
 
 namespace nb = nanobind;
 
@@ -44,11 +44,17 @@ using Shape = nb::shape<static_cast<Extent>(kShape)...>;
 template <typename T>
 using Stored = std::conditional_t<std::is_same_v<T, bool>, uint8_t, T>;
 
-// An argument of exactly this dtype and shape (-1: any length). It converts to what kernels take.
-template <typename T, int... kShape>
-struct Array
+// An array as an argument, of this dtype (kIsReal: of any real dtype, converted to it) and shape
+// (-1: any length). It converts to the views and pointers that kernels take.
+template <typename T, bool kIsReal, int... kShape>
+struct Argument
 {
   using Imported = nb::ndarray<const T, Shape<kShape...>, nb::c_contig, nb::device::cpu>;
+
+  // Numbers in a row; negative or 0 if this varies.
+  static constexpr int kColumns = [](int, auto... rest) {
+    return ((rest < 0) || ...) ? 0 : (1 * ... * rest);
+  }(kShape...);
 
   Imported array;
 
@@ -57,30 +63,29 @@ struct Array
   const Stored<T>* begin() const { return reinterpret_cast<const Stored<T>*>(array.data()); }
   const Stored<T>* end() const { return begin() + array.size(); }
   operator const Stored<T>*() const { return begin(); }
-  operator Image<T>() const
+  operator Rows<Stored<T>, kColumns>() const
+    requires(kColumns > 0)
+  {
+    return {begin(), size()};
+  }
+  operator Image<Stored<T>>() const
     requires(sizeof...(kShape) == 2)
   {
     return {begin(), size(1), size(0)};
   }
 };
 
-// An argument of any real dtype, converted to double.
+template <typename T, int... kShape>
+using Array = Argument<T, false, kShape...>;
 template <int... kShape>
-struct RealArray : Array<double, kShape...>
-{
-  operator Boxes() const
-    requires(sizeof...(kShape) == 2)
-  {
-    return {this->begin(), this->size()};
-  }
-};
-
+using RealArray = Argument<double, true, kShape...>;
 template <typename T>
 using Vector = Array<T, -1>;
 template <typename T>
 using ImageArray = Array<T, -1, -1>;
-using BoxArray = RealArray<-1, 4>;
-using Points = Array<double, -1, 3>;
+using RealRows3 = RealArray<-1, 3>;
+using Matrix = RealArray<4, 4>;
+using Matrices = RealArray<-1, 4, 4>;
 
 template <typename T, std::size_t kDimensions>
 using Result = nb::ndarray<nb::numpy, T, nb::ndim<kDimensions>>;
@@ -180,8 +185,9 @@ void require_lengths(int length, const char* name, const A& array, const Others&
 
 // Require that all values are in [low, end). For types of up to 32 bits, the range must have less
 // than 2^32 numbers.
-template <typename T, int... kShape>
-void require_range(const char* name, const Array<T, kShape...>& array, int64_t low, int64_t end)
+template <typename T, bool kIsReal, int... kShape>
+void require_range(
+  const char* name, const Argument<T, kIsReal, kShape...>& array, int64_t low, int64_t end)
 {
   // One unsigned comparison per value and no early exit, so that the loop compiles to vector
   // instructions.
@@ -199,11 +205,32 @@ void require_range(const char* name, const Array<T, kShape...>& array, int64_t l
   }
 }
 
-template <typename T, int... kShape>
-void require_finite(const char* name, const Array<T, kShape...>& array)
+template <typename Numbers>
+void require_finite(const char* name, const Numbers& array)
 {
-  if (!std::all_of(array.begin(), array.end(), [](T value) { return std::isfinite(value); })) {
+  if (!std::all_of(array.begin(), array.end(), [](auto value) { return std::isfinite(value); })) {
     refuse(std::string(name) + ": not all are finite");
+  }
+}
+
+// See HOID_PARAMETERS.
+template <typename Class>
+struct NamedTuple;
+
+// Require boxes of whole pixels (x1, y1, x2, y2) within an image; x2 and y2 are exclusive.
+inline void require_boxes(
+  const char* name, const Array<int32_t, -1, 4>& boxes, const ImageArray<float>& depth_m)
+{
+  const int width = depth_m.size(1), height = depth_m.size(0);
+  bool inside = true;
+  for (const int32_t* box = boxes.begin(); box != boxes.end(); box += 4) {
+    inside &= std::min({box[0], box[1], box[2], box[3]}) >= 0 &&
+              std::max(box[0], box[2]) <= width && std::max(box[1], box[3]) <= height;
+  }
+  if (!inside) {
+    refuse(
+      std::string(name) + ": a box is not within the image of " + std::to_string(width) + " x " +
+      std::to_string(height) + " px");
   }
 }
 
@@ -232,47 +259,61 @@ void bind_optimize(nb::module_& module);
     static constexpr auto Name = nb::detail::const_name("hoid_native.results." #Class); \
   }
 
+// Declares the aggregate Class as the named tuple hoid_native.parameters.NAME, an argument with
+// fields of these types.
+#define HOID_PARAMETERS(Class, NAME, ...)                                                 \
+  template <>                                                                             \
+  struct NamedTuple<Class>                                                                \
+  {                                                                                       \
+    using Fields = std::tuple<__VA_ARGS__>;                                               \
+    static constexpr auto kName = nb::detail::const_name("hoid_native.parameters." NAME); \
+  }
+
 namespace nanobind::detail {
 
-template <typename T, int... kShape>
-struct type_caster<hoid::bindings::Array<T, kShape...>>
+template <typename T, bool kIsReal, int... kShape>
+struct type_caster<hoid::bindings::Argument<T, kIsReal, kShape...>>
 {
-  using Argument = hoid::bindings::Array<T, kShape...>;
+  using Given = hoid::bindings::Argument<T, kIsReal, kShape...>;
+  using AnyShape = ndarray<const T, hoid::bindings::Shape<kShape...>>;
   using Strided = ndarray<const T, hoid::bindings::Shape<kShape...>, device::cpu>;
 
-  NB_TYPE_CASTER(Argument, (make_caster<ndarray<const T, hoid::bindings::Shape<kShape...>>>::Name))
+  NB_TYPE_CASTER(
+    Given,
+    const_name<kIsReal>(
+      const_name("numpy.typing.NDArray[typing.Any]"), make_caster<AnyShape>::Name))
 
   bool from_python(handle source, auto flags, cleanup_list* cleanup) noexcept
   {
     constexpr auto kConvert = static_cast<decltype(flags)>(cast_flags::convert);
-    make_caster<typename Argument::Imported> exact;
+    make_caster<typename Given::Imported> contiguous;
     make_caster<Strided> strided;
     if (
-      !exact.from_python(source, flags & ~kConvert, cleanup) &&
-      !(strided.from_python(source, flags & ~kConvert, cleanup) &&
-        exact.from_python(source, flags | kConvert, cleanup))) {
+      !contiguous.from_python(source, flags & ~kConvert, cleanup) &&
+      !((kIsReal || strided.from_python(source, flags & ~kConvert, cleanup)) &&
+        contiguous.from_python(source, flags | kConvert, cleanup))) {
       return false;
     }
-    value.array = std::move(exact.value);
+    value.array = std::move(contiguous.value);
     return true;
   }
 };
 
-template <int... kShape>
-struct type_caster<hoid::bindings::RealArray<kShape...>>
+template <typename Class>
+  requires requires { typename hoid::bindings::NamedTuple<Class>::Fields; }
+struct type_caster<Class>
 {
-  using Argument = hoid::bindings::RealArray<kShape...>;
+  using Tuple = hoid::bindings::NamedTuple<Class>;
 
-  NB_TYPE_CASTER(Argument, const_name("numpy.typing.NDArray[typing.Any]"))
+  NB_TYPE_CASTER(Class, Tuple::kName)
 
   bool from_python(handle source, auto flags, cleanup_list* cleanup) noexcept
   {
-    make_caster<typename Argument::Imported> real;
-    constexpr auto kConvert = static_cast<decltype(flags)>(cast_flags::convert);
-    if (!real.from_python(source, flags | kConvert, cleanup)) {
+    make_caster<typename Tuple::Fields> fields;
+    if (!fields.from_python(source, flags, cleanup)) {
       return false;
     }
-    value.array = std::move(real.value);
+    value = std::make_from_tuple<Class>(fields.operator typename Tuple::Fields());
     return true;
   }
 };

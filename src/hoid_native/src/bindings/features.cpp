@@ -56,8 +56,8 @@ Source: Rosten and Drummond, ECCV 2006. Corners and scores equal OpenCV's. A lev
 if it is less than 32 px wide or high without the border.
 
 Args:
-    levels: at most 256 gray images (H_l, W_l) uint8, the finest first.
-    steps_px: (L, 2) float32 level-0 pixels per pixel of each level, in x and y.
+    levels: at most 256 gray images, the finest first.
+    steps_px: (L, 2) level-0 pixels per pixel of each level, in x and y.
     threshold: contrast in gray levels that a corner must exceed, from 1 to 254.
     border_px: least distance of a corner from the edge of its level; values below 3 count as 3.)");
   module.def(
@@ -72,9 +72,8 @@ Args:
       const auto is_inside = [](double at_px) { return at_px >= 0 && at_px < kMaxPx; };
       require(
         std::all_of(uv_px.begin(), uv_px.end(), is_inside), "uv_px: must be in an image");
-      const features::ScoredCorners corners{uv_px, octave, score, uv_px.size()};
       return give_rows(unlocked(
-        [&] { return features::spread_evenly(corners, budgets, budgets.size(), area_px); }));
+        [&] { return features::spread_evenly({uv_px, octave, score}, budgets, area_px); }));
     },
     "uv_px"_a, "octave"_a, "score"_a, "budgets"_a, "area_px"_a, R"(
 Return the ascending indices of at most `budgets.sum()` corners, spread evenly over the image.
@@ -86,9 +85,8 @@ the rest of its budget.
 
 Args:
     uv_px: (N, 2) positions of the corners in level 0, from 0 to less than 65536.
-    octave: (N,) uint8 index of the level of each corner, less than L.
-    score: (N,) uint8 strength of each corner.
-    budgets: (L,) int64 number of corners wanted from each octave.
+    octave, score: (N,) index of the level of each corner, less than L, and its strength.
+    budgets: (L,) number of corners wanted from each octave.
     area_px: image area over which the corners are spread, in level-0 pixels. A grid cell has at
         least one pixel.)");
   module.def(
@@ -100,16 +98,14 @@ Args:
       });
     },
     "image_gray"_a, "x"_a, "y"_a, R"(
-Return the (N, 2) float32 offsets (x, y) in pixels from FAST corners to their subpixel peaks.
+Return the (N, 2) offsets (x, y) in pixels from FAST corners to their subpixel peaks.
 
 The peak is the maximum of the quadratic fitted to the signed FAST scores of the corner's pixel and
 its 8 neighbors (docs/decisions/008). Offsets are clamped to [-0.5, 0.5]; they are 0 if the
 quadratic has no maximum.
 
 Args:
-    image_gray: (H, W) uint8 image.
-    x: (N,) int32 columns of the corners, at least 4 px from the image's edge.
-    y: (N,) int32 rows of the corners, likewise.)");
+    x, y: (N,) columns and rows of the corners, at least 4 px from the image's edge.)");
   module.def(
     "orientations_deg",
     [](const GrayImage& image, const Coordinates& x, const Coordinates& y) {
@@ -119,14 +115,12 @@ Args:
       });
     },
     "image_gray"_a, "x"_a, "y"_a, R"(
-Return the (N,) float32 orientations of corners in degrees, in [0, 360), clockwise from the x axis.
+Return the (N,) orientations of corners in degrees, in [0, 360), clockwise from the x axis.
 
 They are the directions of the intensity centroids (Rublee et al., ORB, ICCV 2011, sec. 3.2).
 
 Args:
-    image_gray: (H, W) uint8 image.
-    x: (N,) int32 columns of the corners, at least 15 px from the image's edge.
-    y: (N,) int32 rows of the corners, likewise.)");
+    x, y: (N,) columns and rows of the corners, at least 15 px from the image's edge.)");
   module.def(
     "orb_descriptors",
     [](
@@ -135,20 +129,18 @@ Args:
       const auto corners = pixels_inside(image, x, y, features::kDescriptorBorderPx);
       require_lengths(corners.count, "angle_deg", angle_deg);
       require_finite("angle_deg", angle_deg);
-      return fill<uint8_t>({corners.count, features::kDescriptorBytes}, [&](uint8_t* bits) {
+      return fill<uint8_t>({corners.count, kDescriptorBytes}, [&](uint8_t* bits) {
         features::orb_descriptors(image, corners, angle_deg, bits);
       });
     },
     "image_smooth"_a, "x"_a, "y"_a, "angle_deg"_a, R"(
-Return the (N, 32) uint8 ORB descriptors of corners, rotated by their orientations.
+Return the (N, 32) ORB descriptors of corners of a smoothed image, rotated by their orientations.
 
 Source: Rublee et al., ORB, ICCV 2011, sec. 4. The bits equal OpenCV's.
 
 Args:
-    image_smooth: (H, W) uint8 smoothed gray image.
-    x: (N,) int32 columns of the corners, at least 19 px from the image's edge.
-    y: (N,) int32 rows of the corners, likewise.
-    angle_deg: (N,) float32 orientations, as `orientations_deg` returns them; finite.)");
+    x, y: (N,) columns and rows of the corners, at least 19 px from the image's edge.
+    angle_deg: (N,) orientations, as `orientations_deg` returns them; finite.)");
 }
 
 }  // namespace hoid::bindings

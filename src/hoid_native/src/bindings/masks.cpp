@@ -8,20 +8,12 @@ namespace {
 
 HOID_RESULT(ClassifiedBoxes);
 
-using PixelBoxes = Array<int32_t, -1, 4>;
-
-void require_areas(const PixelBoxes& areas, int width, int height)
+using BoxArray = RealArray<-1, 4>;
+void require_squares(const ImageArray<float>& depth_m, const BoxArray& boxes, int side_px)
 {
-  bool inside = true;
-  for (const int32_t* area = areas.begin(); area != areas.end(); area += 4) {
-    inside &= std::min({area[0], area[1], area[2], area[3]}) >= 0 &&
-              std::max(area[0], area[2]) <= width && std::max(area[1], area[3]) <= height;
-  }
-  if (!inside) {
-    refuse(
-      "areas must be inside the image of " + std::to_string(width) + " x " +
-      std::to_string(height) + " px");
-  }
+  require_pixels(depth_m);
+  require_finite("boxes_xyxy_px", boxes);
+  require(side_px >= 1, "side_px: must be at least 1");
 }
 
 // Bind a function of pairs of boxes.
@@ -37,42 +29,33 @@ void bind_pairwise(nb::module_& module, const char* name, Kernel kernel, const c
     "boxes_xyxy_px"_a, "others_xyxy_px"_a, doc);
 }
 
-void bind_boxes(nb::module_& module)
+}  // namespace
+
+void bind_masks(nb::module_& module)
 {
   bind_pairwise(module, "overlap_ratios", masks::overlap_ratios, R"(
 Return the (N, M) ratios of the area of box n that other box m covers, in [0, 1].
 
-This is the interaction area of the HOID paper. It is 0 for a box without area.
-
-Args:
-    boxes_xyxy_px: (N, 4) boxes, finite.
-    others_xyxy_px: (M, 4) other boxes, finite.)");
-  bind_pairwise(module, "intersections_over_union", masks::intersections_over_union, R"(
-Return the (N, M) intersections over union of boxes, in [0, 1]; 0 for boxes without area.
-
-Args:
-    boxes_xyxy_px: (N, 4) boxes, finite.
-    others_xyxy_px: (M, 4) other boxes, finite.)");
+This is the interaction area of the HOID paper. It is 0 for a box without area.)");
+  bind_pairwise(
+    module, "intersections_over_union", masks::intersections_over_union,
+    "Return the (N, M) intersections over union of boxes, in [0, 1]; 0 for boxes without area.");
   module.def(
     "classify_boxes",
     [](
       const ImageArray<float>& depth_m, const Vector<int64_t>& pixels, const BoxArray& boxes,
       const Vector<uint8_t>& roles, int side_px, double min_share, double apart_m,
       double reach_px) {
-      require_pixels(depth_m);
+      require_squares(depth_m, boxes, side_px);
       require_range("pixels", pixels, 0, depth_m.num_elements());
-      require_finite("boxes_xyxy_px", boxes);
       require_lengths(boxes.size(), "roles", roles);
-      require(side_px >= 1, "side_px: must be at least 1");
-      const masks::HandlingRule rule{min_share, apart_m, reach_px};
-      auto classified = unlocked([&] {
+      auto found = unlocked([&] {
         return masks::classify_boxes(
-          depth_m, boxes, roles, side_px, rule, pixels, pixels.size());
+          depth_m, boxes, roles, side_px, {min_share, apart_m, reach_px}, pixels);
       });
       return make<ClassifiedBoxes>(
-        std::move(classified.depth_m), std::move(classified.overlap),
-        std::move(classified.gap_m), std::move(classified.moves), std::move(classified.outside),
-        classified.area_px);
+        std::move(found.depth_m), std::move(found.overlap), std::move(found.gap_m),
+        std::move(found.moves), std::move(found.outside), found.area_px);
     },
     "depth_m"_a, "pixels"_a, "boxes_xyxy_px"_a, "roles"_a, "side_px"_a, "min_share"_a,
     "apart_m"_a, "reach_px"_a = std::numeric_limits<double>::quiet_NaN(), R"(
@@ -83,29 +66,18 @@ box covers more than `min_share` of the object's box, and their depths differ by
 `apart_m`. An unknown depth fulfills the second condition.
 
 Args:
-    depth_m: (H, W) float32 depth, not empty; 0 or NaN = no measurement.
-    pixels: (K,) int64 pixels of image corners, as indices into the flattened image.
-    boxes_xyxy_px: (N, 4) boxes, finite.
-    roles: (N,) uint8 role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
+    pixels: (K,) pixels of image corners, as indices into the flattened image.
+    roles: (N,) role of each box: `PERSON`, `MAY_BE_HANDLED` or 0 (see `hoid_native.boxes`).
     side_px: side of the square at a box's center whose median depth is the depth of the box; at
         least 1.
     min_share: ratio of an object's box that a person's box must exceed.
     apart_m: depth difference below which person and object must be.
     reach_px: if this is not NaN, it replaces `min_share`: one of the K pixels must lie in the
         object's box, at most this far from the person's box along rows and columns.)");
-}
-
-}  // namespace
-
-void bind_masks(nb::module_& module)
-{
-  bind_boxes(module);
   module.def(
     "box_center_depths_m",
     [](const ImageArray<float>& depth_m, const BoxArray& boxes, int side_px) {
-      require_pixels(depth_m);
-      require_finite("boxes_xyxy_px", boxes);
-      require(side_px >= 1, "side_px: must be at least 1");
+      require_squares(depth_m, boxes, side_px);
       return fill<double>({boxes.size()}, [&](double* median_m) {
         masks::box_center_depths(depth_m, boxes, side_px, median_m);
       });
@@ -114,8 +86,6 @@ void bind_masks(nb::module_& module)
 Return the (N,) median depths (m) in squares at the centers of boxes; NaN without a measurement.
 
 Args:
-    depth_m: (H, W) float32 depth, not empty; 0 or NaN = no measurement.
-    boxes_xyxy_px: (N, 4) boxes, finite.
     side_px: side of the squares, at least 1. Beyond the image, its border pixels are repeated.)");
   module.def(
     "person_depths_m",
@@ -135,19 +105,17 @@ fullest layer. Measurements from 10 m on are not used. If the depth of the perso
 image is known, only measurements near this depth are used, unless there are few of them.
 
 Args:
-    depth_m: (H, W) float32 depth; 0 or NaN = no measurement.
-    boxes_xyxy_px: (N, 4) boxes, finite, in pixels of this depth image.
     known_m: (N,) depths of the same people in an earlier image; NaN = unknown.)");
   module.def(
     "segment_objects",
     [](
-      const ImageArray<float>& depth_m, const PixelBoxes& areas, const RealArray<-1>& depths_m,
+      const ImageArray<float>& depth_m, const Array<int32_t, -1, 4>& areas, const RealArray<-1>& depths_m,
       const RealArray<-1>& reaches_m, const Vector<bool>& seen) {
-      const int count = areas.size(), width = depth_m.size(1), height = depth_m.size(0);
-      require_areas(areas, width, height);
-      require_lengths(count, "depths_m", depths_m, "reaches_m", reaches_m, "seen", seen);
-      return fill<bool>({height, width}, [&](uint8_t* dynamic) {
-        masks::segment_objects(depth_m, {areas, depths_m, reaches_m, seen, count}, dynamic);
+      require_boxes("areas_xyxy_px", areas, depth_m);
+      require_lengths(
+        areas.size(), "depths_m", depths_m, "reaches_m", reaches_m, "seen", seen);
+      return fill<bool>({depth_m.size(0), depth_m.size(1)}, [&](uint8_t* dynamic) {
+        masks::segment_objects(depth_m, {areas, depths_m, reaches_m, seen}, dynamic);
       });
     },
     "depth_m"_a, "areas_xyxy_px"_a, "depths_m"_a, "reaches_m"_a, "seen"_a, R"(
@@ -160,13 +128,12 @@ region that are further outside are not masked: they belong to something that to
 like the desk on which a person leans (docs/decisions/010).
 
 Args:
-    depth_m: (H, W) float32 depth; 0 = no measurement.
-    areas_xyxy_px: (N, 4) int32 boxes of whole pixels within the image; x2 and y2 are exclusive.
+    areas_xyxy_px: (N, 4) boxes of whole pixels within the image; x2 and y2 are exclusive.
     depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
     reaches_m: (N,) largest difference between an object's depth and the depths of its regions.
-    seen: (N,) bool, whether the object was detected in this image and not predicted. If the
-        regions of a detected object fill little of its box, the object has merged with its
-        surroundings; then all pixels of the box near its depth are masked.)");
+    seen: (N,) whether the object was detected in this image and not predicted. If the regions of a
+        detected object fill little of its box, the object has merged with its surroundings; then
+        all pixels of the box near its depth are masked.)");
 }
 
 }  // namespace hoid::bindings

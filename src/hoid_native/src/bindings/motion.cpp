@@ -1,13 +1,14 @@
 #include "motion/motion.hpp"
 
 #include "bindings/arrays.hpp"
-#include "motion/registration.hpp"
+#include "bindings/cameras.hpp"
 
 namespace hoid::bindings {
 
 namespace {
 
 using motion::Pinhole;
+using DepthImage = ImageArray<float>;
 
 HOID_RESULT(Segments);
 
@@ -16,12 +17,12 @@ using MarginTuple = std::tuple<float, float, float>;
 
 // An earlier view: T_earlier_now, its 3x3 depth ranges, and the log-odds against motion of a
 // segment that has the same depth everywhere.
-using EarlierView = std::tuple<RealArray<4, 4>, Array<float, -1, -1, 2>, double>;
+using EarlierView = std::tuple<Matrix, Array<float, -1, -1, 2>, double>;
 
 // Require that each named image is as large as the depth image.
 template <typename A, typename... Others>
 void require_shape(
-  const ImageArray<float>& depth_m, const char* name, const A& image, const Others&... others)
+  const DepthImage& depth_m, const char* name, const A& image, const Others&... others)
 {
   if (image.size(0) != depth_m.size(0) || image.size(1) != depth_m.size(1)) {
     refuse(std::string(name) + ": must be as large as depth_m");
@@ -35,7 +36,7 @@ void bind_segments(nb::module_& module)
 {
   module.def(
     "depth_segments",
-    [](const ImageArray<float>& depth_m, int cell_px) {
+    [](const DepthImage& depth_m, int cell_px) {
       require(cell_px >= 1, "cell_px: must be at least 1");
       auto found = unlocked([&] { return motion::depth_segments(depth_m, cell_px); });
       return make<Segments>(
@@ -49,26 +50,11 @@ A depth jump is a difference of at least 0.02 m plus 3 % of the depth within 3x3
 without a measurement count as depth 0, so that there is a jump beside them.
 
 Args:
-    depth_m: (H, W) float32 depth; 0 = no measurement.
     cell_px: side of a cell in pixels, at least 1.)");
-  module.def(
-    "depth_ranges_3x3",
-    [](const ImageArray<float>& depth_m) {
-      return fill<float>({depth_m.size(0), depth_m.size(1), 2}, [&](float* range_m) {
-        motion::depth_ranges_3x3(depth_m, range_m);
-      });
-    },
-    "depth_m"_a, R"(
-Return the (H, W, 2) float32 minimum and maximum depth (m) in the 3x3 pixels around each pixel.
-
-Pixels without a measurement are ignored; both numbers are 0 where the middle pixel has none.
-
-Args:
-    depth_m: (H, W) float32 depth; 0 = no measurement.)");
   module.def(
     "occlusion_log_odds",
     [](
-      const Pinhole& camera, const ImageArray<float>& depth_m, const ImageArray<int32_t>& label,
+      const Pinhole& camera, const DepthImage& depth_m, const ImageArray<int32_t>& label,
       int num_segments, const std::vector<EarlierView>& earlier, const MarginTuple& margin,
       const std::tuple<double, double, double>& evidence) {
       require_shape(depth_m, "label", label);
@@ -97,12 +83,10 @@ there since. A pixel behind this depth is no evidence. Only every other row is c
 time. The log-odds of all earlier views are added up.
 
 Args:
-    camera: camera model of all images.
-    depth_m: (H, W) float32 current depth; 0 = no measurement.
-    label: (H, W) int32 segment of each pixel, less than S; -1 = none.
-    num_segments: number S of segments.
-    earlier: for each earlier view, the camera motion T_earlier_now (4, 4), its `depth_ranges_3x3`
-        (H, W, 2), and the log-odds against motion of a segment that has the same depth everywhere.
+    label: (H, W) segment of each pixel, less than S; -1 = none.
+    earlier: for each earlier view, the camera motion T_earlier_now (4, 4), the least and the
+        greatest depth in the 3x3 pixels around each of its pixels (H, W, 2), 0 where it has no
+        depth, and the log-odds against motion of a segment that has the same depth everywhere.
     margin: coefficients of 1 (in m), z and z^2. A pixel of depth z occludes if it is nearer by
         more than their sum.
     evidence: three numbers: the log-odds of a segment that occludes with all its pixels, which are
@@ -112,39 +96,34 @@ Args:
   module.def(
     "propagate_log_odds",
     [](
-      const Pinhole& camera, const RealArray<4, 4>& T_previous_now,
-      const ImageArray<float>& depth_m, const ImageArray<float>& previous_m,
-      const ImageArray<float>& log_odds, const MarginTuple& margin, float decay,
-      const ImageArray<int32_t>& label, const Vector<float>& evidence, float limit) {
+      const Pinhole& camera, const Matrix& T_previous_now, const DepthImage& depth_m,
+      const DepthImage& previous_m, const ImageArray<float>& log_odds, const MarginTuple& margin,
+      float decay, const ImageArray<int32_t>& label, const Vector<float>& evidence, float limit) {
       require_shape(depth_m, "previous_m", previous_m, "log_odds", log_odds, "label", label);
       require_range("label", label, -1, evidence.size());
       require(limit >= 0, "limit: must not be negative");
       return fill<float>({depth_m.size(0), depth_m.size(1)}, [&](float* propagated) {
         motion::propagate_log_odds(
           {camera, T_previous_now, depth_m}, previous_m, log_odds,
-          std::make_from_tuple<motion::DepthMargin>(margin), decay,
-          {label, evidence, evidence.size(), limit}, propagated);
+          std::make_from_tuple<motion::DepthMargin>(margin), decay, {label, evidence, limit},
+          propagated);
       });
     },
     "camera"_a, "T_previous_now"_a, "depth_m"_a, "previous_m"_a, "log_odds"_a, "margin"_a,
     "decay"_a, "label"_a, "evidence"_a, "limit"_a, R"(
-Return the (H, W) float32 log-odds that each pixel of the current image moves.
+Return the (H, W) log-odds that each pixel of the current image moves.
 
 They are the log-odds of the same surface in the previous image, multiplied by `decay`, plus the
 evidence from the current image. Where the previous image shows another depth or none, a pixel
 starts at 0. A pixel of the current image without a measurement has 0.
 
 Args:
-    camera: camera model of both images.
     T_previous_now: (4, 4) pose of the current camera in the previous camera's frame.
-    depth_m: (H, W) float32 current depth; 0 = no measurement.
-    previous_m: (H, W) float32 depth of the previous image.
-    log_odds: (H, W) float32 log-odds of the previous image's pixels.
+    previous_m, log_odds: (H, W) depth of the previous image, and log-odds of its pixels.
     margin: coefficients of 1 (in m), z and z^2. A pixel of depth z shows the same surface if the
         depths differ by less than their sum.
-    decay: factor of the previous log-odds.
-    label: (H, W) int32 segment of each pixel of the current image, less than S; -1 = none.
-    evidence: (S,) float32 log-odds that are added to the pixels of each segment.
+    label: (H, W) segment of each pixel of the current image, less than S; -1 = none.
+    evidence: (S,) log-odds that are added to the pixels of each segment.
     limit: the result is clamped to [-limit, limit].)");
 }
 
@@ -152,25 +131,18 @@ Args:
 
 void bind_motion(nb::module_& module)
 {
-  nb::class_<Pinhole>(module, "Pinhole", "A pinhole camera without distortion.")
-    .def(nb::init<double, double, double, double>(), "fx_px"_a, "fy_px"_a, "cx_px"_a, "cy_px"_a)
-    .def_ro("fx_px", &Pinhole::fx_px, "Horizontal focal length.")
-    .def_ro("fy_px", &Pinhole::fy_px, "Vertical focal length.")
-    .def_ro("cx_px", &Pinhole::cx_px, "Column of the principal point.")
-    .def_ro("cy_px", &Pinhole::cy_px, "Row of the principal point.");
   bind_segments(module);
   module.def(
     "score_poses",
     [](
       const optimize::StereoParams& camera, double pixel_px, double limit,
-      const RealArray<-1, 4, 4>& T_camera_world, const RealArray<-1, 3>& points_m,
-      const RealArray<-1, 3>& measured_px, const RealArray<-1, 2>& weights) {
+      const Matrices& T_camera_world, const RealRows3& points_m, const RealRows3& measured_px,
+      const RealArray<-1, 2>& weights) {
       require(pixel_px > 0 && limit > 0, "pixel_px and limit: must be positive");
       require_lengths(points_m.size(), "measured_px", measured_px, "weights", weights);
       return fill<double>({T_camera_world.size(), 2}, [&](double* score) {
         motion::score_poses(
-          camera, pixel_px, limit, T_camera_world, T_camera_world.size(),
-          {points_m, measured_px, weights, points_m.size()}, score);
+          camera, pixel_px, limit, T_camera_world, {points_m, measured_px, weights}, score);
       });
     },
     "camera"_a, "pixel_px"_a, "limit"_a, "T_camera_world"_a, "points_m"_a, "measured_px"_a,
@@ -186,18 +158,15 @@ Args:
     pixel_px: standard deviation of u and of v, positive.
     limit: largest residual of an explained point, in standard deviations, positive.
     T_camera_world: (M, 4, 4) poses of the world in the camera frame.
-    points_m: (N, 3) points in the world.
-    measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
-    weights: (N, 2) two weights of each point.)");
+    points_m, measured_px, weights: (N, 3) points in the world, (N, 3) stereo observations u, v,
+        u_right (NaN u_right: no depth), and (N, 2) two weights of each.)");
   module.def(
     "align_triples",
-    [](
-      const RealArray<-1, 3>& from_m, const RealArray<-1, 3>& to_m,
-      const Array<int64_t, -1, 3>& triples) {
+    [](const RealRows3& from_m, const RealRows3& to_m, const Array<int64_t, -1, 3>& triples) {
       require_lengths(from_m.size(), "to_m", to_m);
       require_range("triples", triples, 0, from_m.size());
       return fill<double>({triples.size(), 4, 4}, [&](double* T_to_from) {
-        motion::align_triples(from_m, to_m, triples, triples.size(), T_to_from);
+        motion::align_triples(from_m, to_m, triples, T_to_from);
       });
     },
     "from_m"_a, "to_m"_a, "triples"_a, R"(
@@ -207,57 +176,20 @@ Source: Umeyama, PAMI 1991, without scale, in closed form for three points. For 
 line, the result is the identity.
 
 Args:
-    from_m: (N, 3) points in the frame `from`.
-    to_m: (N, 3) the same points in the frame `to`.
-    triples: (M, 3) int64 indices of the points of each triple, less than N.)");
-  module.def(
-    "strongest_corners_per_cell",
-    [](
-      const Vector<int64_t>& corner_pixels, const Vector<uint8_t>& corner_scores,
-      const ImageArray<float>& depth_m, const Vector<int64_t>& small_of_pixel,
-      const ImageArray<int32_t>& label, double cell_px, const ImageArray<uint8_t>& taken) {
-      require(cell_px > 0, "cell_px: must be positive");
-      require_lengths(corner_pixels.size(), "corner_scores", corner_scores);
-      require_lengths(depth_m.num_elements(), "small_of_pixel", small_of_pixel);
-      require_range("corner_pixels", corner_pixels, 0, depth_m.num_elements());
-      const bool covers = taken.size(0) > (depth_m.size(0) - 1) / cell_px &&
-                          taken.size(1) > (depth_m.size(1) - 1) / cell_px;
-      require(covers, "taken: the cells do not cover the image");
-      const motion::CornersOnDepth seen{
-        corner_pixels, corner_scores, corner_pixels.size(), depth_m, small_of_pixel,
-        label,         label.num_elements()};
-      const motion::CellGrid grid{cell_px, taken.size(1), taken, taken.num_elements()};
-      return give_rows(unlocked([&] { return motion::strongest_corners_per_cell(seen, grid); }));
-    },
-    "corner_pixels"_a, "corner_scores"_a, "depth_m"_a, "small_of_pixel"_a, "label"_a, "cell_px"_a,
-    "taken"_a, R"(
-Return the indices (M,) of the strongest corner in each free cell of a grid, in order of cells.
-
-Only corners that have depth and lie on a depth segment are chosen. Among equal scores the first
-corner wins.
-
-Args:
-    corner_pixels: (K,) int64 pixels of corners, as indices into the flattened image.
-    corner_scores: (K,) uint8 strength of each corner.
-    depth_m: (H, W) float32 depth; 0 or not finite = no measurement.
-    small_of_pixel: (H * W,) int64 index into the flattened downscaled image for each pixel. If it
-        is out of range, the pixel has no segment.
-    label: (h, w) int32 segment of each pixel of the downscaled image; -1 = none.
-    cell_px: side of a cell in pixels, positive.
-    taken: (rows, columns) uint8, one number per cell; 0 = free. The cells must cover the image.)");
+    from_m, to_m: (N, 3) points in the frame `from`, and the same points in the frame `to`.
+    triples: (M, 3) indices of the points of each triple, less than N.)");
   module.def(
     "register_depth",
     [](
-      const ImageArray<float>& depth_m, const Array<float, -1, -1, 3>& rays,
-      const Array<float, 3>& t_m, const Array<float, 2>& side_px, const Pinhole& camera,
+      const DepthImage& depth_m, const Array<float, -1, -1, 3>& rays, const Array<float, 3>& t_m,
+      const Array<float, 2>& side_px, const Pinhole& camera,
       const std::tuple<int, int>& size_px) {
       require_shape(depth_m, "rays", rays);
       const auto [width, height] = size_px;
       require(width > 0 && height > 0, "size_px: must be positive");
-      const motion::DepthSource source{depth_m, rays, t_m, side_px};
-      const motion::Target target{camera, width, height};
-      return fill<float>({height, width}, [&](float* registered_m) {
-        motion::register_depth(source, target, registered_m);
+      return fill<float>({height, width}, [&, width, height](float* registered_m) {
+        motion::register_depth(
+          {depth_m, rays, t_m, side_px}, {camera, width, height}, registered_m);
       });
     },
     "depth_m"_a, "rays"_a, "t_m"_a, "side_px"_a, "camera"_a, "size_px"_a, R"(
@@ -267,14 +199,12 @@ A depth pixel covers as many pixels of the other camera as it is large. Of sever
 pixel, the nearest is kept.
 
 Args:
-    depth_m: (h, w) float32 depth; 0, negative or NaN = no measurement.
-    rays: (h, w, 3) float32 ray of each depth pixel in the frame of the other camera. A point at
-        depth z is at z times the ray plus `t_m`.
-    t_m: (3,) float32 position of the depth camera in the frame of the other camera.
-    side_px: (2,) float32 width and height of a depth pixel in pixels of the other camera, at
-        equal depth.
-    camera: the other camera, without distortion.
-    size_px: its width W and height H, positive.)");
+    depth_m: (h, w) depth; 0, negative or NaN = no measurement.
+    rays: (h, w, 3) ray of each depth pixel in the frame of the other camera. A point at depth z is
+        at z times the ray plus `t_m`.
+    t_m: (3,) position of the depth camera in the frame of the other camera.
+    side_px: (2,) width and height of a depth pixel in pixels of the other camera, at equal depth.
+    camera, size_px: the other camera, and its width W and height H, positive.)");
 }
 
 }  // namespace hoid::bindings

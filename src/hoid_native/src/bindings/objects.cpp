@@ -6,14 +6,17 @@ namespace hoid::bindings {
 
 namespace {
 
+using PointArray = Array<double, -1, 3>;
+using PixelArray = Array<double, -1, 2>;
 using Flags = Vector<bool>;
-using Matrix = Array<double, 4, 4>;
-using Transforms = Array<double, -1, 4, 4>;
 using Ends = Vector<int64_t>;
+using Keys = Vector<int64_t>;
+using ExactMatrix = Array<double, 4, 4>;
+using ExactMatrices = Array<double, -1, 4, 4>;
 using ImageBoxes = Array<int32_t, -1, 4>;
 // The five arrays of `hoid_native.results.Voxels`, in the same order.
 using VoxelTuple =
-  std::tuple<Vector<int64_t>, Points, Vector<float>, Vector<float>, Vector<float>>;
+  std::tuple<Keys, PointArray, Vector<float>, Vector<float>, Vector<float>>;
 
 HOID_RESULT(ObjectSurfaces);
 HOID_RESULT(SeenVoxels);
@@ -22,20 +25,11 @@ HOID_RESULT(Voxels);
 constexpr int kMaxBits = 20;  // three of them fit into a key
 
 objects::DepthPoints depth_points(
-  const ImageArray<float>& depth_m, const Points& points_m, double pixel_m)
+  const ImageArray<float>& depth_m, const PointArray& points_m, double pixel_m)
 {
   require_pixels(depth_m);
   require_lengths(depth_m.num_elements(), "points_map_m", points_m);
   return {depth_m, points_m, pixel_m};
-}
-
-void require_boxes(const ImageBoxes& boxes, const ImageArray<float>& depth_m)
-{
-  for (const int32_t* box = boxes.begin(); box != boxes.end(); box += 4) {
-    const bool is_inside = 0 <= box[0] && box[0] <= box[2] && box[2] <= depth_m.size(1) &&
-                           0 <= box[1] && box[1] <= box[3] && box[3] <= depth_m.size(0);
-    require(is_inside, "boxes_px: a box is not within the image");
-  }
 }
 
 // Require that the parts of `count` rows end in order, the last one with the last row.
@@ -63,7 +57,7 @@ objects::VoxelView view(const VoxelTuple& voxels)
   const auto& [keys, means, readings, hits, misses] = voxels;
   require_lengths(
     keys.size(), "means_m", means, "readings", readings, "hits", hits, "misses", misses);
-  return {keys, means, readings, hits, misses, keys.size()};
+  return {keys, means, readings, hits, misses};
 }
 
 Voxels give_voxels(objects::Voxels&& found)
@@ -77,26 +71,23 @@ void bind_voxels(nb::module_& module)
 {
   module.def(
     "voxel_keys",
-    [](const Points& points_m, double voxel_m, int bits) {
+    [](const PointArray& points_m, double voxel_m, int bits) {
       const auto grid = grid_of(voxel_m, bits);
-      return fill<int64_t>({points_m.size()}, [&](int64_t* keys) {
-        objects::voxel_keys(points_m, points_m.size(), grid, keys);
-      });
+      return fill<int64_t>(
+        {points_m.size()}, [&](int64_t* keys) { objects::voxel_keys(points_m, grid, keys); });
     },
     "points_m"_a, "voxel_m"_a, "bits"_a, R"(
-Return the (N,) int64 keys of the voxels of points (N, 3); -1 outside the grid.
+Return the (N,) keys of the voxels of points (N, 3); -1 outside the grid.
 
 Args:
-    points_m: (N, 3) points.
     voxel_m: side of a voxel, positive.
     bits: the grid has 2^bits voxels along each axis (1 to 20 bits), half of them on either side of
         the origin.)");
   module.def(
     "voxels_of",
-    [](const Points& points_m, double voxel_m, int bits) {
+    [](const PointArray& points_m, double voxel_m, int bits) {
       const auto grid = grid_of(voxel_m, bits);
-      return give_voxels(
-        unlocked([&] { return objects::voxels_of(points_m, points_m.size(), grid); }));
+      return give_voxels(unlocked([&] { return objects::voxels_of(points_m, grid); }));
     },
     "points_m"_a, "voxel_m"_a, "bits"_a, R"(
 Return the voxels of the points (N, 3) of one image, each of which was hit once.
@@ -108,14 +99,12 @@ Points outside the grid are left out (see `voxel_keys`).)");
       require(max_voxels >= 1, "max_voxels: must be at least 1");
       const auto first = view(voxels), second = view(others);
       return give_voxels(unlocked(
-        [&] { return objects::merged_voxels(first, second, {max_count, max_voxels}); }));
+        [&] { return objects::merged_voxels(first, second, max_count, max_voxels); }));
     },
     "voxels"_a, "others"_a, "max_count"_a, "max_voxels"_a, R"(
-Return the voxels of two sets, with the sum of the evidence where both have one.
+Return the voxels of two sets (`Voxels`), with the sum of the evidence where both have one.
 
 Args:
-    voxels: keys (ascending), means, readings, hits and misses (`Voxels`).
-    others: the same of the other set.
     max_count: hits and misses of a voxel are scaled down together to this sum.
     max_voxels: of more voxels, those with fewest hits are left out; at least 1.)");
   module.def(
@@ -125,55 +114,18 @@ Args:
       std::optional<double> cell_m, int bits) {
       const auto all = view(voxels);
       const auto cells = grid_of(cell_m.value_or(1.0), bits);
-      return fill<bool>({all.count}, [&](uint8_t* solid) {
+      return fill<bool>({all.keys.count}, [&](uint8_t* solid) {
         objects::solid_voxels(all, least_hits, least_share, cell_m ? &cells : nullptr, solid);
       });
     },
     "voxels"_a, "least_hits"_a, "least_share"_a, "cell_m"_a.none(), "bits"_a, R"(
-Return the (N,) bool mask of the voxels that were hit often enough.
+Return the (N,) mask of the voxels (`Voxels`) that were hit often enough.
 
 Args:
-    voxels: keys, means, readings, hits and misses (`Voxels`).
     least_hits: smallest number of hits.
     least_share: smallest ratio of the hits to the sum of hits and misses.
     cell_m: side of the cells whose voxels are counted together; None: each is counted alone.
     bits: number of cells along each axis (see `voxel_keys`).)");
-  module.def(
-    "trimmed_box",
-    [](const Points& points_m, const std::optional<Flags>& chosen, double outer_share) {
-      require(outer_share >= 0 && outer_share <= 0.5, "outer_share: must be within 0 to 0.5");
-      if (chosen) {
-        require_lengths(points_m.size(), "chosen", *chosen);
-      }
-      const auto* flags = chosen ? chosen->begin() : nullptr;
-      const bool has_any =
-        chosen ? std::any_of(chosen->begin(), chosen->end(), [](uint8_t flag) { return flag; })
-               : points_m.size() > 0;
-      require(has_any, "points_m: there must be one at least");
-      std::vector<double> low(3), high(3);
-      unlocked([&] {
-        objects::trimmed_box(
-          points_m, points_m.size(), flags, outer_share, low.data(), high.data());
-      });
-      return std::tuple{give_rows(std::move(low)), give_rows(std::move(high))};
-    },
-    "points_m"_a, "chosen"_a.none(), "outer_share"_a, R"(
-Return the lowest and the highest corner (3,) of points without the outermost ones.
-
-Args:
-    points_m: (N, 3) points.
-    chosen: (N,) bool, which of them are used, at least one; None: all.
-    outer_share: ratio of the points that is left out on each side of each axis, 0 to 0.5.)");
-  module.def(
-    "cells_of",
-    [](const Points& points_m, const Flags& chosen, double cell_m, int bits) {
-      require_lengths(points_m.size(), "chosen", chosen);
-      const auto grid = grid_of(cell_m, bits);
-      return give_rows(
-        unlocked([&] { return objects::cells_of(points_m, points_m.size(), chosen, grid); }));
-    },
-    "points_m"_a, "chosen"_a, "cell_m"_a, "bits"_a, R"(
-Return the ascending int64 keys (`voxel_keys`) of the cells that contain chosen points (N, 3).)");
 }
 
 void bind_surfaces(nb::module_& module)
@@ -181,14 +133,13 @@ void bind_surfaces(nb::module_& module)
   module.def(
     "pixels_on_surface",
     [](
-      const ImageArray<float>& depth_m, const Points& points_map_m,
-      const std::tuple<int, int, int, int>& box_px, const Matrix& T_object_map,
-      const Vector<int64_t>& cells, double cell_m, int bits) {
+      const ImageArray<float>& depth_m, const PointArray& points_map_m,
+      const std::tuple<int, int, int, int>& box_px, const ExactMatrix& T_object_map,
+      const Keys& cells, double cell_m, int bits) {
       const auto image = depth_points(depth_m, points_map_m, 0.0);
-      const objects::SurfaceCells surface{
-        T_object_map, cells, cells.size(), grid_of(cell_m, bits)};
+      const objects::SurfaceCells surface{T_object_map, cells, grid_of(cell_m, bits)};
       const auto [left, top, right, bottom] = box_px;
-      const int box[] = {
+      const int32_t box[] = {
         std::max(left, 0), std::max(top, 0), std::min(right, depth_m.size(1)),
         std::min(bottom, depth_m.size(0))};
       return give_rows(unlocked([&] { return objects::pixels_on_surface(image, box, surface); }));
@@ -198,41 +149,65 @@ void bind_surfaces(nb::module_& module)
 Return the ascending pixels with depth in a box whose points are in cells of a surface.
 
 Args:
-    depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
-    points_map_m: (H * W, 3) points of the pixels in the map frame.
     box_px: left, top, right and bottom, cut at the border; right and bottom are excluded.
     T_object_map: (4, 4) transform from the map frame to that of the cells.
-    cells: ascending int64 keys of the cells (`cells_of`).
-    cell_m: side of a cell.
-    bits: number of cells along each axis (see `voxel_keys`).)");
+    cells: ascending keys (`voxel_keys`) of the cells of the surface.
+    cell_m, bits: side of a cell, and number of cells along each axis (see `voxel_keys`).)");
   module.def(
     "share_on_surface",
     [](
-      const Points& points_map_m, const Matrix& T_object_map, const Vector<int64_t>& cells,
+      const PointArray& points_map_m, const ExactMatrix& T_object_map, const Keys& cells,
       double cell_m, int bits) {
-      const objects::SurfaceCells surface{
-        T_object_map, cells, cells.size(), grid_of(cell_m, bits)};
-      return unlocked(
-        [&] { return objects::share_on_surface(points_map_m, points_map_m.size(), surface); });
+      const objects::SurfaceCells surface{T_object_map, cells, grid_of(cell_m, bits)};
+      return unlocked([&] { return objects::share_on_surface(points_map_m, surface); });
     },
     "points_map_m"_a, "T_object_map"_a, "cells"_a, "cell_m"_a, "bits"_a, R"(
 Return the ratio of points (N, 3) that are in cells of a surface; 0 without points.
 
 The points are in the map frame; the other arguments are those of `pixels_on_surface`.)");
   module.def(
-    "share_in_box",
+    "object_surfaces",
     [](
-      const Points& points_map_m, const Matrix& T_box_map, const Array<double, 3>& low_m,
-      const Array<double, 3>& high_m) {
-      return unlocked([&] {
-        return objects::share_in_box(
-          points_map_m, points_map_m.size(), T_box_map, low_m, high_m);
+      const ImageArray<float>& depth_m, const PointArray& points_map_m, double pixel_m,
+      const ImageBoxes& boxes_px, const Vector<double>& areas_px, const Flags& is_person,
+      const ExactMatrices& T_box_map, const PointArray& known_low_m,
+      const PointArray& known_high_m, const Vector<int32_t>& owner) {
+      const auto image = depth_points(depth_m, points_map_m, pixel_m);
+      require_boxes("boxes_px", boxes_px, depth_m);
+      require_lengths(
+        boxes_px.size(), "areas_px", areas_px, "is_person", is_person, "T_box_map", T_box_map,
+        "known_low_m", known_low_m, "known_high_m", known_high_m);
+      require_lengths(depth_m.num_elements(), "owner", owner);
+      require_range("owner", owner, -1, boxes_px.size());
+      auto found = unlocked([&] {
+        return objects::object_surfaces(
+          image, {boxes_px, areas_px, is_person, T_box_map, known_low_m, known_high_m}, owner);
       });
+      return make<ObjectSurfaces>(
+        std::move(found.detection), std::move(found.pixels), std::move(found.pixels_end),
+        std::move(found.others), std::move(found.others_end),
+        give_rows<3>(std::move(found.points_m)), give_rows<3>(std::move(found.center_m)),
+        give_rows<3>(std::move(found.low_m)), give_rows<3>(std::move(found.high_m)));
     },
-    "points_map_m"_a, "T_box_map"_a, "low_m"_a, "high_m"_a, R"(
-Return the ratio of points (N, 3) of the map frame that are inside a box; 0 without points.
+    "depth_m"_a, "points_map_m"_a, "pixel_m"_a, "boxes_px"_a, "areas_px"_a, "is_person"_a,
+    "T_box_map"_a, "known_low_m"_a, "known_high_m"_a, "owner"_a, R"(
+Return the surfaces of the D detected objects that have enough depth pixels, without people.
 
-The box has a lowest and a highest corner (3,) in a frame to which `T_box_map` (4, 4) maps.)");
+The surface is the nearest layer of depth in the box, without planes that continue around the box.
+Where two boxes claim the same surface, it belongs to the box that it fills better, or of two boxes
+that are filled to the smaller one. The other object is segmented again from the remaining pixels,
+and left out if they are too few; a person keeps its pixels. Of a known object that is hidden in
+part, the surface is what lies in its known box.
+
+Args:
+    pixel_m: distance between neighboring pixels at a depth of 1 m.
+    boxes_px: (D, 4) left, top, right and bottom of the detections, within the image; right and
+        bottom are excluded.
+    areas_px: (D,) areas of the boxes, also of what is beyond the image.
+    T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
+    known_low_m, known_high_m: (D, 3) lowest and highest corners of the known boxes; if the lowest
+        ones are not below the highest ones, the object is unknown.
+    owner: (H * W,) detection of the known object that shows at each pixel; -1 = none.)");
 }
 
 }  // namespace
@@ -242,84 +217,32 @@ void bind_objects(nb::module_& module)
   bind_voxels(module);
   bind_surfaces(module);
   module.def(
-    "object_surfaces",
-    [](
-      const ImageArray<float>& depth_m, const Points& points_map_m, double pixel_m,
-      const ImageBoxes& boxes_px, const Vector<double>& areas_px, const Flags& is_person,
-      const Transforms& T_box_map, const Points& known_low_m, const Points& known_high_m,
-      const Vector<int32_t>& owner) {
-      const auto image = depth_points(depth_m, points_map_m, pixel_m);
-      const int count = boxes_px.size();
-      require_boxes(boxes_px, depth_m);
-      require_lengths(
-        count, "areas_px", areas_px, "is_person", is_person, "T_box_map", T_box_map,
-        "known_low_m", known_low_m, "known_high_m", known_high_m);
-      require_lengths(depth_m.num_elements(), "owner", owner);
-      require_range("owner", owner, -1, count);
-      const objects::Detections detections{
-        boxes_px, areas_px, is_person, T_box_map, known_low_m, known_high_m, count};
-      auto found = unlocked([&] { return objects::object_surfaces(image, detections, owner); });
-      return make<ObjectSurfaces>(
-        std::move(found.detection), std::move(found.pixels), std::move(found.pixels_end),
-        std::move(found.others), std::move(found.others_end),
-        give_rows<3>(std::move(found.points_m)), give_rows<3>(std::move(found.center_m)),
-        give_rows<3>(std::move(found.low_m)), give_rows<3>(std::move(found.high_m)));
-    },
-    "depth_m"_a, "points_map_m"_a, "pixel_m"_a, "boxes_px"_a, "areas_px"_a, "is_person"_a,
-    "T_box_map"_a, "known_low_m"_a, "known_high_m"_a, "owner"_a, R"(
-Return the surfaces of the detected objects that have enough depth pixels, without people.
-
-The surface is the nearest layer of depth in the box, without planes that continue around the box.
-Where two boxes claim the same surface, it belongs to the box that it fills better, or of two boxes
-that are filled to the smaller one. The other object is segmented again from the remaining pixels,
-and left out if they are too few; a person keeps its pixels. Of a known object that is hidden in
-part, the surface is what lies in its known box.
-
-Args:
-    depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
-    points_map_m: (H * W, 3) points of the pixels in the map frame.
-    pixel_m: distance between neighboring pixels at a depth of 1 m.
-    boxes_px: (D, 4) int32 left, top, right and bottom of the detections, within the image;
-        right and bottom are excluded.
-    areas_px: (D,) areas of the boxes, also of what is beyond the image.
-    is_person: (D,) bool, whether the detection is a person.
-    T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
-    known_low_m: (D, 3) lowest corners of the known boxes; not below the highest ones: unknown.
-    known_high_m: (D, 3) highest corners.
-    owner: (H * W,) int32 detection of the known object that shows at each pixel; -1 = none.)");
-  module.def(
     "transformed_parts",
-    [](const Points& points_m, const Ends& ends, const Transforms& T) {
+    [](const PointArray& points_m, const Ends& ends, const ExactMatrices& T) {
       require_ends("ends", ends, points_m.size());
       require_lengths(ends.size(), "T", T);
       return fill<double>({points_m.size(), 3}, [&](double* out) {
-        objects::transform_parts(points_m, ends, ends.size(), T, out);
+        objects::transform_parts(points_m, ends, T, out);
       });
     },
     "points_m"_a, "ends"_a, "T"_a, R"(
-Return points (N, 3) in other frames, those of each part with its own transform.
-
-Args:
-    points_m: (N, 3) points.
-    ends: (P,) int64 index after the last point of each part, ascending; the last one is N.
-    T: (P, 4, 4) transforms.)");
+Return points (N, 3) in other frames, those of each part with its own transform T (P, 4, 4).)");
   module.def(
     "seen_voxels",
     [](
-      const ImageArray<float>& depth_m, const Vector<int64_t>& ahead,
-      const Array<double, -1, 2>& uv_px, const Vector<double>& voxel_depth_m,
-      const Flags& is_solid, const Ends& ends, const std::tuple<double, double>& margin) {
+      const ImageArray<float>& depth_m, const Vector<int64_t>& ahead, const PixelArray& uv_px,
+      const Vector<double>& voxel_depth_m, const Flags& is_solid, const Ends& ends,
+      const std::tuple<double, double>& margin) {
       const int count = voxel_depth_m.size();
       require_pixels(depth_m);
       require_lengths(ahead.size(), "uv_px", uv_px);
       require_lengths(count, "is_solid", is_solid);
       require_range("ahead", ahead, 0, count);
       require_ends("ends", ends, count);
-      const objects::ProjectedVoxels voxels{ahead, uv_px, ahead.size(), voxel_depth_m,
-                                            is_solid, count, ends, ends.size()};
       auto seen = unlocked([&] {
         return objects::seen_voxels(
-          depth_m, voxels, std::make_from_tuple<objects::DepthMargin>(margin));
+          depth_m, {ahead, uv_px, voxel_depth_m, is_solid, ends},
+          std::make_from_tuple<objects::DepthMargin>(margin));
       });
       return make<SeenVoxels>(
         give_rows<2>(std::move(seen.uv_px)), give_flags(std::move(seen.is_visible)),
@@ -332,23 +255,19 @@ A voxel is visible if the measured depth at its nearest pixel differs from its o
 margin, and seen through if the measured depth is larger.
 
 Args:
-    depth_m: (H, W) float32 depth, not empty; 0 = no measurement.
-    ahead: (M,) int64 rows of the voxels in front of the camera, within its range.
-    uv_px: (M, 2) pixels of these, which need not be within the image.
+    ahead, uv_px: (M,) rows of the voxels in front of the camera, within its range, and (M, 2) their
+        pixels, which need not be within the image.
     voxel_depth_m: (N,) depths of all voxels.
-    is_solid: (N,) bool, whether the voxel belongs to its object.
-    ends: (O,) int64 index after the last voxel of each object, ascending; the last one is N.
+    is_solid: (N,) whether the voxel belongs to its object.
     margin: largest difference of depths: constant (m), and multiple of the squared depth (1/m).)");
   module.def(
     "missed_voxels",
     [](
-      const Array<double, -1, 2>& uv_px, const Flags& is_visible, const Array<double, 4>& box_px,
+      const PixelArray& uv_px, const Flags& is_visible, const Array<double, 4>& box_px,
       const Vector<int64_t>& others, int width) {
       require_lengths(uv_px.size(), "is_visible", is_visible);
-      return give_rows(unlocked([&] {
-        return objects::missed_voxels(
-          uv_px, is_visible, uv_px.size(), box_px, others, others.size(), width);
-      }));
+      return give_rows(unlocked(
+        [&] { return objects::missed_voxels(uv_px, is_visible, box_px, others, width); }));
     },
     "uv_px"_a, "is_visible"_a, "box_px"_a, "others"_a, "width"_a, R"(
 Return the ascending rows of visible voxels that an image shows not to belong to an object.
@@ -357,16 +276,14 @@ They are outside the box of the object, or at pixels that show other things.
 
 Args:
     uv_px: (N, 2) pixels of the voxels; NaN where they are not visible.
-    is_visible: (N,) bool, whether a surface is measured at the voxel.
     box_px: (4,) left, top, right and bottom; all are inside.
-    others: ascending flat indices of the pixels that show other things.
-    width: width of the image.)");
+    others: ascending flat indices of the pixels that show other things in an image of this width.)");
   module.def(
     "pair_scores",
     [](
-      const Points& points_map_m, const Ends& point_ends, const ImageBoxes& boxes_px,
-      const Transforms& T_box_map, const Points& low_m, const Points& high_m,
-      const Array<double, -1, 2>& uv_px, const Flags& is_visible, const Ends& voxel_ends,
+      const PointArray& points_map_m, const Ends& point_ends, const ImageBoxes& boxes_px,
+      const ExactMatrices& T_box_map, const PointArray& low_m, const PointArray& high_m,
+      const PixelArray& uv_px, const Flags& is_visible, const Ends& voxel_ends,
       const Array<bool, -1, -1>& is_candidate) {
       const int num = boxes_px.size(), num_objects = T_box_map.size();
       require_lengths(num, "point_ends", point_ends, "is_candidate", is_candidate);
@@ -379,9 +296,8 @@ Args:
         is_candidate.size(1) == num_objects, "is_candidate: must have a column for each object");
       return fill<double>({num, num_objects}, [&](double* score) {
         objects::pair_scores(
-          {points_map_m, point_ends, boxes_px, num},
-          {T_box_map, low_m, high_m, uv_px, is_visible, voxel_ends, num_objects}, is_candidate,
-          score);
+          {points_map_m, point_ends, boxes_px},
+          {T_box_map, low_m, high_m, uv_px, is_visible, voxel_ends}, is_candidate, score);
       });
     },
     "points_map_m"_a, "point_ends"_a, "boxes_px"_a, "T_box_map"_a, "low_m"_a, "high_m"_a,
@@ -394,15 +310,11 @@ up to half a pixel left of this box or above it are inside.
 
 Args:
     points_map_m: (N, 3) points of all segments, of one after the other.
-    point_ends: (S,) int64 index after the last point of each segment, ascending; the last one is N.
-    boxes_px: (S, 4) int32 boxes of the detections; right and bottom are excluded.
+    boxes_px: (S, 4) boxes of the detections; right and bottom are excluded.
     T_box_map: (O, 4, 4) transforms from the map frame to that of the object's box.
-    low_m: (O, 3) lowest corners of the objects' boxes.
-    high_m: (O, 3) highest corners.
-    uv_px: (V, 2) pixels of the voxels of all objects.
-    is_visible: (V,) bool, whether the voxel is visible.
-    voxel_ends: (O,) int64 index after the last voxel of each object, ascending; the last one is V.
-    is_candidate: (S, O) bool; the scores of other pairs are 0.)");
+    low_m, high_m: (O, 3) lowest and highest corners of the objects' boxes.
+    uv_px, is_visible: (V, 2) pixels of the voxels of all objects, and (V,) whether they are visible.
+    is_candidate: (S, O) the scores of other pairs are 0.)");
 }
 
 }  // namespace hoid::bindings

@@ -1,8 +1,7 @@
 #include "optimize/optimize.hpp"
 
-#include <new>
-
 #include "bindings/arrays.hpp"
+#include "bindings/cameras.hpp"
 
 namespace hoid::bindings {
 
@@ -10,21 +9,11 @@ namespace {
 
 using optimize::Gates;
 using optimize::StereoParams;
-using Rows3 = RealArray<-1, 3>;
-using Pose = RealArray<4, 4>;
 
 HOID_RESULT(PoseFit);
 HOID_RESULT(BundleFit);
 HOID_RESULT(MatchEvaluation);
 HOID_RESULT(BiasingRegion);
-
-template <std::size_t kSize>
-std::array<double, kSize> copy(const double* values)
-{
-  std::array<double, kSize> out;
-  std::copy_n(values, kSize, out.begin());
-  return out;
-}
 
 template <int... kShape, std::size_t kSize>
 auto give_array(const std::array<double, kSize>& values)
@@ -33,14 +22,14 @@ auto give_array(const std::array<double, kSize>& values)
 }
 
 optimize::PoseProblem pose_problem(
-  const Rows3& points_m, const Rows3& measured_px, const RealArray<-1>& inv_sigma2)
+  const RealRows3& points_m, const RealRows3& measured_px, const RealArray<-1>& inv_sigma2)
 {
   require_lengths(inv_sigma2.size(), "points_m", points_m, "measured_px", measured_px);
-  return {points_m, measured_px, inv_sigma2, inv_sigma2.size()};
+  return {points_m, measured_px, inv_sigma2};
 }
 
 std::optional<optimize::PosePrior> pose_prior(
-  const std::optional<Pose>& T_camera_map, const std::optional<RealArray<6, 6>>& information)
+  const std::optional<Matrix>& T_camera_map, const std::optional<RealArray<6, 6>>& information)
 {
   require(
     T_camera_map.has_value() == information.has_value(),
@@ -50,77 +39,27 @@ std::optional<optimize::PosePrior> pose_prior(
   }
   require_finite("prior_T_camera_map", *T_camera_map);
   require_finite("prior_information", *information);
-  return optimize::PosePrior{copy<16>(*T_camera_map), copy<36>(*information)};
-}
-
-// Cameras are pickled when they are sent to other processes.
-using CameraState =
-  std::tuple<double, double, double, double, double, double, double, double, bool>;
-
-CameraState state(const StereoParams& camera)
-{
-  return {camera.fx_px,          camera.fy_px,          camera.cx_px,
-          camera.cy_px,          camera.disparity_px_m, camera.disparity_noise_px,
-          camera.relative_noise, camera.pixel_noise,    camera.joint_noise};
-}
-
-void bind_camera(nb::module_& module)
-{
-  nb::class_<StereoParams>(module, "StereoParams", R"(
-A pinhole camera with a virtual right camera, and its noise.
-
-A depth is expressed as the disparity u - u_right = disparity_px_m / depth_m.)")
-    .def(
-      nb::init<double, double, double, double, double, double, double, double, bool>(), "fx_px"_a,
-      "fy_px"_a, "cx_px"_a, "cy_px"_a, "disparity_px_m"_a, "disparity_noise_px"_a,
-      "relative_noise"_a, "pixel_noise"_a = 1.0, "joint_noise"_a = false)
-    .def_ro("fx_px", &StereoParams::fx_px, "Horizontal focal length.")
-    .def_ro("fy_px", &StereoParams::fy_px, "Vertical focal length.")
-    .def_ro("cx_px", &StereoParams::cx_px, "Column of the principal point.")
-    .def_ro("cy_px", &StereoParams::cy_px, "Row of the principal point.")
-    .def_ro(
-      "disparity_px_m", &StereoParams::disparity_px_m, "Disparity at a depth of 1 m, in pixels.")
-    .def_ro(
-      "disparity_noise_px", &StereoParams::disparity_noise_px,
-      "Constant part of the standard deviation of a disparity, in pixels.")
-    .def_ro(
-      "relative_noise", &StereoParams::relative_noise,
-      "Proportional part of the standard deviation of a disparity: its ratio to the disparity.")
-    .def_ro(
-      "pixel_noise", &StereoParams::pixel_noise,
-      "Standard deviation of u and v, divided by the standard deviation that `inv_sigma2` states.")
-    .def_ro(
-      "joint_noise", &StereoParams::joint_noise,
-      "True: u, v and u_right have equal noise and share one robust kernel, as in ORB-SLAM.")
-    .def("__getstate__", &state)
-    .def("__setstate__", [](StereoParams& camera, const CameraState& values) {
-      new (&camera) StereoParams(std::make_from_tuple<StereoParams>(values));
-    });
-  nb::class_<Gates>(
-    module, "Gates",
-    "Limits of squared normalized residuals (chi-square); observations beyond are outliers.")
-    .def(nb::init<double, double>(), "mono"_a, "stereo"_a)
-    .def_ro("mono", &Gates::mono, "Limit for observations without depth.")
-    .def_ro("stereo", &Gates::stereo, "Limit for observations with depth.");
+  return optimize::PosePrior{*T_camera_map, *information};
 }
 
 }  // namespace
 
+HOID_PARAMETERS(Gates, "Gates", double, double);
+
 void bind_optimize(nb::module_& module)
 {
-  bind_camera(module);
   module.def(
     "optimize_pose",
     [](
-      const StereoParams& camera, const Gates& gates, const Rows3& points_m,
-      const Rows3& measured_px, const RealArray<-1>& inv_sigma2, const Pose& T_camera_map,
-      const std::optional<Pose>& prior_T_camera_map,
+      const StereoParams& camera, const Gates& gates, const RealRows3& points_m,
+      const RealRows3& measured_px, const RealArray<-1>& inv_sigma2, const Matrix& T_camera_map,
+      const std::optional<Matrix>& prior_T_camera_map,
       const std::optional<RealArray<6, 6>>& prior_information) {
       const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
-      const auto start = copy<16>(T_camera_map);
       const auto prior = pose_prior(prior_T_camera_map, prior_information);
       auto fit = unlocked([&] {
-        return optimize::optimize_pose(camera, gates, problem, start, prior ? &*prior : nullptr);
+        return optimize::optimize_pose(
+          camera, gates, problem, T_camera_map, prior ? &*prior : nullptr);
       });
       return make<PoseFit>(
         give_array<4, 4>(fit.T_camera_map), give_flags(std::move(fit.inliers)),
@@ -138,9 +77,8 @@ the identity as its information and all matches as inliers. With fewer than four
 round and no prior, the pose of that round is returned.
 
 Args:
-    camera: camera model of the image, with its measured noise.
-    gates: chi-square limits of outliers. The Huber kernel of pixels has the limit `gates.mono`,
-        that of the disparity 3.841; with `joint_noise`, both limits are those of outliers.
+    gates: limits of outliers. The Huber kernel of pixels has the limit `gates.mono`, that of the
+        disparity 3.841; with `joint_noise`, both limits are those of outliers.
     points_m: (N, 3) map points in the map frame.
     measured_px: (N, 3) stereo observations u, v, u_right; NaN u_right: no depth.
     inv_sigma2: (N,) 1 / variance of u, and equally of v, of each match [1/px^2]. The outlier test
@@ -153,11 +91,11 @@ Args:
   module.def(
     "evaluate_matches",
     [](
-      const StereoParams& camera, const Gates& gates, const Rows3& points_m,
-      const Rows3& measured_px, const RealArray<-1>& inv_sigma2, const Pose& T_camera_map) {
+      const StereoParams& camera, const Gates& gates, const RealRows3& points_m,
+      const RealRows3& measured_px, const RealArray<-1>& inv_sigma2, const Matrix& T_camera_map) {
       const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
       auto evaluation = unlocked([&] {
-        return optimize::evaluate_matches(camera, gates, problem, copy<16>(T_camera_map));
+        return optimize::evaluate_matches(camera, gates, problem, T_camera_map);
       });
       return make<MatchEvaluation>(
         std::move(evaluation.cost), give_flags(std::move(evaluation.inliers)));
@@ -170,20 +108,17 @@ The squared errors of pixel and disparity, each divided by its measured variance
 (u, v, u_right) at the limit of outliers. Therefore the sum over all matches can be compared
 between poses that have different outliers.
 
-Args:
-    camera: camera model; points and measurements as in `optimize_pose`.
-    gates: chi-square limits of outliers.
-    T_camera_map: (4, 4) pose.)");
+Points, measurements and `inv_sigma2` are those of `optimize_pose`.)");
   module.def(
     "most_biasing_region",
     [](
-      const StereoParams& camera, const Gates& gates, const Rows3& points_m,
-      const Rows3& measured_px, const RealArray<-1>& inv_sigma2, const Pose& T_camera_map,
+      const StereoParams& camera, const Gates& gates, const RealRows3& points_m,
+      const RealRows3& measured_px, const RealArray<-1>& inv_sigma2, const Matrix& T_camera_map,
       double noise_scale) {
       const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
       auto region = unlocked([&] {
         return optimize::most_biasing_region(
-          camera, gates, problem, copy<16>(T_camera_map), noise_scale);
+          camera, gates, problem, T_camera_map, noise_scale);
       });
       return make<BiasingRegion>(
         give_flags(std::move(region.mask)), give_array<3>(region.low),
@@ -197,31 +132,29 @@ Candidates are the cells of a k-d tree over direction and depth, which contain f
 the matches (docs/decisions/036). Pixel and disparity are independent measurements, even if
 `joint_noise` is on. If a point or the pose is not finite, the region is empty and has a gain of 0.
 
+A pixel error beyond `gates.mono` and a disparity error beyond 3.841 are not used.
+
 Args:
-    camera: camera model; points and measurements as in `optimize_pose`.
-    gates: chi-square limits of outliers. A pixel error beyond `gates.mono` and a disparity error
-        beyond 3.841 are not used.
+    points_m, measured_px, inv_sigma2: as in `optimize_pose`.
     T_camera_map: (4, 4) pose fitted to all matches.
     noise_scale: actual variances divided by the variances that camera and `inv_sigma2` state.)");
   module.def(
     "adjust_bundle",
     [](
-      const StereoParams& lens, const Gates& gates, const RealArray<-1, 4, 4>& T_camera_map,
-      int num_free, const Rows3& points_m, const Vector<int64_t>& camera,
-      const Vector<int64_t>& point, const Rows3& measured_px, const RealArray<-1>& inv_sigma2,
+      const StereoParams& lens, const Gates& gates, const Matrices& T_camera_map,
+      int num_free, const RealRows3& points_m, const Vector<int64_t>& camera,
+      const Vector<int64_t>& point, const RealRows3& measured_px, const RealArray<-1>& inv_sigma2,
       int rounds, int iterations) {
-      const int num_cameras = T_camera_map.size(), num_points = points_m.size(),
-                count = camera.size();
+      const int num_cameras = T_camera_map.size();
       require_lengths(
-        count, "point", point, "measured_px", measured_px, "inv_sigma2", inv_sigma2);
+        camera.size(), "point", point, "measured_px", measured_px, "inv_sigma2", inv_sigma2);
       require_range("camera", camera, 0, num_cameras);
-      require_range("point", point, 0, num_points);
+      require_range("point", point, 0, points_m.size());
       require(
         num_free >= 0 && num_free <= num_cameras,
         "num_free: must be from 0 to the number of cameras");
       const optimize::BundleProblem problem{
-        T_camera_map, num_cameras, num_free,    points_m,   num_points,
-        camera,       point,       measured_px, inv_sigma2, count};
+        T_camera_map, num_free, points_m, camera, point, measured_px, inv_sigma2};
       auto fit = unlocked(
         [&] { return optimize::adjust_bundle(lens, gates, problem, rounds, iterations); });
       return make<BundleFit>(
@@ -236,17 +169,13 @@ The adjustment has several rounds. Observations that are outliers after a round 
 following rounds. Pixels and disparities have separate robust kernels, unless `joint_noise` is on.
 
 Args:
-    lens: camera model of all images.
-    gates: chi-square limits of outliers, as in `optimize_pose`.
+    lens, gates: as in `optimize_pose`.
     T_camera_map: (C, 4, 4) camera poses. The first `num_free` are optimized, the others fixed.
-    num_free: number of optimized cameras.
     points_m: (P, 3) map points in the map frame, which are all optimized.
-    camera: (M,) int64 index of the camera of each observation.
-    point: (M,) int64 index of the point of each observation. A camera observes a point at most
-        once.
+    camera, point: (M,) indices of the camera and of the point of each observation. A camera
+        observes a point at most once.
     measured_px, inv_sigma2: (M, 3) and (M,) as in `optimize_pose`, of each observation.
-    rounds: number of rounds, at least 1.
-    iterations: largest number of iterations in each round.
+    rounds, iterations: number of rounds, at least 1, and largest number of iterations in each.
 
 Raises:
     MemoryError: The dense system of the optimized cameras does not fit in memory.)");

@@ -2,8 +2,6 @@
 // pixels each, rotated by the corner's orientation. The bits equal OpenCV's for the same image.
 
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 
 #include "common/multiversion.hpp"
 #include "features/features.hpp"

@@ -4,10 +4,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <cstring>
-#include <vector>
 
 #include "features/fast_circle.hpp"
 #include "features/features.hpp"

@@ -5,7 +5,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "common/image.hpp"
+#include "common/descriptors.hpp"
+#include "common/views.hpp"
 
 namespace hoid::features {
 
@@ -13,7 +14,6 @@ namespace hoid::features {
 constexpr int kSubpixelBorderPx = 4;    // FAST circle (3 px) around each of the 3x3 pixels
 constexpr int kOrientationBorderPx = 15;  // radius of ORB's disc
 constexpr int kDescriptorBorderPx = 19;   // ORB's pattern of +-13 px, rotated and rounded
-constexpr int kDescriptorBytes = 32;
 
 struct Pyramid
 {
@@ -56,14 +56,13 @@ void orb_descriptors(
 // Corners of several octaves, with positions on level 0.
 struct ScoredCorners
 {
-  const double* uv_px;  // (count, 2), not negative
+  Rows<double, 2> uv_px;  // not negative
   const uint8_t *octave, *score;
-  int count;
 };
 
 // Return the ascending indices of the corners to keep, spread evenly over `area_px`. Their number
 // is at most the sum of the octaves' budgets (not negative).
 std::vector<int64_t> spread_evenly(
-  const ScoredCorners& corners, const int64_t* budgets, int num_octaves, double area_px);
+  const ScoredCorners& corners, const Rows<int64_t>& budgets, double area_px);
 
 }  // namespace hoid::features

@@ -2,8 +2,6 @@
 // CVIU 1999), as in ORB (Rublee et al., ICCV 2011, sec. 3.2).
 
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <cstring>
 
 #include "common/multiversion.hpp"

@@ -2,12 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <numeric>
-#include <utility>
-#include <vector>
 
+#include "common/buckets.hpp"
 #include "features/features.hpp"
 
 namespace hoid::features {
@@ -16,22 +12,15 @@ namespace {
 
 using Indices = std::vector<int32_t>;
 
-// Counting sort of indices by a small, nonnegative key; equal keys keep their order.
+// Sort indices by a small, nonnegative key; equal keys keep their order.
 template <typename Key>
 void sort_by(Key key, Indices& indices)
 {
-  std::vector<int32_t> next(1, 0);
+  int32_t last = 0;
   for (const int32_t k : indices) {
-    const auto after = static_cast<std::size_t>(key(k)) + 1;
-    next.resize(std::max(next.size(), after + 1), 0);
-    ++next[after];
+    last = std::max<int32_t>(last, key(k));
   }
-  std::partial_sum(next.begin(), next.end(), next.begin());
-  Indices sorted(indices.size());
-  for (const int32_t k : indices) {
-    sorted[next[key(k)]++] = k;
-  }
-  indices = std::move(sorted);
+  indices = sort_into_buckets(indices, static_cast<std::size_t>(last) + 1, key).order;
 }
 
 // Sort an octave's corners: the strongest of each cell first, then the second of each cell, and so
@@ -39,8 +28,7 @@ void sort_by(Key key, Indices& indices)
 void sort_by_rank(const ScoredCorners& corners, float cells_per_px, Indices& queue)
 {
   const auto cell = [&](int32_t k, int axis) {
-    const double at_px = corners.uv_px[2 * static_cast<std::ptrdiff_t>(k) + axis];
-    return static_cast<std::size_t>(at_px * cells_per_px);
+    return static_cast<std::size_t>(corners.uv_px[k][axis] * cells_per_px);
   };
   std::size_t columns = 0, rows = 0;
   for (const int32_t k : queue) {
@@ -48,7 +36,7 @@ void sort_by_rank(const ScoredCorners& corners, float cells_per_px, Indices& que
     rows = std::max(rows, cell(k, 1) + 1);
   }
   sort_by([&](int32_t k) { return 255 - corners.score[k]; }, queue);
-  std::vector<int32_t> stronger(columns * rows, 0), rank(corners.count);
+  std::vector<int32_t> stronger(columns * rows, 0), rank(corners.uv_px.count);
   for (const int32_t k : queue) {
     rank[k] = stronger[cell(k, 1) * columns + cell(k, 0)]++;
   }
@@ -58,16 +46,17 @@ void sort_by_rank(const ScoredCorners& corners, float cells_per_px, Indices& que
 }  // namespace
 
 std::vector<int64_t> spread_evenly(
-  const ScoredCorners& corners, const int64_t* budgets, int num_octaves, double area_px)
+  const ScoredCorners& corners, const Rows<int64_t>& budgets, double area_px)
 {
-  std::vector<Indices> queues(num_octaves);
-  for (int k = 0; k < corners.count; ++k) {
+  const int count = corners.uv_px.count;
+  std::vector<Indices> queues(budgets.count);
+  for (int k = 0; k < count; ++k) {
     queues[corners.octave[k]].push_back(k);
   }
   Indices all;
-  std::vector<int32_t> surplus(corners.count);
+  std::vector<int32_t> surplus(count);
   int64_t total = 0;
-  for (int octave = 0; octave < num_octaves; ++octave) {
+  for (int octave = 0; octave < budgets.count; ++octave) {
     Indices& queue = queues[octave];
     const auto cells = static_cast<double>(std::max<int64_t>(budgets[octave], 1));
     sort_by_rank(corners, std::min(static_cast<float>(std::sqrt(cells / area_px)), 1.0F), queue);

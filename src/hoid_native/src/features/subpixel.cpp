@@ -3,8 +3,6 @@
 // the pixel is no corner: with clamped ones, residuals grow from 0.25 to 0.31 px (decision 008).
 
 #include <algorithm>
-#include <cstddef>
-#include <cstdint>
 
 #include "features/fast_circle.hpp"
 #include "features/features.hpp"

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <queue>
 #include <stdexcept>
+#include <utility>
 
 namespace hoid::graph {
 
@@ -22,10 +24,10 @@ void grow(std::vector<T>& values, int64_t index, const T& value = T())
 }
 
 // Return the position of each keyframe (by row) in a list of keyframes, or kNone.
-std::vector<int32_t> positions(const int64_t* keyframes, int count)
+std::vector<int32_t> positions(const Numbers& keyframes)
 {
   std::vector<int32_t> position;
-  for (int n = 0; n < count; ++n) {
+  for (int n = 0; n < keyframes.count; ++n) {
     grow(position, keyframes[n], kNone);
     position[keyframes[n]] = n;
   }
@@ -52,28 +54,10 @@ void append(Observations& out, int64_t i, uint64_t key, int64_t j)
   out.j.push_back(j);
 }
 
-// Return observations, given as pairs (key, point), in the order of their keys. A key holds a
-// keyframe and a feature; if `rows` is given, the keyframe is a position in this list.
-Observations sorted(
-  std::vector<std::pair<uint64_t, int64_t>>&& keyed, const int64_t* rows = nullptr)
-{
-  std::sort(keyed.begin(), keyed.end());
-  keyed.erase(std::unique(keyed.begin(), keyed.end()), keyed.end());  // of repeated points
-  Observations out;
-  for (auto* part : {&out.i, &out.k, &out.j}) {
-    part->reserve(keyed.size());
-  }
-  for (const auto& [key, j] : keyed) {
-    const auto at = static_cast<int64_t>(key >> 32);
-    append(out, rows ? rows[at] : at, key, j);
-  }
-  return out;
-}
-
 // Return the distance [m] between keyframes a and b, plus m_per_rad for each radian of rotation.
-double distance_m(const Poses& poses, int64_t a, int64_t b, double m_per_rad)
+double distance_m(const Transforms& T_map_camera, int64_t a, int64_t b, double m_per_rad)
 {
-  const double *A = poses.T_map_camera + 16 * a, *B = poses.T_map_camera + 16 * b;
+  const double *A = T_map_camera[a], *B = T_map_camera[b];
   double trace = 0, square = 0;
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 3; ++column) {
@@ -88,21 +72,21 @@ double distance_m(const Poses& poses, int64_t a, int64_t b, double m_per_rad)
 }  // namespace
 
 template <typename Visit>
-void ObservationGraph::visit(const int64_t* j, int count, Visit visit) const
+void ObservationGraph::visit(const Numbers& j, Visit visit) const
 {
-  for (int n = 0; n < count; ++n) {
-    if (j[n] >= static_cast<int64_t>(first_.size())) {
+  for (const int64_t point : j) {
+    if (point >= static_cast<int64_t>(first_.size())) {
       continue;
     }
-    for (int32_t at = first_[j[n]]; at != kNone; at = observers_[at].next) {
-      visit(observers_[at], j[n]);
+    for (int32_t at = first_[point]; at != kNone; at = observers_[at].next) {
+      visit(observers_[at], point);
     }
   }
 }
 
-void ObservationGraph::observe(const int64_t* i, const int64_t* k, const int64_t* j, int count)
+void ObservationGraph::observe(const Numbers& i, const Numbers& k, const Numbers& j)
 {
-  for (int n = 0; n < count; ++n) {
+  for (int n = 0; n < j.count; ++n) {
     grow(first_, j[n], kNone);
     int32_t at = static_cast<int32_t>(observers_.size());
     if (free_.empty()) {
@@ -116,9 +100,9 @@ void ObservationGraph::observe(const int64_t* i, const int64_t* k, const int64_t
   }
 }
 
-void ObservationGraph::unobserve(const int64_t* i, const int64_t* k, const int64_t* j, int count)
+void ObservationGraph::unobserve(const Numbers& i, const Numbers& k, const Numbers& j)
 {
-  for (int n = 0; n < count; ++n) {
+  for (int n = 0; n < j.count; ++n) {
     int32_t none = kNone;
     int32_t* link = j[n] < static_cast<int64_t>(first_.size()) ? &first_[j[n]] : &none;
     while (*link != kNone &&
@@ -135,25 +119,39 @@ void ObservationGraph::unobserve(const int64_t* i, const int64_t* k, const int64
 
 void ObservationGraph::clear() { *this = ObservationGraph(); }
 
-Observations ObservationGraph::observations(const int64_t* j, int count) const
+Observations ObservationGraph::observations(const Numbers& j, const Numbers* keyframes) const
 {
+  const auto position = keyframes ? positions(*keyframes) : std::vector<int32_t>();
   std::vector<std::pair<uint64_t, int64_t>> keyed;
-  visit(j, count, [&](const Observer& observer, int64_t point) {
-    keyed.emplace_back(key_of(observer.keyframe, observer.feature), point);
+  visit(j, [&](const Observer& observer, int64_t point) {
+    const int32_t at = keyframes ? find(position, observer.keyframe) : observer.keyframe;
+    if (at != kNone) {
+      keyed.emplace_back(key_of(at, observer.feature), point);
+    }
   });
-  return sorted(std::move(keyed));
+  std::sort(keyed.begin(), keyed.end());
+  keyed.erase(std::unique(keyed.begin(), keyed.end()), keyed.end());  // of repeated points
+  Observations out;
+  for (auto* part : {&out.i, &out.k, &out.j}) {
+    part->reserve(keyed.size());
+  }
+  for (const auto& [key, point] : keyed) {
+    const auto at = static_cast<int64_t>(key >> 32);
+    append(out, keyframes ? (*keyframes)[at] : at, key, point);
+  }
+  return out;
 }
 
-Observations ObservationGraph::observations_by_point(const int64_t* j, int count) const
+Observations ObservationGraph::observations_by_point(const Numbers& j) const
 {
-  std::vector<int64_t> points(j, j + count);
+  std::vector<int64_t> points(j.begin(), j.end());
   std::sort(points.begin(), points.end());
   points.erase(std::unique(points.begin(), points.end()), points.end());
   Observations out;
   std::vector<uint64_t> keys;
   for (const int64_t point : points) {
     keys.clear();
-    visit(&point, 1, [&](const Observer& observer, int64_t) {
+    visit({&point, 1}, [&](const Observer& observer, int64_t) {
       keys.push_back(key_of(observer.keyframe, observer.feature));
     });
     std::sort(keys.begin(), keys.end());
@@ -164,23 +162,10 @@ Observations ObservationGraph::observations_by_point(const int64_t* j, int count
   return out;
 }
 
-Observations ObservationGraph::observations_by(
-  const int64_t* j, int count, const int64_t* keyframes, int num_keyframes) const
-{
-  const std::vector<int32_t> position = positions(keyframes, num_keyframes);
-  std::vector<std::pair<uint64_t, int64_t>> keyed;
-  visit(j, count, [&](const Observer& observer, int64_t point) {
-    if (const int32_t at = find(position, observer.keyframe); at != kNone) {
-      keyed.emplace_back(key_of(at, observer.feature), point);
-    }
-  });
-  return sorted(std::move(keyed), keyframes);
-}
-
-void ObservationGraph::connect(int64_t i, const int64_t* j, int count)
+void ObservationGraph::connect(int64_t i, const Numbers& j)
 {
   std::vector<int64_t> counts, rows, shared;
-  visit(j, count, [&](const Observer& observer, int64_t) {
+  visit(j, [&](const Observer& observer, int64_t) {
     grow(counts, observer.keyframe, int64_t{0});
     if (counts[observer.keyframe]++ == 0 && observer.keyframe != i) {
       rows.push_back(observer.keyframe);
@@ -190,20 +175,20 @@ void ObservationGraph::connect(int64_t i, const int64_t* j, int count)
   for (const int64_t row : rows) {
     shared.push_back(counts[row]);
   }
-  set_neighbors(i, rows.data(), shared.data(), static_cast<int>(rows.size()));
+  const auto num = static_cast<int>(rows.size());
+  set_neighbors(i, {rows.data(), num}, {shared.data(), num});
 }
 
-void ObservationGraph::set_neighbors(
-  int64_t i, const int64_t* rows, const int64_t* shared, int count)
+void ObservationGraph::set_neighbors(int64_t i, const Numbers& rows, const Numbers& shared)
 {
   grow(connections_, i);
   for (const auto& [other, _] : std::vector<Connection>(connections_[i])) {
-    if (!std::binary_search(rows, rows + count, other)) {
+    if (!std::binary_search(rows.begin(), rows.end(), other)) {
       set_neighbor(other, i, 0);
     }
   }
   connections_[i].clear();
-  for (int n = 0; n < count; ++n) {
+  for (int n = 0; n < rows.count; ++n) {
     grow(connections_, rows[n]);
     connections_[i].emplace_back(rows[n], shared[n]);
     set_neighbor(rows[n], i, shared[n]);
@@ -228,11 +213,9 @@ Neighbors ObservationGraph::neighbors(int64_t i, int64_t min_shared) const
 {
   std::vector<Connection> found;
   if (i < static_cast<int64_t>(connections_.size())) {
-    for (const Connection& connection : connections_[i]) {
-      if (connection.second >= min_shared) {
-        found.push_back(connection);
-      }
-    }
+    std::copy_if(
+      connections_[i].begin(), connections_[i].end(), std::back_inserter(found),
+      [&](const Connection& connection) { return connection.second >= min_shared; });
   }
   std::stable_sort(found.begin(), found.end(), [](const Connection& a, const Connection& b) {
     return a.second > b.second;
@@ -261,16 +244,18 @@ Edges ObservationGraph::edges(int64_t min_shared) const
 }
 
 double ObservationGraph::path_length_m(
-  const Poses& poses, int64_t start, int64_t goal, int64_t min_shared, double m_per_rad) const
+  const SpanningTree& tree, int64_t start, int64_t goal, int64_t min_shared,
+  double m_per_rad) const
 {
   using Reached = std::pair<double, int64_t>;  // length of the path to a keyframe
-  std::vector<std::vector<int64_t>> children(poses.count);
-  for (int64_t i = 0; i < poses.count; ++i) {
-    if (poses.parents[i] >= 0) {
-      children[poses.parents[i]].push_back(i);
+  const int count = tree.T_map_camera.count;
+  std::vector<std::vector<int64_t>> children(count);
+  for (int64_t i = 0; i < count; ++i) {
+    if (tree.parents[i] >= 0) {
+      children[tree.parents[i]].push_back(i);
     }
   }
-  std::vector<double> length(poses.count, std::numeric_limits<double>::infinity());
+  std::vector<double> length(count, std::numeric_limits<double>::infinity());
   length[start] = 0;
   std::priority_queue<Reached, std::vector<Reached>, std::greater<>> queue;
   queue.emplace(0.0, start);
@@ -284,7 +269,7 @@ double ObservationGraph::path_length_m(
       continue;
     }
     const auto reach = [&, from = i, so_far = so_far](int64_t to) {
-      const double reached = so_far + distance_m(poses, from, to, m_per_rad);
+      const double reached = so_far + distance_m(tree.T_map_camera, from, to, m_per_rad);
       if (reached < length[to]) {
         length[to] = reached;
         queue.emplace(reached, to);
@@ -292,25 +277,25 @@ double ObservationGraph::path_length_m(
     };
     if (i < static_cast<int64_t>(connections_.size())) {
       for (const auto& [other, shared] : connections_[i]) {
-        if (shared >= min_shared && other < poses.count) {
+        if (shared >= min_shared && other < count) {
           reach(other);
         }
       }
     }
     std::for_each(children[i].begin(), children[i].end(), reach);
-    if (poses.parents[i] >= 0) {
-      reach(poses.parents[i]);
+    if (tree.parents[i] >= 0) {
+      reach(tree.parents[i]);
     }
   }
   return std::numeric_limits<double>::infinity();
 }
 
 std::vector<int64_t> ObservationGraph::count_observed(
-  const int64_t* j, int count, const int64_t* keyframes, int num_keyframes) const
+  const Numbers& j, const Numbers& keyframes) const
 {
-  const std::vector<int32_t> position = positions(keyframes, num_keyframes);
-  std::vector<int64_t> counts(num_keyframes);
-  visit(j, count, [&](const Observer& observer, int64_t) {
+  const std::vector<int32_t> position = positions(keyframes);
+  std::vector<int64_t> counts(keyframes.count);
+  visit(j, [&](const Observer& observer, int64_t) {
     if (const int32_t at = find(position, observer.keyframe); at != kNone) {
       ++counts[at];
     }
@@ -319,16 +304,16 @@ std::vector<int64_t> ObservationGraph::count_observed(
 }
 
 std::vector<int64_t> ObservationGraph::points_of(
-  const PointTable& table, const int64_t* keyframes, int num_keyframes)
+  const Image<int32_t>& table, const Numbers& keyframes)
 {
   if (++search_ == 0) {  // the counter has overflowed
     std::fill(marks_.begin(), marks_.end(), 0);
     search_ = 1;
   }
   std::vector<int64_t> found;
-  for (int n = 0; n < num_keyframes; ++n) {
-    const int32_t* points = table.points + keyframes[n] * table.num_features;
-    for (int k = 0; k < table.num_features; ++k) {
+  for (const int64_t keyframe : keyframes) {
+    const int32_t* points = table.row(static_cast<int>(keyframe));
+    for (int k = 0; k < table.width; ++k) {
       if (points[k] == kNone) {
         continue;
       }

@@ -1,10 +1,11 @@
 // The observations of map points by keyframes, and the numbers of points that two keyframes share.
-// The cost of most calls depends on the observations concerned and not on the size of the map.
 #pragma once
 
 #include <cstdint>
 #include <utility>
 #include <vector>
+
+#include "common/views.hpp"
 
 namespace hoid::graph {
 
@@ -26,78 +27,38 @@ struct Edges
   std::vector<int64_t> first, second, shared;
 };
 
-// The (K, F) points that the F features of K keyframes observe (-1: none), row-major.
-struct PointTable
+// The poses of N keyframes and the spanning tree.
+struct SpanningTree
 {
-  const int32_t* points;
-  int num_keyframes, num_features;
+  Transforms T_map_camera;
+  const int64_t* parents;  // row of each keyframe's parent; negative: none
 };
 
-// The poses of N keyframes and the spanning tree.
-struct Poses
-{
-  const double* T_map_camera;  // (N, 4, 4)
-  const int64_t* parents;      // (N,) row of each keyframe's parent; negative: none
-  int count;
-};
+using Numbers = Rows<int64_t>;
 
 // Keyframes (i), their features (k) and points (j) are numbered by row. Observations are added one
 // by one, while the numbers of shared points change only by `connect`, `set_neighbors` and
-// `clear`.
+// `clear`. The docstrings of the bindings say what the functions do.
 class ObservationGraph
 {
 public:
-  // Add observations: keyframe i[n] observes point j[n] in its feature k[n].
-  void observe(const int64_t* i, const int64_t* k, const int64_t* j, int count);
-
-  // Remove observations. Throws std::invalid_argument if one of them does not exist; those before
-  // it are removed nevertheless.
-  void unobserve(const int64_t* i, const int64_t* k, const int64_t* j, int count);
-
-  // Remove all observations and connections.
+  void observe(const Numbers& i, const Numbers& k, const Numbers& j);
+  // Throws std::invalid_argument if an observation does not exist.
+  void unobserve(const Numbers& i, const Numbers& k, const Numbers& j);
   void clear();
-
-  // Return the observations of points j, sorted by keyframe and feature.
-  Observations observations(const int64_t* j, int count) const;
-
-  // Return the observations of points j, sorted by point, keyframe and feature.
-  Observations observations_by_point(const int64_t* j, int count) const;
-
-  // Return the observations of points j by the given keyframes, in the order of these keyframes,
-  // then sorted by feature.
-  Observations observations_by(
-    const int64_t* j, int count, const int64_t* keyframes, int num_keyframes) const;
-
-  // Count the points that keyframe i shares with every other keyframe anew. j are the points that
-  // keyframe i observes.
-  void connect(int64_t i, const int64_t* j, int count);
-
-  // Set the neighbors of keyframe i, and the number of points that each shares with it. The rows
-  // must be ascending. The connections of other keyframes with i change accordingly.
-  void set_neighbors(int64_t i, const int64_t* rows, const int64_t* shared, int count);
-
-  // Return the keyframes that share at least min_shared points with keyframe i. Those that share
-  // most come first, those that share equally many are sorted by row.
+  // `keyframes`: null for all.
+  Observations observations(const Numbers& j, const Numbers* keyframes) const;
+  Observations observations_by_point(const Numbers& j) const;
+  void connect(int64_t i, const Numbers& j);
+  void set_neighbors(int64_t i, const Numbers& rows, const Numbers& shared);
   Neighbors neighbors(int64_t i, int64_t min_shared) const;
-
-  // Return the pairs of keyframes that share at least min_shared points, sorted by first and then
-  // by second row. The first row of a pair is the smaller one.
   Edges edges(int64_t min_shared) const;
-
-  // Return the length [m] of the shortest path between keyframes start and goal; infinity if there
-  // is none. A path leads over pairs of keyframes that share at least min_shared points and over
-  // the spanning tree. The length of a step is its distance plus m_per_rad for each radian of
-  // rotation.
   double path_length_m(
-    const Poses& poses, int64_t start, int64_t goal, int64_t min_shared, double m_per_rad) const;
-
-  // Return for each of the given keyframes how many of the points j it observes.
-  std::vector<int64_t> count_observed(
-    const int64_t* j, int count, const int64_t* keyframes, int num_keyframes) const;
-
-  // Return the points that any of the given keyframes observes, ascending.
-  std::vector<int64_t> points_of(
-    const PointTable& table, const int64_t* keyframes, int num_keyframes);
+    const SpanningTree& tree, int64_t start, int64_t goal, int64_t min_shared,
+    double m_per_rad) const;
+  std::vector<int64_t> count_observed(const Numbers& j, const Numbers& keyframes) const;
+  // `table` has the points that the features (columns) of all keyframes (rows) observe; -1: none.
+  std::vector<int64_t> points_of(const Image<int32_t>& table, const Numbers& keyframes);
 
 private:
   struct Observer
@@ -110,7 +71,7 @@ private:
 
   // Call visit(observer, point) for every observation of points j.
   template <typename Visit>
-  void visit(const int64_t* j, int count, Visit visit) const;
+  void visit(const Numbers& j, Visit visit) const;
   // Set the number of points that a keyframe shares with one neighbor; 0 removes the neighbor.
   void set_neighbor(int64_t of, int64_t neighbor, int64_t shared);
 

@@ -2,13 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <limits>
-#include <vector>
 
+#include "common/multiversion.hpp"
 #include "masks/masks.hpp"
-#include "masks/pixel_set.hpp"
 
 namespace hoid::masks {
 
@@ -45,22 +42,38 @@ void each_pair(const Boxes& boxes, const Boxes& others, Visit visit)
   }
 }
 
-std::vector<int> people_among(int count, const uint8_t* roles)
+// The pixels of an image with their center in a box, which may extend beyond the image.
+struct PixelBox
 {
-  std::vector<int> people;
-  for (int n = 0; n < count; ++n) {
-    if (roles[n] == kPerson) {
-      people.push_back(n);
-    }
+  int left, top, right, bottom;
+
+  PixelBox(const double* box, const Image<float>& image)
+  : left(first_from(box[0], image.width)),
+    top(first_from(box[1], image.height)),
+    right(first_from(box[2], image.width)),
+    bottom(first_from(box[3], image.height))
+  {
   }
-  return people;
-}
+
+  bool has(int64_t column, int64_t row) const
+  {
+    return column >= left && column < right && row >= top && row < bottom;
+  }
+
+private:
+  // Return the first row or column with its center at or after a position.
+  static int first_from(double place_px, int size)
+  {
+    return static_cast<int>(std::clamp(std::ceil(place_px), 0.0, static_cast<double>(size)));
+  }
+};
 
 // Tests whether a person's box touches an object's box, by share or by reach (see HandlingRule).
 struct TouchTest
 {
-  HandlingRule rule;
-  PixelSet pixels;
+  const HandlingRule& rule;
+  const Image<float>& image;
+  const Rows<int64_t>& pixels;
 
   bool is_true(const double* object, const double* person, double overlap) const
   {
@@ -72,7 +85,10 @@ struct TouchTest
       std::max(object[1], person[1] - rule.reach_px),
       std::min(object[2], person[2] + rule.reach_px),
       std::min(object[3], person[3] + rule.reach_px)};
-    return pixels.has_any_in(within_reach);
+    const PixelBox area(within_reach, image);
+    return std::any_of(pixels.begin(), pixels.end(), [&](int64_t pixel) {
+      return area.has(pixel % image.width, pixel / image.width);
+    });
   }
 };
 
@@ -85,13 +101,16 @@ struct Interaction
 };
 
 Interaction find_interaction(
-  int object, const Boxes& boxes, const double* depths_m, const std::vector<int>& people,
+  int object, const Boxes& boxes, const uint8_t* roles, const std::vector<double>& depths_m,
   const TouchTest& touch)
 {
   Interaction found;
   const double* box = boxes[object];
   double most = -1;
-  for (const int person : people) {
+  for (int person = 0; person < boxes.count; ++person) {
+    if (roles[person] != kPerson) {
+      continue;
+    }
     const double overlap = ratio(shared_area(box, boxes[person]), area(box));
     const double gap_m = std::abs(depths_m[object] - depths_m[person]);
     const bool apart = gap_m >= touch.rule.apart_m;  // false for an unknown depth (NaN)
@@ -125,26 +144,21 @@ void intersections_over_union(const Boxes& boxes, const Boxes& others, double* r
 MULTIVERSION("avx2")
 ClassifiedBoxes classify_boxes(
   const Image<float>& depth_m, const Boxes& boxes, const uint8_t* roles, int side_px,
-  const HandlingRule& rule, const int64_t* pixels, int num_pixels)
+  const HandlingRule& rule, const Rows<int64_t>& pixels)
 {
   const int count = boxes.count;
-  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   ClassifiedBoxes out{
     std::vector<double>(count),
     std::vector<double>(count, 0.0),
-    std::vector<double>(count, kUnknown),
+    std::vector<double>(count, std::numeric_limits<double>::quiet_NaN()),
     std::vector<uint8_t>(count, 0),
-    std::vector<int64_t>(num_pixels),
+    std::vector<int64_t>(pixels.count),
     0};
   box_center_depths(depth_m, boxes, side_px, out.depth_m.data());
-  const std::vector<int> people = people_among(count, roles);
-  TouchTest touch{rule, PixelSet(depth_m.width, depth_m.height)};
-  for (int k = 0; k < num_pixels && !std::isnan(rule.reach_px); ++k) {
-    touch.pixels.add(pixels[k]);
-  }
-  PixelSet moving(depth_m.width, depth_m.height);
+  const TouchTest touch{rule, depth_m, pixels};
+  std::vector<uint8_t> is_moving(depth_m.size());  // of each pixel
   for (int n = 0; n < count; ++n) {
-    const Interaction found = find_interaction(n, boxes, out.depth_m.data(), people, touch);
+    const Interaction found = find_interaction(n, boxes, roles, out.depth_m, touch);
     const bool is_person = roles[n] == kPerson;
     if (!is_person) {
       out.overlap[n] = found.overlap;
@@ -152,15 +166,19 @@ ClassifiedBoxes classify_boxes(
     }
     if (is_person || (found.handled && roles[n] == kMayBeHandled)) {
       out.moves[n] = roles[n];
-      moving.add_box(boxes[n]);
+      const PixelBox area(boxes[n], depth_m);
+      for (int v = area.top; v < area.bottom && area.left < area.right; ++v) {
+        const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(v) * depth_m.width + area.left;
+        std::fill_n(is_moving.begin() + first, area.right - area.left, uint8_t{1});
+      }
     }
   }
-  out.area_px = static_cast<int64_t>(depth_m.width) * depth_m.height - moving.size();
+  out.area_px = std::count(is_moving.begin(), is_moving.end(), 0);
   std::size_t num_outside = 0;
-  for (int k = 0; k < num_pixels; ++k) {
+  for (int k = 0; k < pixels.count; ++k) {
     // Without a branch to predict: the next position overwrites this one if this pixel is inside.
     out.outside[num_outside] = k;
-    num_outside += static_cast<std::size_t>(!moving.has(pixels[k]));
+    num_outside += static_cast<std::size_t>(is_moving[pixels[k]] == 0);
   }
   out.outside.resize(num_outside);
   return out;

@@ -1,11 +1,11 @@
 // Detection boxes: their overlap and interaction, the depth of their objects, and the pixels that
-// show dynamic objects. Images are row-major; pixels given as one number are flat indices.
+// show dynamic objects. Pixels given as one number are flat indices.
 #pragma once
 
 #include <cstdint>
 #include <vector>
 
-#include "common/image.hpp"
+#include "common/views.hpp"
 
 namespace hoid::masks {
 
@@ -29,49 +29,39 @@ struct HandlingRule
   double min_share, apart_m, reach_px;
 };
 
+// See hoid_native.results.ClassifiedBoxes.
 struct ClassifiedBoxes
 {
-  std::vector<double> depth_m;  // (count) median at each box's center; NaN without measurements
-  std::vector<double> overlap;  // (count) share covered by the handling person, else the largest
-  std::vector<double> gap_m;    // (count) depth difference to the same person; NaN = unknown
-  std::vector<uint8_t> moves;   // (count) role of each dynamic box; 0 = static
-  std::vector<int64_t> outside;  // ascending positions (in `pixels`) of those in no dynamic box
-  int64_t area_px;               // number of image pixels in no dynamic box
+  std::vector<double> depth_m, overlap, gap_m;
+  std::vector<uint8_t> moves;
+  std::vector<int64_t> outside;
+  int64_t area_px;
 };
 
 // Classify boxes as dynamic or static by the rules of the HOID paper.
 ClassifiedBoxes classify_boxes(
   const Image<float>& depth_m, const Boxes& boxes, const uint8_t* roles, int side_px,
-  const HandlingRule& rule, const int64_t* pixels, int num_pixels);
+  const HandlingRule& rule, const Rows<int64_t>& pixels);
 
-// Write the median depth (m) of a square at the center of each box, NaN without a reading. Depths
-// of 0 and NaN are no readings.
+// Write the median depth (m) of a square at the center of each box, NaN without a measurement.
 void box_center_depths(
   const Image<float>& depth_m, const Boxes& boxes, int side_px, double* median_m_out);
 
-// Write the depth (m) of the person in each box, NaN without a reading. `known_m` is the person's
-// depth in an earlier image, NaN = unknown.
+// Write the depth (m) of the person in each box, NaN without a measurement. `known_m` is the
+// person's depth in an earlier image, NaN = unknown.
 void person_depths(
   const Image<float>& depth_m, const Boxes& boxes, const double* known_m, double* depth_m_out);
 
 // Dynamic objects, from the boxes of a strategy.
 struct Objects
 {
-  const int32_t* areas;     // (count, 4) whole pixels x1, y1, x2, y2 within the image
+  Rows<int32_t, 4> areas;   // whole pixels x1, y1, x2, y2 within the image
   const double* depths_m;   // NaN = unknown
   const double* reaches_m;  // largest depth difference, in front and behind, of their regions
   const uint8_t* seen;      // not 0: detected in this image; 0: predicted
-  int count;
 };
 
 // Write 1 for each pixel of a depth image that shows a dynamic object, and 0 for the others.
-//
-// To an object belong the regions that lie mostly in its area and near its depth, and the gaps
-// without measurements beside them. It may extend beyond its area by a tenth of the area's side
-// (decision 010), because boxes cut off hands. Parts of a region further outside belong to a surface
-// that the object touches, such as a desk under a hand. If the regions fill little of the area of a
-// detected object, the object has merged with its surroundings; then every pixel of the area near
-// its depth is set. For an object of unknown depth, the whole area is set.
 void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* dynamic_out);
 
 }  // namespace hoid::masks

@@ -3,9 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
-#include <vector>
 
 #include "masks/masks.hpp"
 #include "masks/regions.hpp"
@@ -35,7 +32,7 @@ struct Area
 
 // Set the pixels without measurements that have a set pixel within reach along rows and columns.
 // `pixels` are those of the area, row by row.
-void fill_gaps(const float* depth_m, int stride, const Area& area, std::vector<uint8_t>& pixels)
+void fill_gaps(const Image<float>& depth_m, const Area& area, std::vector<uint8_t>& pixels)
 {
   const int width = area.width(), height = area.height();
   std::vector<uint8_t> beside(pixels.size());  // a set pixel is within reach in the row
@@ -61,7 +58,7 @@ void fill_gaps(const float* depth_m, int stride, const Area& area, std::vector<u
       near[x] -= beside[(y - kGapReachPx - 1) * width + x];
     }
     for (int x = 0; x < width && y >= 0; ++x) {
-      const bool has_reading = depth_m[(area.y1 + y) * stride + area.x1 + x] > 0;
+      const bool has_reading = depth_m.row(area.y1 + y)[area.x1 + x] > 0;
       pixels[y * width + x] |= static_cast<uint8_t>((near[x] > 0) & !has_reading);
     }
   }
@@ -79,11 +76,8 @@ struct Object
 class ObjectSegmentation
 {
 public:
-  ObjectSegmentation(
-    const float* depth_m, int width, int height, const Regions& regions, uint8_t* dynamic)
+  ObjectSegmentation(const Image<float>& depth_m, const Regions& regions, uint8_t* dynamic)
   : depth_m_(depth_m),
-    width_(width),
-    height_(height),
     regions_(regions),
     dynamic_(dynamic),
     inside_(regions.count())
@@ -101,11 +95,11 @@ public:
       if (object.seen && size < kMinFilledShare * static_cast<double>(pixels_.size())) {
         add_near(object);
       }
-      fill_gaps(depth_m_, width_, area, pixels_);
+      fill_gaps(depth_m_, area, pixels_);
     }
     for (int y = area.y1, k = 0; y < area.y2; ++y) {
       for (int x = area.x1; x < area.x2; ++x, ++k) {
-        dynamic_[y * width_ + x] |= pixels_[k];
+        dynamic_[y * depth_m_.width + x] |= pixels_[k];
       }
     }
   }
@@ -130,8 +124,8 @@ private:
     const auto x = static_cast<int>(std::lround(kMaxBeyondShare * area.width()));
     const auto y = static_cast<int>(std::lround(kMaxBeyondShare * area.height()));
     return {
-      std::max(area.x1 - x, 0), std::max(area.y1 - y, 0), std::min(area.x2 + x, width_),
-      std::min(area.y2 + y, height_)};
+      std::max(area.x1 - x, 0), std::max(area.y1 - y, 0), std::min(area.x2 + x, depth_m_.width),
+      std::min(area.y2 + y, depth_m_.height)};
   }
 
   // Set the pixels of the regions that belong to an object; return the size of these regions.
@@ -163,7 +157,7 @@ private:
     each_run(wide, [&](int y, const Run& run) {
       const int last = inside_[run.region] != 0 ? std::min(run.last, wide.x2) : 0;
       for (int x = std::max(run.first, wide.x1); x < last; ++x) {
-        dynamic_[y * width_ + x] = 1;
+        dynamic_[y * depth_m_.width + x] = 1;
       }
     });
     for (const int r : touched_) {
@@ -180,13 +174,12 @@ private:
     for (int y = object.area.y1, k = 0; y < object.area.y2; ++y) {
       for (int x = object.area.x1; x < object.area.x2; ++x, ++k) {
         pixels_[k] |=
-          static_cast<uint8_t>(std::abs(depth_m_[y * width_ + x] - middle_m) < reach_m);
+          static_cast<uint8_t>(std::abs(depth_m_.row(y)[x] - middle_m) < reach_m);
       }
     }
   }
 
-  const float* depth_m_;
-  int width_, height_;
+  const Image<float>& depth_m_;
   const Regions& regions_;
   uint8_t* dynamic_;
   std::vector<int> inside_;   // pixels of each region in the current area; all 0 between objects
@@ -199,12 +192,11 @@ private:
 MULTIVERSION("avx2")
 void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_t* dynamic_out)
 {
-  const int width = depth_m.width, height = depth_m.height;
-  std::fill_n(dynamic_out, static_cast<std::ptrdiff_t>(width) * height, uint8_t{0});
-  const Regions found(depth_m.data, width, height);
-  ObjectSegmentation segmentation(depth_m.data, width, height, found, dynamic_out);
-  for (int n = 0; n < objects.count; ++n) {
-    const int32_t* area = objects.areas + 4 * static_cast<std::ptrdiff_t>(n);
+  std::fill_n(dynamic_out, depth_m.size(), uint8_t{0});
+  const Regions regions(depth_m);
+  ObjectSegmentation segmentation(depth_m, regions, dynamic_out);
+  for (int n = 0; n < objects.areas.count; ++n) {
+    const int32_t* area = objects.areas[n];
     segmentation.add(
       {{area[0], area[1], area[2], area[3]},
        objects.depths_m[n],

@@ -2,12 +2,11 @@
 #pragma once
 
 #include <algorithm>
-#include <cstddef>
-#include <cstdint>
 #include <numeric>
 #include <vector>
 
 #include "common/multiversion.hpp"
+#include "common/views.hpp"
 
 namespace hoid::masks {
 
@@ -47,18 +46,19 @@ struct Run
 class Regions
 {
 public:
-  ALWAYS_INLINE Regions(const float* depth_m, int width, int height) : row_start_(1, 0)
+  ALWAYS_INLINE explicit Regions(const Image<float>& depth_m) : row_start_(1, 0)
   {
+    const int width = depth_m.width, last = depth_m.height - 1;
     std::vector<float> low(width + 2), high(width + 2);
     std::vector<uint8_t> smooth(width + 1, 0);  // a zero at the end closes the last run
-    for (int y = 0; y < height; ++y) {
-      const float* row = depth_m + static_cast<std::ptrdiff_t>(y) * width;
-      const float *above = y > 0 ? row - width : row, *below = y + 1 < height ? row + width : row;
-      find_smooth(above, row, below, width, low.data(), high.data(), smooth.data());
+    for (int y = 0; y <= last; ++y) {
+      find_smooth(
+        depth_m.row(std::max(y - 1, 0)), depth_m.row(y), depth_m.row(std::min(y + 1, last)), width,
+        low.data(), high.data(), smooth.data());
       add_runs(smooth.data(), width);
     }
     number_roots();
-    measure(depth_m, width);
+    measure(depth_m);
   }
 
   int count() const { return static_cast<int>(size.size()); }
@@ -119,10 +119,10 @@ private:
     mean_m.assign(num, 0.0);
   }
 
-  void measure(const float* depth_m, int width)
+  void measure(const Image<float>& depth_m)
   {
-    for (std::size_t y = 0; y + 1 < row_start_.size(); ++y) {
-      const float* row = depth_m + y * width;
+    for (int y = 0; y < depth_m.height; ++y) {
+      const float* row = depth_m.row(y);
       for (std::size_t n = row_start_[y]; n < row_start_[y + 1]; ++n) {
         Run& run = runs_[n];
         run.region = parent_[run.region];

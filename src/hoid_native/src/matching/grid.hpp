@@ -3,10 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <vector>
 
+#include "common/buckets.hpp"
 #include "common/multiversion.hpp"
+#include "common/views.hpp"
 
 namespace hoid::matching {
 
@@ -19,12 +20,12 @@ constexpr float kMaxPositionPx = 16384.0F;
 class Grid
 {
 public:
-  Grid(const float* measurement_px, int count)
+  explicit Grid(const Rows<float, 3>& measurement_px)
   {
     std::vector<int> placed;
-    placed.reserve(count);
-    for (int k = 0; k < count; ++k) {
-      const float u = measurement_px[3 * k], v = measurement_px[3 * k + 1];
+    placed.reserve(measurement_px.count);
+    for (int k = 0; k < measurement_px.count; ++k) {
+      const float u = measurement_px[k][0], v = measurement_px[k][1];
       if (!(std::abs(u) <= kMaxPositionPx && std::abs(v) <= kMaxPositionPx)) {
         continue;
       }
@@ -35,7 +36,14 @@ public:
       high_v_ = first ? v : std::max(high_v_, v);
       placed.push_back(k);
     }
-    sort_into_cells(measurement_px, placed);
+    columns_ = static_cast<int>((high_u_ - low_u_) / kCellPx) + 1;
+    rows_ = static_cast<int>((high_v_ - low_v_) / kCellPx) + 1;
+    const auto num_cells = static_cast<std::size_t>(columns_) * rows_;
+    features_ = sort_into_buckets(placed, num_cells, [&](int k) {
+      const int column = static_cast<int>((measurement_px[k][0] - low_u_) / kCellPx);
+      const int row = static_cast<int>((measurement_px[k][1] - low_v_) / kCellPx);
+      return row * columns_ + column;
+    });
   }
 
   // Visit the features of all cells that overlap a rectangle.
@@ -49,9 +57,10 @@ public:
     const int left = cell_of(u_min - low_u_, columns_), right = cell_of(u_max - low_u_, columns_);
     const int top = cell_of(v_min - low_v_, rows_), bottom = cell_of(v_max - low_v_, rows_);
     for (int row = top; row <= bottom; ++row) {
-      const int first = start_[row * columns_ + left], end = start_[row * columns_ + right + 1];
+      const int first = features_.start[row * columns_ + left],
+                end = features_.start[row * columns_ + right + 1];
       for (int n = first; n < end; ++n) {
-        visit_feature(features_[n]);
+        visit_feature(features_.order[n]);
       }
     }
   }
@@ -62,32 +71,9 @@ private:
     return static_cast<int>(std::clamp(offset_px / kCellPx, 0.0, count - 1.0));
   }
 
-  void sort_into_cells(const float* measurement_px, const std::vector<int>& placed)
-  {
-    columns_ = static_cast<int>((high_u_ - low_u_) / kCellPx) + 1;
-    rows_ = static_cast<int>((high_v_ - low_v_) / kCellPx) + 1;
-    start_.assign(static_cast<std::size_t>(columns_) * rows_ + 1, 0);
-    features_.resize(placed.size());
-    std::vector<int> cell;
-    cell.reserve(placed.size());
-    for (const int k : placed) {
-      const int column = static_cast<int>((measurement_px[3 * k] - low_u_) / kCellPx);
-      const int row = static_cast<int>((measurement_px[3 * k + 1] - low_v_) / kCellPx);
-      cell.push_back(row * columns_ + column);
-      ++start_[cell.back() + 1];
-    }
-    for (std::size_t c = 1; c < start_.size(); ++c) {
-      start_[c] += start_[c - 1];
-    }
-    std::vector<int> next(start_.begin(), start_.end() - 1);
-    for (std::size_t n = 0; n < placed.size(); ++n) {
-      features_[next[cell[n]]++] = placed[n];
-    }
-  }
-
   float low_u_ = 0, low_v_ = 0, high_u_ = 0, high_v_ = 0;
   int columns_ = 0, rows_ = 0;
-  std::vector<int> start_, features_;
+  Buckets features_;
 };
 
 }  // namespace hoid::matching

@@ -5,26 +5,25 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/descriptors.hpp"
+#include "common/views.hpp"
+
 namespace hoid::matching {
 
-constexpr int kDescriptorBytes = 32;
-
-// Octaves and descriptors of queries.
+// Queries with their octave limits, which are inclusive.
 struct QueryConstraints
 {
-  const int8_t *min_octave, *max_octave;  // inclusive
-  const uint8_t* descriptors;             // (count, 32)
-  int count;
+  const int8_t *min_octave, *max_octave;
+  Descriptors descriptors;
 };
 
 // Features to match.
 struct Candidates
 {
-  const float* measurement_px;  // (count, 3) u, v, u_right; NaN u_right: no depth
+  Rows<float, 3> measurement_px;  // u, v, u_right; NaN u_right: no depth
   const uint8_t* octave;
-  const uint8_t* descriptors;  // (count, 32)
-  const uint8_t* free;         // not 0: may be matched; null: all may
-  int count;
+  Descriptors descriptors;
+  const uint8_t* free;  // not 0: may be matched; null: all may
 };
 
 // Threshold of a match.
@@ -37,14 +36,14 @@ struct MatchThreshold
 // Expected positions of the queries' features, and half sides of the square windows around them.
 struct Windows
 {
-  const double *u, *v, *u_right;  // NaN u_right: unknown
+  Image<double> projection_px;  // (3, queries) u, v, u_right; NaN u_right: unknown
   const double* radius_px;
 };
 
 // Image segments (of epipolar lines) along which queries expect their features.
 struct Segments
 {
-  const double* ends_px;           // (queries, 4) u, v of both ends; NaN: no segment
+  Rows<double, 4> ends_px;         // u, v of both ends; NaN: no segment
   const double* octave_radius_px;  // largest distance of a feature of each octave, not decreasing
 };
 
@@ -64,13 +63,8 @@ Pairs match_along_segments(
   const Segments& segments, const QueryConstraints& queries, const Candidates& candidates,
   const MatchThreshold& threshold);
 
-// Return the (num_tables, count) keys of descriptors (count, 32) in hash tables, in the 32 upper
-// bits; the others are 0. Bit n of a key of table t is bit bits[t][n] of the descriptor.
-std::vector<uint64_t> hash_keys(
-  const uint8_t* descriptors, int count, const uint8_t* bits, int num_tables, int key_bits);
-
-// Sort the keys of each table (num_tables, count) by their upper 32 bits. Equal ones keep their
-// order.
-void sort_hash_keys(uint64_t* keys, int count, int num_tables, int key_bits);
+// Return the (tables, descriptors) keys of descriptors in hash tables, in the 32 upper bits; the
+// others are 0. Bit n of a key of table t is bit bits[t][n] of the descriptor.
+std::vector<uint64_t> hash_keys(const Descriptors& descriptors, const Image<uint8_t>& bits);
 
 }  // namespace hoid::matching

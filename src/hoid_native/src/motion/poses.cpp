@@ -1,9 +1,7 @@
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <Eigen/Core>
 #include <Eigen/Geometry>
-#include <vector>
 
 #include "common/multiversion.hpp"
 #include "motion/motion.hpp"
@@ -11,6 +9,9 @@
 namespace hoid::motion {
 
 namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
 
 constexpr double kNearestM = 0.1;  // chosen: nearer than most depth cameras measure
 // Norm of the cross product (two thirds of the triangle's area) below which three points count as
@@ -22,12 +23,12 @@ struct Columns
 {
   std::vector<double> x, y, z;
 
-  Columns(const double* rows, int count) : x(count), y(count), z(count)
+  explicit Columns(const Rows<double, 3>& rows)
   {
-    for (int k = 0; k < count; ++k) {
-      x[k] = rows[3 * static_cast<std::ptrdiff_t>(k)];
-      y[k] = rows[3 * static_cast<std::ptrdiff_t>(k) + 1];
-      z[k] = rows[3 * static_cast<std::ptrdiff_t>(k) + 2];
+    for (int k = 0; k < rows.count; ++k) {
+      x.push_back(rows[k][0]);
+      y.push_back(rows[k][1]);
+      z.push_back(rows[k][2]);
     }
   }
 };
@@ -65,37 +66,6 @@ ALWAYS_INLINE void write_fits(
   }
 }
 
-}  // namespace
-
-MULTIVERSION("avx2")
-void score_poses(
-  const optimize::StereoParams& camera, double pixel_px, double limit,
-  const double* T_camera_world, int num_poses, const Points& points, double* score_out)
-{
-  const Noise noise{
-    1 / (pixel_px * pixel_px * limit * limit),
-    1 / (camera.disparity_noise_px * camera.disparity_noise_px)};
-  const Columns points_m(points.points_m, points.count),
-    measured_px(points.measured_px, points.count);
-  std::vector<double> fit(points.count);
-  for (int m = 0; m < num_poses; ++m) {
-    const double* T = T_camera_world + static_cast<std::ptrdiff_t>(16) * m;
-    write_fits(camera, noise, T, points_m, measured_px, fit.data());
-    double score[2] = {0, 0};
-    for (int k = 0; k < points.count; ++k) {
-      score[0] += fit[k] * points.weights[2 * k];
-      score[1] += fit[k] * points.weights[2 * k + 1];
-    }
-    score_out[2 * m] = score[0];
-    score_out[2 * m + 1] = score[1];
-  }
-}
-
-namespace {
-
-using Eigen::Matrix3d;
-using Eigen::Vector3d;
-
 // Three points relative to their mean, and the axes of their plane.
 struct Triple
 {
@@ -104,10 +74,10 @@ struct Triple
   Vector3d points[3];  // relative to the mean
   bool is_degenerate;  // they lie on a line
 
-  Triple(const double* points_m, const int64_t* indices)
+  Triple(const Points& points_m, const int64_t* indices)
   {
     for (int n = 0; n < 3; ++n) {
-      points[n] = Eigen::Map<const Vector3d>(points_m + 3 * indices[n]);
+      points[n] = Eigen::Map<const Vector3d>(points_m[indices[n]]);
     }
     mean = (points[0] + points[1] + points[2]) / 3;
     for (Vector3d& point : points) {
@@ -123,15 +93,34 @@ struct Triple
 
 }  // namespace
 
-void align_triples(
-  const double* from_m, const double* to_m, const int64_t* triples, int count, double* T_out)
+MULTIVERSION("avx2")
+void score_poses(
+  const optimize::StereoParams& camera, double pixel_px, double limit,
+  const Transforms& T_camera_world, const PointObservations& seen, double* score_out)
 {
-  for (int m = 0; m < count; ++m) {
-    Eigen::Map<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> T(
-      T_out + static_cast<std::ptrdiff_t>(16) * m);
+  const Noise noise{
+    1 / (pixel_px * pixel_px * limit * limit),
+    1 / (camera.disparity_noise_px * camera.disparity_noise_px)};
+  const Columns points_m(seen.points_m), measured_px(seen.measured_px);
+  std::vector<double> fit(seen.points_m.count);
+  for (int m = 0; m < T_camera_world.count; ++m) {
+    write_fits(camera, noise, T_camera_world[m], points_m, measured_px, fit.data());
+    double score[2] = {0, 0};
+    for (int k = 0; k < seen.weights.count; ++k) {
+      score[0] += fit[k] * seen.weights[k][0];
+      score[1] += fit[k] * seen.weights[k][1];
+    }
+    std::copy_n(score, 2, score_out + 2 * m);
+  }
+}
+
+void align_triples(
+  const Points& from_m, const Points& to_m, const Rows<int64_t, 3>& triples, double* T_out)
+{
+  for (int m = 0; m < triples.count; ++m, T_out += 16) {
+    Eigen::Map<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> T(T_out);
     T.setIdentity();
-    const int64_t* indices = triples + static_cast<std::ptrdiff_t>(3) * m;
-    const Triple from(from_m, indices), to(to_m, indices);
+    const Triple from(from_m, triples[m]), to(to_m, triples[m]);
     if (from.is_degenerate || to.is_degenerate) {
       continue;
     }

@@ -2,9 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 
-#include "motion/registration.hpp"
+#include "motion/motion.hpp"
 
 namespace hoid::motion {
 
@@ -40,8 +39,7 @@ void register_depth(const DepthSource& source, const Target& target, float* dept
   const auto fy = static_cast<float>(target.camera.fy_px);
   const auto cx = static_cast<float>(target.camera.cx_px);
   const auto cy = static_cast<float>(target.camera.cy_px);
-  const std::ptrdiff_t count = static_cast<std::ptrdiff_t>(depth_m.width) * depth_m.height;
-  for (std::ptrdiff_t i = 0; i < count; ++i) {
+  for (std::ptrdiff_t i = 0; i < depth_m.size(); ++i) {
     const float z = depth_m.data[i];
     const float* ray = rays + 3 * i;
     const float depth = z * ray[2] + t_m[2];

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 
 #include "common/multiversion.hpp"
 #include "motion/motion.hpp"
@@ -16,19 +15,12 @@ class Reprojection
 {
 public:
   explicit Reprojection(const ViewPair& views)
-  : index(views.depth_m.width),
-    depth_there_m(views.depth_m.width),
-    fx_(static_cast<float>(views.camera.fx_px)),
-    fy_(static_cast<float>(views.camera.fy_px)),
-    cx_(static_cast<float>(views.camera.cx_px)),
-    cy_(static_cast<float>(views.camera.cy_px)),
-    width_(views.depth_m.width),
-    height_(views.depth_m.height),
-    x_(views.depth_m.width)
+  : index(views.depth_m.width), depth_there_m(index.size()), views_(views), rays_x_(index.size())
   {
-    std::copy_n(views.T_earlier_now, 12, T_);
-    for (int u = 0; u < width_; ++u) {
-      x_[u] = (static_cast<float>(u) - cx_) / fx_;
+    const auto fx = static_cast<float>(views.camera.fx_px),
+               cx = static_cast<float>(views.camera.cx_px);
+    for (int u = 0; u < views.depth_m.width; ++u) {
+      rays_x_[u] = (static_cast<float>(u) - cx) / fx;
     }
   }
 
@@ -37,12 +29,16 @@ public:
   {
     // Copies: they show the compiler that the loop's outputs cannot alias its inputs.
     float T[12];
-    std::copy_n(T_, 12, T);
-    const float fx = fx_, fy = fy_, cx = cx_ + 0.5F, cy = cy_ + 0.5F;
-    const float y = (static_cast<float>(v) - cy_) / fy_;
-    const auto end_column = static_cast<float>(width_), end_row = static_cast<float>(height_);
-    const int width = width_;
-    const float* __restrict rays_x = x_.data();
+    std::copy_n(views_.T_earlier_now, 12, T);
+    const int width = views_.depth_m.width;
+    const auto end_column = static_cast<float>(width),
+               end_row = static_cast<float>(views_.depth_m.height);
+    const auto fx = static_cast<float>(views_.camera.fx_px),
+               fy = static_cast<float>(views_.camera.fy_px),
+               row_of_center = static_cast<float>(views_.camera.cy_px);
+    const float y = (static_cast<float>(v) - row_of_center) / fy;
+    const float cx = static_cast<float>(views_.camera.cx_px) + 0.5F, cy = row_of_center + 0.5F;
+    const float* __restrict rays_x = rays_x_.data();
     int32_t* __restrict index_out = index.data();
     float* __restrict depth_out = depth_there_m.data();
     for (int u = 0; u < width; ++u) {
@@ -64,9 +60,8 @@ public:
   std::vector<float> depth_there_m;  // depth of the point in the earlier view
 
 private:
-  float fx_, fy_, cx_, cy_, T_[12];
-  int width_, height_;
-  std::vector<float> x_;
+  const ViewPair& views_;
+  std::vector<float> rays_x_;
 };
 
 // Two counters in one number, which is faster; runs are shorter than 65536 pixels.
@@ -148,8 +143,8 @@ ALWAYS_INLINE void add_evidence_row(
 
 MULTIVERSION("avx2")
 void add_occlusion_evidence(
-  const ViewPair& views, const int32_t* label, const float* range_m, const DepthMargin& margin,
-  const OcclusionEvidence& evidence, std::vector<double>& log_odds)
+  const ViewPair& views, const Image<int32_t>& label, const float* range_m,
+  const DepthMargin& margin, const OcclusionEvidence& evidence, std::vector<double>& log_odds)
 {
   const std::vector<int32_t> none(log_odds.size(), 0);
   Counts counts{none, none, none};
@@ -159,9 +154,7 @@ void add_occlusion_evidence(
     const float* depths = views.depth_m.row(v);
     reprojection.reproject_row(v, depths);
     compare_row(reprojection, depths, range_m, margin, views.depth_m.width, found.data());
-    add_runs(
-      label + static_cast<std::ptrdiff_t>(v) * views.depth_m.width, found.data(),
-      views.depth_m.width, counts);
+    add_runs(label.row(v), found.data(), views.depth_m.width, counts);
   }
   for (std::size_t s = 0; s < log_odds.size(); ++s) {
     const double all = std::max(counts.compared[s], 1);
@@ -178,15 +171,15 @@ void propagate_log_odds(
 {
   Reprojection reprojection(views);
   const int width = views.depth_m.width;
-  const int32_t* label = evidence.label;
-  std::vector<float> of_label(evidence.num_segments + 1, 0.0F);  // label -1 first
-  std::copy_n(evidence.log_odds, evidence.num_segments, of_label.begin() + 1);
-  for (int v = 0; v < views.depth_m.height; ++v, log_odds_out += width, label += width) {
+  std::vector<float> of_label(1, 0.0F);  // label -1 first
+  of_label.insert(of_label.end(), evidence.log_odds.begin(), evidence.log_odds.end());
+  for (int v = 0; v < views.depth_m.height; ++v, log_odds_out += width) {
     const float* depths = views.depth_m.row(v);
     reprojection.reproject_row(v, depths);
     propagate_row(
       reprojection, depths, previous_m, log_odds, margin, decay, width, log_odds_out);
-    add_evidence_row(depths, label, of_label.data(), evidence.limit, width, log_odds_out);
+    add_evidence_row(
+      depths, evidence.label.row(v), of_label.data(), evidence.limit, width, log_odds_out);
   }
 }
 

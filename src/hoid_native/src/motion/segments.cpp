@@ -1,6 +1,4 @@
 #include <algorithm>
-#include <cstddef>
-#include <limits>
 
 #include "common/multiversion.hpp"
 #include "masks/regions.hpp"
@@ -12,7 +10,7 @@ namespace {
 
 MULTIVERSION("avx2") void label_cells(const Image<float>& depth_m, int cell_px, Segments& out)
 {
-  const masks::Regions found(depth_m.data, depth_m.width, depth_m.height);
+  const masks::Regions found(depth_m);
   const int columns = (depth_m.width + cell_px - 1) / cell_px;
   std::vector<int32_t> number(static_cast<std::size_t>(found.count()) * columns);
   for (int y = 0; y < depth_m.height; ++y) {
@@ -39,38 +37,10 @@ MULTIVERSION("avx2") void label_cells(const Image<float>& depth_m, int cell_px, 
 
 }  // namespace
 
-MULTIVERSION("avx2")
-void depth_ranges_3x3(const Image<float>& depth_m, float* __restrict range_m)
-{
-  constexpr float kNone = std::numeric_limits<float>::infinity();
-  const int width = depth_m.width, last = depth_m.height - 1;
-  // Minimum and maximum of three rows in each column, padded by one column at either end.
-  std::vector<float> least(width + 2, kNone), most(width + 2, 0.0F);
-  for (int v = 0; v <= last; ++v) {
-    const float *__restrict above = depth_m.row(std::max(v - 1, 0)),
-                *__restrict row = depth_m.row(v),
-                *__restrict below = depth_m.row(std::min(v + 1, last));
-    for (int u = 0; u < width; ++u) {
-      const float a = above[u], b = row[u], c = below[u];
-      least[u + 1] =
-        std::min(std::min(a > 0 ? a : kNone, b > 0 ? b : kNone), c > 0 ? c : kNone);
-      most[u + 1] = std::max(std::max(a, b), c);
-    }
-    for (int u = 0; u < width; ++u) {
-      const float depth = row[u];
-      const float nearest = std::min(std::min(least[u], least[u + 1]), least[u + 2]);
-      const float farthest = std::max(std::max(most[u], most[u + 1]), most[u + 2]);
-      range_m[2 * u] = depth > 0 ? nearest : 0.0F;
-      range_m[2 * u + 1] = depth > 0 ? farthest : 0.0F;
-    }
-    range_m += 2 * static_cast<std::ptrdiff_t>(width);
-  }
-}
-
 Segments depth_segments(const Image<float>& depth_m, int cell_px)
 {
   Segments out;
-  out.label.assign(static_cast<std::size_t>(depth_m.width) * depth_m.height, -1);
+  out.label.assign(depth_m.size(), -1);
   if (!out.label.empty()) {
     label_cells(depth_m, cell_px, out);
   }

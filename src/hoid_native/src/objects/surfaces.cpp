@@ -6,20 +6,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
-#include <cstdint>
 #include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
 #include <random>
 #include <utility>
-#include <vector>
 
-#include "objects/layers.hpp"
+#include "common/median.hpp"
 #include "objects/objects.hpp"
-#include "objects/planes.hpp"
-#include "objects/points.hpp"
+#include "objects/parts.hpp"
 
 namespace hoid::objects {
 
@@ -45,25 +41,28 @@ constexpr double kAtPlaceShare = 0.5;
 constexpr double kSupportRatio = 3.0;
 constexpr double kFilled = 0.6;  // share of a box that its segment's bounding box covers to fill it
 
-struct Box
-{
-  int left, top, right, bottom;
-
-  int side() const { return std::max(right - left, bottom - top); }
-  double area() const { return static_cast<double>(right - left) * (bottom - top); }
-};
-
 struct Segment
 {
   int detection;
   Pixels pixels, others;
 };
 
+std::size_t num_shared(const Pixels& pixels, const Pixels& others)
+{
+  std::size_t num = 0;
+  auto other = others.begin();
+  for (const int64_t pixel : pixels) {
+    other = std::find_if(other, others.end(), [&](int64_t next) { return next >= pixel; });
+    num += other != others.end() && *other == pixel ? 1 : 0;
+  }
+  return num;
+}
+
 class Segmentation
 {
 public:
   Segmentation(const DepthPoints& image, const Detections& detections)
-  : image_(image), detections_(detections), mark_(size(), 0), taken_(size(), 0)
+  : image_(image), detections_(detections), taken_(image.depth_m.size(), 0)
   {
   }
 
@@ -71,7 +70,7 @@ public:
   std::vector<Segment> segments(const int32_t* owner)
   {
     std::vector<Segment> out;
-    for (int d = 0; d < detections_.count; ++d) {
+    for (int d = 0; d < detections_.boxes_px.count; ++d) {
       take_known(owner, d);
       if (auto found = segment(d)) {
         out.push_back(std::move(*found));
@@ -90,7 +89,6 @@ public:
     }
     std::map<std::size_t, std::vector<std::size_t>> winners;
     for (std::size_t i = 0; i < segments.size(); ++i) {
-      set_all(mark_, segments[i].pixels, 1);
       for (std::size_t j = 0; j < i; ++j) {
         if (are_same_surface(segments[i], segments[j])) {
           const auto [loser, winner] = claims[i] < claims[j] ? std::pair{i, j} : std::pair{j, i};
@@ -99,13 +97,14 @@ public:
           }
         }
       }
-      set_all(mark_, segments[i].pixels, 0);
     }
     std::vector<std::pair<std::size_t, std::optional<Segment>>> again;
     for (const auto& [loser, others] : winners) {
       std::fill(taken_.begin(), taken_.end(), 0);
       for (const std::size_t winner : others) {
-        set_all(taken_, segments[winner].pixels, 1);
+        for (const int64_t pixel : segments[winner].pixels) {
+          taken_[pixel] = 1;
+        }
       }
       again.emplace_back(loser, segment(segments[loser].detection));
     }
@@ -124,25 +123,9 @@ public:
   }
 
 private:
-  std::size_t size() const
-  {
-    return static_cast<std::size_t>(image_.depth_m.width) * image_.depth_m.height;
-  }
-
-  Box box(int d) const
-  {
-    const int32_t* box = detections_.boxes_px + static_cast<std::ptrdiff_t>(4) * d;
-    return {box[0], box[1], box[2], box[3]};
-  }
+  Box box(int d) const { return Box(detections_.boxes_px[d]); }
 
   float depth(int64_t pixel) const { return image_.depth_m.data[pixel]; }
-
-  static void set_all(std::vector<uint8_t>& mask, const Pixels& pixels, uint8_t value)
-  {
-    for (const int64_t pixel : pixels) {
-      mask[pixel] = value;
-    }
-  }
 
   // Mark the pixels of the box that show known objects of other detections as taken.
   //
@@ -150,15 +133,11 @@ private:
   // detection `d` may lie on it, and the surface below is removed as a plane.
   void take_known(const int32_t* owner, int d)
   {
-    const Box area = box(d);
-    for (int v = area.top; v < area.bottom; ++v) {
-      const auto first = static_cast<int64_t>(v) * image_.depth_m.width;
-      for (int64_t pixel = first + area.left; pixel < first + area.right; ++pixel) {
-        const int32_t o = owner[pixel];
-        taken_[pixel] = o >= 0 && o != d &&
-                        detections_.areas_px[o] < kSupportRatio * detections_.areas_px[d];
-      }
-    }
+    box(d).each_pixel(image_.depth_m.width, [&](int64_t pixel) {
+      const int32_t o = owner[pixel];
+      taken_[pixel] = o >= 0 && o != d &&
+                      detections_.areas_px[o] < kSupportRatio * detections_.areas_px[d];
+    });
   }
 
   // Return the segment of a detection in the pixels that are not taken, if they are enough.
@@ -166,17 +145,14 @@ private:
   {
     const Box area = box(d);
     Pixels everything, pixels;
-    for (int v = area.top; v < area.bottom; ++v) {
-      const auto first = static_cast<int64_t>(v) * image_.depth_m.width;
-      for (int64_t pixel = first + area.left; pixel < first + area.right; ++pixel) {
-        if (depth(pixel) != 0) {
-          everything.push_back(pixel);
-          if (!taken_[pixel]) {
-            pixels.push_back(pixel);
-          }
+    area.each_pixel(image_.depth_m.width, [&](int64_t pixel) {
+      if (depth(pixel) != 0) {
+        everything.push_back(pixel);
+        if (!taken_[pixel]) {
+          pixels.push_back(pixel);
         }
       }
-    }
+    });
     if (pixels.size() < kMinReadings) {
       return std::nullopt;
     }
@@ -184,11 +160,9 @@ private:
       pixels = without_planes(pixels, area);
     }
     Segment out{d, {}, {}};
-    set_all(mark_, pixels, 1);
-    std::copy_if(
-      everything.begin(), everything.end(), std::back_inserter(out.others),
-      [&](int64_t pixel) { return !mark_[pixel]; });
-    set_all(mark_, pixels, 0);
+    std::set_difference(
+      everything.begin(), everything.end(), pixels.begin(), pixels.end(),
+      std::back_inserter(out.others));
     out.pixels = part(pixels, area, d);
     if (out.pixels.size() < kMinReadings) {
       return std::nullopt;
@@ -273,35 +247,28 @@ private:
   Pixels part(const Pixels& pixels, const Box& area, int d)
   {
     Pixels nearest = nearest_part(image_, pixels, area.side()), at_place;
-    const double* T_box_map = detections_.T_box_map + static_cast<std::ptrdiff_t>(16) * d;
-    const double *low = point(detections_.known_low_m, d),
-                 *high = point(detections_.known_high_m, d);
+    const double *low = detections_.known_low_m[d], *high = detections_.known_high_m[d];
     if (!(low[0] < high[0])) {
       return nearest;
     }
     std::copy_if(pixels.begin(), pixels.end(), std::back_inserter(at_place), [&](int64_t pixel) {
-      return is_in_box(T_box_map, low, high, point(image_.points_m, pixel));
+      return is_in_box(detections_.T_box_map[d], low, high, image_.points_m[pixel]);
     });
     if (at_place.size() < kMinReadings) {
       return nearest;
     }
-    set_all(mark_, at_place, 1);
-    const auto shared = std::count_if(
-      nearest.begin(), nearest.end(), [&](int64_t pixel) { return mark_[pixel] != 0; });
-    set_all(mark_, at_place, 0);
-    const bool is_nearest =
-      static_cast<double>(shared) >= kAtPlaceShare * static_cast<double>(nearest.size());
+    const bool is_nearest = static_cast<double>(num_shared(nearest, at_place)) >=
+                            kAtPlaceShare * static_cast<double>(nearest.size());
     return is_nearest ? nearest : at_place;
   }
 
-  // Return whether a segment shares much of its pixels with the one whose pixels are marked.
-  bool are_same_surface(const Segment& marked, const Segment& other) const
+  // Return whether two segments share much of their pixels.
+  bool are_same_surface(const Segment& a, const Segment& b) const
   {
-    const auto shared = std::count_if(
-      other.pixels.begin(), other.pixels.end(), [&](int64_t pixel) { return mark_[pixel] != 0; });
-    const double least = is_person(marked) || is_person(other) ? kSharedWithPerson : kShared;
-    const auto smaller = std::min(marked.pixels.size(), other.pixels.size());
-    return static_cast<double>(shared) > least * static_cast<double>(smaller);
+    const double least = is_person(a) || is_person(b) ? kSharedWithPerson : kShared;
+    const auto smaller = std::min(a.pixels.size(), b.pixels.size());
+    return static_cast<double>(num_shared(a.pixels, b.pixels)) >
+           least * static_cast<double>(smaller);
   }
 
   // Return the sort key of a segment; the one with the larger key keeps the shared pixels.
@@ -325,20 +292,19 @@ private:
 
   const DepthPoints& image_;
   const Detections& detections_;
-  std::vector<uint8_t> mark_;   // all 0 between calls
   std::vector<uint8_t> taken_;  // valid in the box of the present detection
 };
 
 void add_points(const DepthPoints& image, const Pixels& pixels, Surfaces& out)
 {
   for (const int64_t pixel : pixels) {
-    const double* p = point(image.points_m, pixel);
+    const double* p = image.points_m[pixel];
     out.points_m.insert(out.points_m.end(), p, p + 3);
   }
   std::vector<double> values(pixels.size());
   for (int axis = 0; axis < 3; ++axis) {
     std::transform(pixels.begin(), pixels.end(), values.begin(), [&](int64_t pixel) {
-      return point(image.points_m, pixel)[axis];
+      return image.points_m[pixel][axis];
     });
     const auto [low, high] = std::minmax_element(values.begin(), values.end());
     out.low_m.push_back(*low);

@@ -4,11 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstddef>
 #include <Eigen/Cholesky>
 #include <limits>
 #include <numeric>
-#include <vector>
 
 #include "optimize/optimize.hpp"
 #include "optimize/stereo.hpp"
@@ -109,9 +107,8 @@ std::vector<Equations> sum_cells(
   const std::size_t in_cell = order.size() / kCells;
   for (std::size_t n = 0; n < order.size(); ++n) {
     const int k = order[n];
-    if (k < problem.count) {
-      const Observation seen{
-        problem.measured_px + 3 * static_cast<std::ptrdiff_t>(k), problem.inv_sigma2[k]};
+    if (k < problem.count()) {
+      const Observation seen{problem.measured_px[k], problem.inv_sigma2[k]};
       add_equations(camera, gates, seen, camera_m[k].data(), noise_scale, cells[n / in_cell]);
     }
   }
@@ -149,17 +146,17 @@ CellRange most_biasing_cells(std::vector<Equations> nodes)
 
 BiasingRegion most_biasing_region(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& T_camera_map, double noise_scale)
+  const double* T_camera_map, double noise_scale)
 {
-  std::vector<std::array<double, 3>> camera_m(problem.count);
+  std::vector<std::array<double, 3>> camera_m(problem.count());
   std::vector<Location> locations;
-  for (int k = 0; k < problem.count; ++k) {
+  for (int k = 0; k < problem.count(); ++k) {
     double* x = camera_m[k].data();
-    to_camera(T_camera_map.data(), problem.points_m + 3 * static_cast<std::ptrdiff_t>(k), x);
+    transform(T_camera_map, problem.points_m[k], x);
     x[2] = at_least(x[2], kMinDepthM);
     locations.push_back({x[0] / x[2], x[1] / x[2], std::log(x[2])});
     if (!std::isfinite(locations.back()[0] + locations.back()[1] + locations.back()[2])) {
-      return {std::vector<uint8_t>(problem.count), {}, {}, 0.0};  // NaN cannot be sorted
+      return {std::vector<uint8_t>(problem.count()), {}, {}, 0.0};  // NaN cannot be sorted
     }
   }
   for (int n = 0; locations.size() % kCells != 0; ++n) {
@@ -168,13 +165,13 @@ BiasingRegion most_biasing_region(
   const std::vector<int> order = sort_into_cells(locations);
   const CellRange worst =
     most_biasing_cells(sum_cells(camera, gates, problem, camera_m, order, noise_scale));
-  BiasingRegion out{std::vector<uint8_t>(problem.count), {}, {}, worst.gain};
+  BiasingRegion out{std::vector<uint8_t>(problem.count()), {}, {}, worst.gain};
   out.low.fill(std::numeric_limits<double>::infinity());
   out.high.fill(-std::numeric_limits<double>::infinity());
   const int in_cell = static_cast<int>(order.size()) / kCells;
   for (int n = 0; n < worst.count * in_cell; ++n) {
     const int k = order[worst.first * in_cell + n];
-    out.mask[k % problem.count] = 1;
+    out.mask[k % problem.count()] = 1;
     for (int a = 0; a < kAxes; ++a) {
       out.low[a] = std::min(out.low[a], locations[k][a]);
       out.high[a] = std::max(out.high[a], locations[k][a]);

@@ -2,14 +2,12 @@
 
 #include <algorithm>
 #include <array>
-#include <cstddef>
-#include <cstdint>
 #include <Eigen/Cholesky>
 #include <Eigen/Sparse>
 #include <numeric>
 #include <utility>
-#include <vector>
 
+#include "common/buckets.hpp"
 #include "optimize/bundle_system.hpp"
 #include "optimize/optimize.hpp"
 
@@ -21,8 +19,6 @@ namespace {
 // cost below which a round ends.
 constexpr double kFirstDamping = 1e-5, kMinDamping = 1e-9, kMaxDamping = 1e3;
 constexpr double kConvergedCost = 1e-4;
-
-using Block = Eigen::Matrix<double, kPose, kPose, Eigen::RowMajor>;
 
 // The reduced camera system, after the Schur complement.
 class Reduced
@@ -42,7 +38,7 @@ public:
     step = Eigen::Map<const Eigen::VectorXd>(system.g_c.data(), size_);
     blocks_.clear();
     for (int i = 0; i < window.num_free; ++i) {
-      Eigen::Map<Block> block(blocks_.at(i, i));
+      Eigen::Map<Matrix6> block(blocks_.at(i, i));
       block = Eigen::Map<const Matrix6>(&system.H_cc[36 * static_cast<std::size_t>(i)]);
       block.diagonal().array() += damping * block.diagonal().array() + kPivot;
     }
@@ -59,7 +55,7 @@ private:
     Dense S = Dense::Zero(size_, size_);
     for (int i = 0; i < num_free(); ++i) {
       for (const int h : blocks_.row(i)) {
-        S.block<kPose, kPose>(kPose * i, kPose * h) = Eigen::Map<Block>(blocks_.at(i, h));
+        S.block<kPose, kPose>(kPose * i, kPose * h) = Eigen::Map<Matrix6>(blocks_.at(i, h));
       }
     }
     const Eigen::LLT<Eigen::Ref<Dense>> factor(S);  // in place
@@ -219,39 +215,19 @@ private:
   std::vector<double> chi2_;
 };
 
-// Return the position of each observation when all are sorted by point (stable).
-std::vector<int32_t> places_by_point(const BundleProblem& problem)
+// Return the observations in this order, which is by point.
+Window sorted(
+  const StereoParams& camera, const Gates& gates, const BundleProblem& problem, Buckets by_point)
 {
-  std::vector<int32_t> next(static_cast<std::size_t>(problem.num_points) + 1, 0);
-  for (int m = 0; m < problem.num_observations; ++m) {
-    ++next[problem.point[m] + 1];
+  Window window{camera, gates, problem.num_free, {}, {}, {}, {}, {}};
+  for (const int32_t m : by_point.order) {
+    window.camera_of.push_back(static_cast<int32_t>(problem.camera[m]));
+    window.point_of.push_back(static_cast<int32_t>(problem.point[m]));
+    window.measured.insert(
+      window.measured.end(), problem.measured_px[m], problem.measured_px[m] + 3);
+    window.weight.push_back(problem.inv_sigma2[m]);
   }
-  std::partial_sum(next.begin(), next.end(), next.begin());
-  std::vector<int32_t> place(problem.num_observations);
-  for (int m = 0; m < problem.num_observations; ++m) {
-    place[m] = next[problem.point[m]]++;
-  }
-  return place;
-}
-
-// Return the observations sorted by point.
-Window sorted_by_point(
-  const StereoParams& camera, const Gates& gates, const BundleProblem& problem)
-{
-  const auto count = static_cast<std::size_t>(problem.num_observations);
-  const std::vector<int32_t> place = places_by_point(problem);
-  Window window{camera, gates, problem.num_free, {}, {}, {}, {}};
-  window.camera_of.resize(count);
-  window.point_of.resize(count);
-  window.measured.resize(3 * count);
-  window.weight.resize(count);
-  for (std::size_t m = 0; m < count; ++m) {
-    const auto to = static_cast<std::size_t>(place[m]);
-    window.camera_of[to] = static_cast<int32_t>(problem.camera[m]);
-    window.point_of[to] = static_cast<int32_t>(problem.point[m]);
-    std::copy_n(problem.measured_px + 3 * m, 3, &window.measured[3 * to]);
-    window.weight[to] = problem.inv_sigma2[m];
-  }
+  window.start = std::move(by_point.start);
   return window;
 }
 
@@ -261,11 +237,15 @@ BundleFit adjust_bundle(
   const StereoParams& camera, const Gates& gates, const BundleProblem& problem, int rounds,
   int iterations)
 {
-  const double *T = problem.T_camera_map, *points = problem.points_m;
+  const Transforms& T = problem.T_camera_map;
+  const Points& points = problem.points_m;
+  std::vector<int32_t> all(problem.point.count);
+  std::iota(all.begin(), all.end(), 0);
+  const Buckets by_point =
+    sort_into_buckets(all, points.count, [&](int32_t m) { return problem.point[m]; });
   Adjustment adjustment(
-    sorted_by_point(camera, gates, problem),
-    {{T, T + kPoseSize * static_cast<std::ptrdiff_t>(problem.num_cameras)},
-     {points, points + kPoint * static_cast<std::ptrdiff_t>(problem.num_points)}});
+    sorted(camera, gates, problem, by_point),
+    {{T.begin(), T.end()}, {points.begin(), points.end()}});
   BundleFit fit;
   fit.cost_before = adjustment.minimize(iterations);
   for (int round = 1; round < rounds; ++round) {
@@ -275,9 +255,9 @@ BundleFit adjust_bundle(
   fit.cost_after = adjustment.update();
   fit.T_camera_map = adjustment.state().T;
   fit.points_m = adjustment.state().points;
-  fit.chi2.reserve(problem.num_observations);
-  for (const int32_t place : places_by_point(problem)) {
-    fit.chi2.push_back(adjustment.chi2()[place]);
+  fit.chi2.resize(all.size());
+  for (const int32_t n : all) {
+    fit.chi2[by_point.order[n]] = adjustment.chi2()[n];
   }
   return fit;
 }

@@ -74,6 +74,56 @@ ALWAYS_INLINE void subtract_block(const double Y[3][kPose], const double* W, dou
   }
 }
 
+template <bool kJoint>
+ALWAYS_INLINE void sum_system(
+  const Window& window, const State& state, const uint8_t* used, System& system)
+{
+  for (int m = 0; m < window.count(); ++m) {
+    const int i = window.camera_of[m], j = window.point_of[m];
+    const double* T = &state.T[kPoseSize * i];
+    const Observation seen = window.at(m);
+    double x[3], e[3], J[kRows][kPoint], J_map[kRows][kPoint], J_pose[kRows][kPose];
+    transform(T, &state.points[3 * j], x);
+    if (!used[m] || x[2] < kMinDepthM) {
+      continue;
+    }
+    residual<kJoint>(window.camera, x, seen, e);
+    const Weights weight = weights_of<kJoint>(window.camera, window.gates, seen, e);
+    point_jacobian<kJoint>(window.camera, x, J);
+    rotated(J, T, J_map);
+    add_product<kPoint, kPoint>(
+      J_map, J_map, weight, &system.H_pp[9 * static_cast<std::size_t>(j)]);
+    add_gradient<kPoint>(J_map, e, weight, &system.g_p[3 * j]);
+    if (i < window.num_free) {
+      pose_jacobian(x, J, J_pose);
+      add_product<kPose, kPose>(J_pose, J_pose, weight, &system.H_cc[36 * i]);
+      add_gradient<kPose>(J_pose, e, weight, &system.g_c[6 * i]);
+      add_product<kPoint, kPose>(
+        J_map, J_pose, weight, &system.H_pc[18 * static_cast<std::size_t>(m)]);
+    }
+  }
+}
+
+template <bool kJoint>
+ALWAYS_INLINE double sum_costs(
+  const Window& window, const State& state, const uint8_t* used, double* chi2_out)
+{
+  double sum = 0.0;
+  for (int m = 0; m < window.count(); ++m) {
+    const Observation seen = window.at(m);
+    double x[3], e[3];
+    const double* T = &state.T[kPoseSize * window.camera_of[m]];
+    transform(T, &state.points[kPoint * window.point_of[m]], x);
+    residual<kJoint>(window.camera, x, seen, e);
+    const bool behind = x[2] < kMinDepthM;
+    chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2<kJoint>(seen, e);
+    if (used[m]) {
+      sum += behind ? kCostBehind : weights_of<kJoint>(window.camera, window.gates, seen, e).cost;
+    }
+  }
+  return sum;
+}
+
 }  // namespace
 
 PoseBlocks::PoseBlocks(const Window& window)
@@ -91,10 +141,8 @@ PoseBlocks::PoseBlocks(const Window& window)
   for (int i = 0; i < num_free_; ++i) {
     add(i, i);
   }
-  for (int first = 0, end = 0; first < window.count(); first = end) {
-    for (end = first; end < window.count() && window.point_of[end] == window.point_of[first];
-         ++end) {
-    }
+  for (int j = 0; j < window.num_points(); ++j) {
+    const int first = window.start[j], end = window.start[j + 1];
     for (int m = first; m < end; ++m) {
       for (int other = first; other < end && window.camera_of[m] < num_free_; ++other) {
         if (window.camera_of[other] <= window.camera_of[m]) {
@@ -121,10 +169,8 @@ MULTIVERSION("avx2")
 void eliminate(
   const Window& window, const System& system, double damping, PoseBlocks& S, double* right)
 {
-  for (int first = 0, end = 0; first < window.count(); first = end) {
-    const int j = window.point_of[first];
-    for (end = first; end < window.count() && window.point_of[end] == j; ++end) {
-    }
+  for (int j = 0; j < window.num_points(); ++j) {
+    const int first = window.start[j], end = window.start[j + 1];
     double inverse[3][3];
     inverse_of(&system.H_pp[9 * static_cast<std::size_t>(j)], damping, inverse);
     const double* g = &system.g_p[3 * j];
@@ -154,40 +200,6 @@ void eliminate(
   }
 }
 
-namespace {
-
-template <bool kJoint>
-ALWAYS_INLINE void sum_system(
-  const Window& window, const State& state, const uint8_t* used, System& system)
-{
-  for (int m = 0; m < window.count(); ++m) {
-    const int i = window.camera_of[m], j = window.point_of[m];
-    const double* T = &state.T[kPoseSize * i];
-    const Observation seen = window.at(m);
-    double x[3], e[3], J[kRows][kPoint], J_map[kRows][kPoint], J_pose[kRows][kPose];
-    to_camera(T, &state.points[3 * j], x);
-    if (!used[m] || x[2] < kMinDepthM) {
-      continue;
-    }
-    residual<kJoint>(window.camera, x, seen, e);
-    const Weights weight = weights_of<kJoint>(window.camera, window.gates, seen, e);
-    point_jacobian<kJoint>(window.camera, x, J);
-    rotated(J, T, J_map);
-    add_product<kPoint, kPoint>(
-      J_map, J_map, weight, &system.H_pp[9 * static_cast<std::size_t>(j)]);
-    add_gradient<kPoint>(J_map, e, weight, &system.g_p[3 * j]);
-    if (i < window.num_free) {
-      pose_jacobian(x, J, J_pose);
-      add_product<kPose, kPose>(J_pose, J_pose, weight, &system.H_cc[36 * i]);
-      add_gradient<kPose>(J_pose, e, weight, &system.g_c[6 * i]);
-      add_product<kPoint, kPose>(
-        J_map, J_pose, weight, &system.H_pc[18 * static_cast<std::size_t>(m)]);
-    }
-  }
-}
-
-}  // namespace
-
 MULTIVERSION("avx2")
 void linearize(const Window& window, const State& state, const uint8_t* used, System& system)
 {
@@ -205,14 +217,16 @@ MULTIVERSION("avx2")
 void move_points(
   const Window& window, const System& system, double damping, const double* step, State& state)
 {
-  for (int first = 0, end = 0; first < window.count(); first = end) {
-    const int j = window.point_of[first];
+  for (int j = 0; j < window.num_points(); ++j) {
+    if (window.start[j] == window.start[j + 1]) {
+      continue;
+    }
     double left[3];
     std::copy_n(&system.g_p[3 * j], 3, left);
-    for (end = first; end < window.count() && window.point_of[end] == j; ++end) {
-      const int i = window.camera_of[end];
+    for (int m = window.start[j]; m < window.start[j + 1]; ++m) {
+      const int i = window.camera_of[m];
       if (i < window.num_free) {
-        const double* W = &system.H_pc[18 * static_cast<std::size_t>(end)];
+        const double* W = &system.H_pc[18 * static_cast<std::size_t>(m)];
         for (int r = 0; r < 3; ++r) {
           for (int a = 0; a < kPose; ++a) {
             left[r] -= W[6 * r + a] * step[kPose * i + a];
@@ -228,30 +242,6 @@ void move_points(
     }
   }
 }
-
-namespace {
-
-template <bool kJoint>
-ALWAYS_INLINE double sum_costs(
-  const Window& window, const State& state, const uint8_t* used, double* chi2_out)
-{
-  double sum = 0.0;
-  for (int m = 0; m < window.count(); ++m) {
-    const Observation seen = window.at(m);
-    double x[3], e[3];
-    const double* T = &state.T[kPoseSize * window.camera_of[m]];
-    to_camera(T, &state.points[kPoint * window.point_of[m]], x);
-    residual<kJoint>(window.camera, x, seen, e);
-    const bool behind = x[2] < kMinDepthM;
-    chi2_out[m] = behind ? std::numeric_limits<double>::infinity() : chi2<kJoint>(seen, e);
-    if (used[m]) {
-      sum += behind ? kCostBehind : weights_of<kJoint>(window.camera, window.gates, seen, e).cost;
-    }
-  }
-  return sum;
-}
-
-}  // namespace
 
 MULTIVERSION("avx2")
 double cost_of(const Window& window, const State& state, const uint8_t* used, double* chi2_out)

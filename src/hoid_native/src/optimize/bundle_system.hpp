@@ -22,6 +22,9 @@ struct Window
   int num_free;  // the first cameras are optimized, the others fixed
   std::vector<int32_t> camera_of, point_of;
   std::vector<double> measured, weight;  // (M, 3), (M)
+  std::vector<int32_t> start;            // (P + 1) first observation of each point
+
+  int num_points() const { return static_cast<int>(start.size()) - 1; }
 
   int count() const { return static_cast<int>(weight.size()); }
 

@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "common/views.hpp"
+
 namespace hoid::optimize {
 
 // A pinhole camera with a virtual right column, u_right = u - disparity_px_m / depth_m, and its
@@ -28,19 +30,19 @@ struct Gates
   double mono, stereo;  // without depth and with it
 };
 
-using PoseArray = std::array<double, 16>;  // a row-major 4x4, T_camera_map
-
 struct PoseProblem
 {
-  const double* points_m;     // (count, 3)
-  const double* measured_px;  // (count, 3) u, v, u_right; NaN u_right: no depth
-  const double* inv_sigma2;   // (count) 1 / variance of u, and equally of v, in 1/px^2
-  int count;
+  Points points_m;
+  Rows<double, 3> measured_px;  // u, v, u_right; NaN u_right: no depth
+  Rows<double> inv_sigma2;      // 1 / variance of u, and equally of v, in 1/px^2
+
+  int count() const { return inv_sigma2.count; }
 };
 
+// Poses T_camera_map are row-major 4x4 matrices.
 struct PoseFit
 {
-  PoseArray T_camera_map;
+  std::array<double, 16> T_camera_map;
   std::vector<uint8_t> inliers;
   std::array<double, 36> information;  // (6, 6) of the left twist, rotation first; with the prior
 };
@@ -48,14 +50,14 @@ struct PoseFit
 // A Gaussian prior of the pose, such as the prediction of another sensor.
 struct PosePrior
 {
-  PoseArray T_camera_map;
-  std::array<double, 36> information;  // (6, 6) of the left twist, rotation first
+  const double* T_camera_map;
+  const double* information;  // (6, 6) of the left twist, rotation first
 };
 
 // Return the pose that explains the observations, and the prior if there is one, best.
 PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& start, const PosePrior* prior = nullptr);
+  const double* start, const PosePrior* prior = nullptr);
 
 struct MatchEvaluation
 {
@@ -68,7 +70,7 @@ struct MatchEvaluation
 // Evaluate how well each observation fits a pose.
 MatchEvaluation evaluate_matches(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& T_camera_map);
+  const double* T_camera_map);
 
 // A region of the view, and the effect of leaving its matches out.
 struct BiasingRegion
@@ -82,19 +84,17 @@ struct BiasingRegion
 // those that camera and `inv_sigma2` state. `joint_noise` has no effect.
 BiasingRegion most_biasing_region(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& T_camera_map, double noise_scale);
+  const double* T_camera_map, double noise_scale);
 
 // Observations of map points by cameras, in any order; at most one for each pair.
 struct BundleProblem
 {
-  const double* T_camera_map;  // (num_cameras, 4, 4); the first `num_free` are optimized
-  int num_cameras, num_free;
-  const double* points_m;  // (num_points, 3)
-  int num_points;
-  const int64_t *camera, *point;  // (num_observations) indices
-  const double* measured_px;      // (num_observations, 3) u, v, u_right; NaN u_right: no depth
-  const double* inv_sigma2;       // (num_observations) 1 / variance of u, and equally of v
-  int num_observations;
+  Transforms T_camera_map;  // the first `num_free` are optimized
+  int num_free;
+  Points points_m;
+  Rows<int64_t> camera, point;  // indices
+  Rows<double, 3> measured_px;  // u, v, u_right; NaN u_right: no depth
+  Rows<double> inv_sigma2;      // 1 / variance of u, and equally of v
 };
 
 struct BundleFit

@@ -2,10 +2,9 @@
 // pixels and disparities with Huber kernels, in rounds that each leave the outliers of the last one
 // out (Mur-Artal and Tardos, T-RO 2017, sec. III-C).
 
-#include <cstddef>
+#include <algorithm>
 #include <Eigen/Cholesky>
 #include <Eigen/Geometry>
-#include <vector>
 
 #include "optimize/optimize.hpp"
 #include "optimize/stereo.hpp"
@@ -31,11 +30,7 @@ struct Scene
 
   ALWAYS_INLINE Observation at(int k) const
   {
-    return {seen.measured_px + 3 * static_cast<std::ptrdiff_t>(k), seen.inv_sigma2[k]};
-  }
-  ALWAYS_INLINE const double* point(int k) const
-  {
-    return seen.points_m + 3 * static_cast<std::ptrdiff_t>(k);
+    return {seen.measured_px[k], seen.inv_sigma2[k]};
   }
 };
 
@@ -88,13 +83,13 @@ ALWAYS_INLINE void sum_equations(
   const Scene& scene, const double* T, const uint8_t* inliers, Sums& out)
 {
   Sums sums{};
-  for (int k = 0; k < scene.seen.count; ++k) {
+  for (int k = 0; k < scene.seen.count(); ++k) {
     if (!inliers[k]) {
       continue;
     }
     const Observation seen = scene.at(k);
     double x[3], e[3], J_point[kRows][kPoint], J[kRows][kPose];
-    to_camera(T, scene.point(k), x);
+    transform(T, scene.seen.points_m[k], x);
     if (x[2] < kMinDepthM) {
       continue;
     }
@@ -166,9 +161,9 @@ Matrix6 inverse_left_jacobian(const Vector6& e)
 // Gauss-Newton minimizes e^T information e beside the errors of the observations.
 void add_prior(const PosePrior& prior, const double* T, Matrix6& H, Vector6& g)
 {
-  const Vector6 e = twist_between(prior.T_camera_map.data(), T);
+  const Vector6 e = twist_between(prior.T_camera_map, T);
   const Matrix6 J = inverse_left_jacobian(e);
-  const Matrix6 weighted = J.transpose() * Eigen::Map<const Matrix6>(prior.information.data());
+  const Matrix6 weighted = J.transpose() * Eigen::Map<const Matrix6>(prior.information);
   H += weighted * J;
   g -= weighted * e;
 }
@@ -196,66 +191,51 @@ void iterate(
   }
 }
 
+// Write which matches are inliers of a pose, and their costs if `costs` is not null; return the
+// number of inliers.
 template <bool kJoint>
-ALWAYS_INLINE int gate(const Scene& scene, const double* T, uint8_t* inliers)
+ALWAYS_INLINE int write_fit(const Scene& scene, const double* T, uint8_t* inliers, double* costs)
 {
-  int count = 0;
-  for (int k = 0; k < scene.seen.count; ++k) {
+  int num_inliers = 0;
+  for (int k = 0; k < scene.seen.count(); ++k) {
     const Observation seen = scene.at(k);
     double x[3], e[3];
-    to_camera(T, scene.point(k), x);
+    transform(T, scene.seen.points_m[k], x);
     residual<kJoint>(scene.camera, x, seen, e);
-    inliers[k] = x[2] >= kMinDepthM && chi2<kJoint>(seen, e) <= gate_of(scene.gates, seen);
-    count += inliers[k];
+    const bool is_ahead = x[2] >= kMinDepthM;
+    inliers[k] = is_ahead && chi2<kJoint>(seen, e) <= gate_of(scene.gates, seen);
+    num_inliers += inliers[k];
+    if (costs != nullptr) {
+      costs[k] = truncated_cost<kJoint>(scene.camera, scene.gates, seen, is_ahead ? e : nullptr);
+    }
   }
-  return count;
+  return num_inliers;
 }
 
-// Mark the inliers of a pose and return their number.
-MULTIVERSION("avx2") int find_inliers(const Scene& scene, const double* T, uint8_t* inliers)
+MULTIVERSION("avx2")
+int evaluate(const Scene& scene, const double* T, uint8_t* inliers, double* costs)
 {
-  return scene.camera.joint_noise ? gate<true>(scene, T, inliers)
-                                  : gate<false>(scene, T, inliers);
-}
-
-template <bool kJoint>
-ALWAYS_INLINE void write_costs(const Scene& scene, const double* T, double* costs)
-{
-  for (int k = 0; k < scene.seen.count; ++k) {
-    const Observation seen = scene.at(k);
-    double x[3], e[3];
-    to_camera(T, scene.point(k), x);
-    residual<kJoint>(scene.camera, x, seen, e);
-    costs[k] =
-      truncated_cost<kJoint>(scene.camera, scene.gates, seen, x[2] < kMinDepthM ? nullptr : e);
-  }
-}
-
-MULTIVERSION("avx2") void truncated_costs(const Scene& scene, const double* T, double* costs)
-{
-  if (scene.camera.joint_noise) {
-    write_costs<true>(scene, T, costs);
-  } else {
-    write_costs<false>(scene, T, costs);
-  }
+  return scene.camera.joint_noise ? write_fit<true>(scene, T, inliers, costs)
+                                  : write_fit<false>(scene, T, inliers, costs);
 }
 
 }  // namespace
 
 PoseFit optimize_pose(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& start, const PosePrior* prior)
+  const double* start, const PosePrior* prior)
 {
   const Scene scene{camera, gates, problem, prior};
-  PoseFit fit{start, std::vector<uint8_t>(problem.count, 1), {}};
+  PoseFit fit{{}, std::vector<uint8_t>(problem.count(), 1), {}};
+  std::copy_n(start, 16, fit.T_camera_map.begin());
   Matrix6 information = Matrix6::Identity();
-  int num_inliers = problem.count;
+  int num_inliers = problem.count();
   for (const int iterations : kRounds) {
     if (num_inliers < kMinMatches && prior == nullptr) {
       break;
     }
     iterate(scene, iterations, fit.inliers.data(), fit.T_camera_map.data(), information);
-    num_inliers = find_inliers(scene, fit.T_camera_map.data(), fit.inliers.data());
+    num_inliers = evaluate(scene, fit.T_camera_map.data(), fit.inliers.data(), nullptr);
   }
   Eigen::Map<Matrix6>(fit.information.data()) = information;
   return fit;
@@ -263,12 +243,12 @@ PoseFit optimize_pose(
 
 MatchEvaluation evaluate_matches(
   const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const PoseArray& T_camera_map)
+  const double* T_camera_map)
 {
   const Scene scene{camera, gates, problem, nullptr};
-  MatchEvaluation out{std::vector<double>(problem.count), std::vector<uint8_t>(problem.count)};
-  truncated_costs(scene, T_camera_map.data(), out.cost.data());
-  find_inliers(scene, T_camera_map.data(), out.inliers.data());
+  MatchEvaluation out{
+    std::vector<double>(problem.count()), std::vector<uint8_t>(problem.count())};
+  evaluate(scene, T_camera_map, out.inliers.data(), out.cost.data());
   return out;
 }
 

@@ -7,7 +7,6 @@
 #pragma once
 
 #include <cmath>
-#include <cstdint>
 #include <Eigen/Core>
 
 #include "common/multiversion.hpp"
@@ -54,13 +53,6 @@ struct Observation
 ALWAYS_INLINE double gate_of(const Gates& gates, const Observation& seen)
 {
   return seen.has_depth() ? gates.stereo : gates.mono;
-}
-
-ALWAYS_INLINE void to_camera(const double* T, const double* p, double* x)
-{
-  for (int r = 0; r < 3; ++r) {
-    x[r] = T[4 * r] * p[0] + T[4 * r + 1] * p[1] + T[4 * r + 2] * p[2] + T[4 * r + 3];
-  }
 }
 
 // The noise model is a template argument, so that it is chosen once for all observations. kJoint:

@@ -8,13 +8,13 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray, ObjectState
-from hoid_native import cells_of, pixels_on_surface, share_in_box, share_on_surface, trimmed_box
+from hoid_native import pixels_on_surface, share_on_surface, voxel_keys
 from hoid_scene.grid.floor import Floor
 from hoid_scene.level.upright_box import Level, UprightBox, extended_back, on_floor, upright_box
 from hoid_scene.objects.object_view import NOISE_PER_M2, ObjectView, Views
 from hoid_scene.objects.place import Place
 from hoid_scene.objects.segmentation import BoxPx, KnownBox, Segment
-from hoid_scene.objects.voxel_set import BITS, VoxelSet
+from hoid_scene.objects.voxel_set import BITS, VoxelSet, trimmed_box
 
 # None of these numbers was tuned where no other source is named. A look is an image in which the
 # object may be seen, a sighting one in which it was detected. A published object has at least so
@@ -161,8 +161,8 @@ class MappedObject:
         """
         if self._box is None:
             solid = self.is_solid()
-            chosen = solid if solid.any() else None
-            low, high = self._box = trimmed_box(self.voxels.means_m, chosen, _OUTER_SHARE)
+            points_m = self.voxels.means_m[solid] if solid.any() else self.voxels.means_m
+            low, high = self._box = trimmed_box(points_m, _OUTER_SHARE)
             self._center_m = (low + high) / 2
             self._radius_m = float(np.linalg.norm(high - low) / 2)
         return self._box
@@ -210,7 +210,9 @@ class MappedObject:
             margin_m: Length by which the box is enlarged on each side.
         """
         low, high = self.box_m()
-        return share_in_box(points_map_m, self.place.T_object_map, low - margin_m, high + margin_m)
+        local_m = se3.transform(self.place.T_object_map, points_map_m)
+        is_inside = ((local_m > low - margin_m) & (local_m < high + margin_m)).all(axis=1)
+        return int(np.count_nonzero(is_inside)) / max(len(points_map_m), 1)
 
     def surface_pixels(self, view: ObjectView, box_px: BoxPx) -> IntArray:
         """Return the flat strided pixels (M,) in a box within 5 cm cells of its solid voxels."""
@@ -223,7 +225,8 @@ class MappedObject:
     def _surface(self) -> tuple[FloatArray, IntArray, float, int]:
         """Return T_object_map, and keys, side and bits of the cells that contain solid voxels."""
         if self._cells is None:
-            self._cells = cells_of(self.voxels.means_m, self.is_solid(), _CELL_M, BITS)
+            solid_m = self.voxels.means_m[self.is_solid()]
+            self._cells = np.unique(voxel_keys(solid_m, _CELL_M, BITS))
         return self.place.T_object_map, self._cells, _CELL_M, BITS
 
     def add(self, segment: Segment, stamp_ns: int, T_map_camera: FloatArray) -> None:

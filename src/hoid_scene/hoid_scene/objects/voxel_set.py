@@ -109,3 +109,14 @@ class VoxelSet:
         np.maximum.at(out.hits, index, self.hits[kept])
         np.maximum.at(out.misses, index, self.misses[kept])
         return out
+
+
+def trimmed_box(points_m: FloatArray, outer: float) -> tuple[FloatArray, FloatArray]:
+    """Return the corners (3,) of points (N, 3) without a ratio of the outermost ones.
+
+    `outer` is the ratio of the points that is left out on each side of each axis, 0 to 0.5.
+    """
+    last = len(points_m) - 1
+    ends = [round(outer * last), round((1 - outer) * last)]
+    low, high = np.partition(points_m, ends, axis=0)[ends]
+    return low, high

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.values import DESCRIPTOR_BYTES, ByteArray, IntArray
-from hoid_native import hash_keys, sorted_hash_keys
+from hoid_native import hash_keys
 from rgbd_slam.config.place_config import IndexConfig
 from rgbd_slam.matching.matching import hamming
 from rgbd_slam.model.atlas import Atlas
@@ -88,7 +88,10 @@ class HashIndex:
             rows = slice(self._num_rows, self._num_rows + len(descriptors))
             self._rows[uid], self._uid[rows], self._pool[rows] = rows, uid, descriptors
             self._num_rows = rows.stop
-        self._segments.append(sorted_hash_keys(self._pool[first:end], self._bits, first))
+        keys = hash_keys(self._pool[first:end], self._bits)
+        keys |= np.arange(first, end, dtype=np.uint64)
+        keys.sort(axis=1)
+        self._segments.append(keys)
         while len(self._segments) > 1:
             large, small = self._segments[-2:]
             if small.shape[1] <= _MERGE_SHARE * large.shape[1]:
