@@ -50,12 +50,7 @@ class Mapper:
     """
 
     def __init__(
-        self,
-        camera: StereoCamera,
-        atlas: Atlas,
-        config: SlamConfig,
-        *,
-        background: bool = False,
+        self, camera: StereoCamera, atlas: Atlas, config: SlamConfig, *, background: bool = False
     ) -> None:
         self.map = atlas
         self._configured_camera = camera
@@ -101,7 +96,7 @@ class Mapper:
     ) -> None:
         """Load a saved map (`restore`), and index its places if closing loops is switched on."""
         if not keep:
-            self.closer.adjuster.close()  # its place index describes the old map
+            self.close()  # the place index describes the old map
             self.closer = LoopCloser(
                 self.map, self._configured_camera, self._config, background=self._background
             )
@@ -160,11 +155,7 @@ class Mapper:
         """
         around = np.r_[reference, self.map.covisible(reference)]
         fuse(
-            self.map,
-            self._configured_camera,
-            i,
-            self.map.points_of(around),
-            self._config.mapping,
+            self.map, self._configured_camera, i, self.map.points_of(around), self._config.mapping
         )
         self.map.refresh(self.map.points_of(np.array([i])))
 

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import NS_PER_S, FloatArray, Trajectory
 
@@ -121,20 +120,8 @@ class RobotFrames:
     def camera_motion(self, T_base_base: FloatArray) -> FloatArray:
         return self.T_camera_base @ T_base_base @ se3.inverse(self.T_camera_base)
 
-    def bases(self, cameras: Trajectory) -> Trajectory:
-        """Return poses T_map_base for camera poses T_core_camera; they are not made planar."""
-        return Trajectory(
-            cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera @ self.T_camera_base
-        )
-
     def cameras(self, cameras: Trajectory) -> Trajectory:
         return Trajectory(cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera)
-
-    def keyframes(self, poses: KeyframePoses) -> KeyframePoses:
-        return poses._replace(T_map_camera=self.T_map_core @ poses.T_map_camera)
-
-    def points_m(self, points_core_m: FloatArray) -> FloatArray:
-        return se3.transform(self.T_map_core, points_core_m)
 
     def level(self, up_core: FloatArray) -> float:
         """Turn the z axis of the map frame along `up_core` (3,); return the angle [rad].

@@ -85,12 +85,7 @@ class SlamSession:
     ) -> None:
         self.camera, self.imu = camera, imu
         self.slam = RgbdSlam(
-            camera,
-            config,
-            frames,
-            background=background,
-            imu=imu,
-            motion_sources=motion_sources,
+            camera, config, frames, background=background, imu=imu, motion_sources=motion_sources
         )
         self.map = self.slam.map
         self.is_paused = False  # True: images are ignored

@@ -26,12 +26,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.loop_edge import renumbered
 from rgbd_slam.model.map_state import snapshot
-from rgbd_slam.model.trajectory import (
-    TrajectoryRecorder,
-    current_pass,
-    keyframe_poses,
-    main_map,
-)
+from rgbd_slam.model.trajectory import TrajectoryRecorder, current_pass, keyframe_poses, main_map
 from rgbd_slam.places.place_finder import PlaceFinder
 from rgbd_slam.processes.inline_mapper import InlineMapper
 from rgbd_slam.processes.map_loading import MapLoading
@@ -191,13 +186,15 @@ class SlamMap:
 
     def keyframes(self) -> KeyframePoses:
         """Return the keyframe poses of all maps; only the main map is in the map frame."""
-        return self.frames.keyframes(keyframe_poses(self.atlas))
+        poses = keyframe_poses(self.atlas)
+        return poses._replace(T_map_camera=self.frames.T_map_core @ poses.T_map_camera)
 
     def points_m(self) -> FloatArray:
         """Return the (N, 3) points [m] of the main map."""
         points = self.atlas.points
         is_main = points.map_id == main_map(self.atlas.keyframes)
-        return self.frames.points_m(points.position_m[points.alive & is_main])
+        position_m = points.position_m[points.alive & is_main]
+        return se3.transform(self.frames.T_map_core, position_m)
 
     def copy_poses(self) -> MapPoses:
         """Copy the keyframe poses of the main map, for `path_of` and `cameras_of`."""
@@ -234,7 +231,8 @@ class SlamMap:
         """Return T_map_base at the keyframes of this session since the stamps last jumped back."""
         is_own = ~poses.is_loaded
         path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
-        return self.frames.bases(path)
+        T_map_base = self.frames.T_map_core @ path.T_world_camera @ self.frames.T_camera_base
+        return Trajectory(path.stamps_ns, T_map_base)
 
     def cameras_of(self, poses: MapPoses) -> FloatArray:
         """Return T_map_camera (K, 4, 4) of copied keyframes."""

@@ -120,11 +120,7 @@ def match_near_projections(
     """
     octave = landmarks.octave.astype(np.int8)
     queries = Queries(
-        projection_px,
-        radius_px,
-        octave - np.int8(1),
-        octave + np.int8(1),
-        landmarks.descriptors,
+        projection_px, radius_px, octave - np.int8(1), octave + np.int8(1), landmarks.descriptors
     )
     matches = match_by_projection(queries, frame, max_hamming, 1.0)
     return with_consistent_rotation(landmarks, frame, matches)

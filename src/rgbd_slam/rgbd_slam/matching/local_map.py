@@ -75,11 +75,7 @@ def _predict_octave(atlas: Atlas, points: IntArray, distance_m: FloatArray) -> I
 
 
 def visible_points(
-    atlas: Atlas,
-    camera: StereoCamera,
-    T_camera_map: FloatArray,
-    points: IntArray,
-    radius: float,
+    atlas: Atlas, camera: StereoCamera, T_camera_map: FloatArray, points: IntArray, radius: float
 ) -> VisiblePoints:
     """Return the points that a camera should see, and the queries that search for them.
 

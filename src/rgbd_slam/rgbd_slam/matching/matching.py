@@ -60,11 +60,7 @@ def _words(descriptors: ByteArray) -> NDArray[np.uint64]:
 
 
 def match_by_projection(
-    queries: Queries,
-    frame: Frame,
-    max_distance: int,
-    ratio: float,
-    free: BoolArray | None = None,
+    queries: Queries, frame: Frame, max_distance: int, ratio: float, free: BoolArray | None = None
 ) -> Matches:
     """Return one-to-one matches of queries with features near their projections.
 

@@ -25,14 +25,7 @@ _ROWS_AT_ONCE = 64  # chosen: keyframes that are stored at once; their columns f
 # Chosen: number of new keyframes after which the operating system may take back the memory of the
 # columns below; they are read from the file again when they are used.
 _RELEASE_AFTER = 100
-_FIXED_FEATURES = (
-    'measurement_px',
-    'depth_m',
-    'octave',
-    'angle_deg',
-    'descriptors',
-    'may_seed',
-)
+_FIXED_FEATURES = ('measurement_px', 'depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 _OBSERVATIONS = ('connected', 'reobserved', 'is_reobserved')
 
 

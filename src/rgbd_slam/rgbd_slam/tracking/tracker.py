@@ -158,10 +158,7 @@ class Tracker:
         return self._refine(frame, initial, reference_uid)
 
     def _initial_poses(
-        self,
-        frame: Frame,
-        last: TrackedFrame,
-        T_camera_last: Sequence[FloatArray],
+        self, frame: Frame, last: TrackedFrame, T_camera_last: Sequence[FloatArray]
     ) -> Iterator[_FramePose | None]:
         """Yield initial poses, from the cheapest to the most expensive search, or None.
 
