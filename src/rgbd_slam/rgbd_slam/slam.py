@@ -197,10 +197,7 @@ class RgbdSlam:
     def _predict(
         self, original: TrackingResult, stamp_ns: int, repetition: Repetition
     ) -> TrackingResult:
-        """Return and record the predicted pose of an image that repeats the last tracked one.
-
-        If its depth is not new either, its pose is that of the original.
-        """
+        """Return and record the predicted pose of an image that repeats the last tracked one."""
         self.odometry.follow(stamp_ns)
         T_last_camera = np.eye(4)
         if repetition is Repetition.COLOR:

@@ -58,10 +58,7 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
 
 
 def _join(atlas: Atlas, i: int, k: IntArray, j: IntArray) -> None:
-    """Let features `k` of keyframe `i` observe points `j`, or fuse them with those seen there.
-
-    Of two points that are fused, the one with more observations remains.
-    """
+    """Let features of keyframe `i` observe points, or fuse these with more often observed ones."""
     points = atlas.points
     present = atlas.keyframes.point_of_feature[i, k].astype(np.int64)
     is_free = present == NO_POINT

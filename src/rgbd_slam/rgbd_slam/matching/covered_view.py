@@ -21,10 +21,7 @@ _COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden 
 def is_view_covered(
     atlas: Atlas, camera: StereoCamera, frame: Frame, last: TrackedFrame, max_keyframes: int
 ) -> bool:
-    """Return whether a surface in a lost frame hides most map points in view of the last pose.
-
-    At most `max_keyframes` keyframes around the last pose are compared.
-    """
+    """Return whether a surface in a lost frame hides most map points in view of the last pose."""
     T_camera_map, seen = last.current_pose(atlas), last.current_points(atlas)
     local_map = find_local_map(atlas, seen[seen != NO_POINT], last.reference_uid, max_keyframes)
     view = visible_points(atlas, camera, T_camera_map, local_map.points, radius=1.0)
@@ -44,10 +41,7 @@ def is_view_covered(
 
 
 def _cells(camera: StereoCamera, pixels: FloatArray) -> IntArray:
-    """Return the (N,) indices of the cells of the undistorted image for (2, N) pixels.
-
-    A pixel beyond the left or upper border is assigned to the first column or row.
-    """
+    """Return the (N,) indices of the image cells of (2, N) pixels."""
     left, top, right, _ = camera.bounds_px
     column, row = np.maximum((pixels - np.array([[left], [top]])) // _CELL_PX, 0.0)
     return np.asarray(row * np.ceil((right - left) / _CELL_PX + 1) + column, np.int64)

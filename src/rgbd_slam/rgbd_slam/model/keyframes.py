@@ -179,10 +179,6 @@ class KeyframeTable(SoaTable):
         return a, b
 
     def rows_since(self, version: int, *, with_features: bool = True) -> SoaTableRows:
-        """Return copies of the rows that changed after a version of the map.
-
-        With `with_features=False`, the features of new keyframes are left out.
-        """
         change = super().rows_since(version)
         if with_features:
             return change

@@ -13,10 +13,7 @@ JOIN = 'merged'
 
 
 class LoopEdge(NamedTuple):
-    """A loop or join that was found, whether or not the map uses it.
-
-    If the keyframe at an end is removed, the end moves to its parent.
-    """
+    """A loop or join that was found, whether or not the map uses it; see `moved_ends`."""
 
     first_uid: int  # the keyframe that was recognized
     second_uid: int  # the keyframe in which it was recognized

@@ -74,8 +74,7 @@ class MapState(Record):
     ) -> MapState:
         """Return the map with the pixels and octaves that another camera would have seen.
 
-        Pixels are limited to one image size outside the other camera's image, octaves to those
-        that exist.
+        Those far outside the image, and octaves that do not exist, become the nearest ones.
         """
         rays = (self.uv_px - _center_px(old)) / _focal_px(old)
         size_px = np.array(new.size_px)
@@ -104,10 +103,7 @@ def _center_px(camera: CameraModel) -> FloatArray:
 
 
 def snapshot(atlas: Atlas) -> MapState:
-    """Return a copy of all maps for saving, with map ids that are numbered from 0.
-
-    It takes 0.04 ms per keyframe, little more than copying the bytes.
-    """
+    """Return a copy of all maps for saving, in 0.04 ms per keyframe, with ids from 0 on."""
     keyframes, points = atlas.keyframes, atlas.points
     i = keyframes.indices_by_uid()
     j = points.indices()
@@ -190,10 +186,7 @@ def _saved_points(state: MapState) -> dict[str, Array]:
 
 
 def _observations(state: MapState, i: IntArray, j: IntArray) -> Iterator[Observations]:
-    """Yield the observations of a saved map in blocks of keyframes.
-
-    `i` (K,) and `j` (P,) are the rows of its keyframes and points in the atlas.
-    """
+    """Yield the observations of a saved map, for rows (K,) of keyframes and (P,) of points."""
     end = 0
     for start in range(0, len(state), _BLOCK):
         counts = state.num_features[start : start + _BLOCK]

@@ -156,10 +156,7 @@ class MapTables:
         return change
 
     def skip_changes(self) -> int:
-        """Discard what `changes_since` would return, and return the version of the copies.
-
-        Call it after both processes have restored the same saved map.
-        """
+        """Discard the changes after both processes have loaded a map; return the version then."""
         self._moves, self._has_copies = [], True
         self.keyframes.is_reobserved[:] = False
         self.redirects.take()
@@ -168,7 +165,7 @@ class MapTables:
         return self.version - 1
 
     def whole(self) -> MapChange:
-        """Return the change that gives an empty atlas the keyframes and points of this one.
+        """Return the change that makes an empty atlas a copy of this one.
 
         It contains no redirects and no pending keyframes. All feature states count as sent
         afterwards.

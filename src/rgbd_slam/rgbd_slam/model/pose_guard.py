@@ -20,8 +20,7 @@ _logger = logging.getLogger(__name__)
 class PoseGuard:
     """Refuses poses that are not rigid transforms of at most 100 km, and counts them.
 
-    No computation should give such a pose. If one does, an image or a keyframe is lost, and not
-    the map.
+    If a computation gives such a pose, an image or a keyframe is lost, and not the map.
     """
 
     def __init__(self) -> None:
@@ -30,10 +29,7 @@ class PoseGuard:
         self._throttle = LogThrottle(_LOG_PERIOD_S)
 
     def are_valid(self, T: FloatArray, name: str) -> BoolArray:
-        """Return which of the poses (N, 4, 4) are valid; log and count the others.
-
-        `name` says what they are poses of, for the log, such as "keyframes".
-        """
+        """Return which poses (N, 4, 4) of things with a `name` are valid; log and count others."""
         is_valid = se3.is_rigid(T) & (np.abs(T[..., :3, 3]) < MAX_POSITION_M).all(-1)
         num_refused = int(np.count_nonzero(~is_valid))
         if num_refused:

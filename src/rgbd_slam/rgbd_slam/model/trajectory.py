@@ -101,10 +101,7 @@ class TrajectoryRecorder:
         self._frames[len(self) - 1] = frame
 
     def link(self, before: TrackedFrame, after: TrackedFrame, T_before_after: FloatArray) -> None:
-        """Store the measured pose (4, 4) of the first frame of a map in that of the last before.
-
-        The final poses then include both maps.
-        """
+        """Store the pose (4, 4) of the first frame of a map in that of the last one before."""
         T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
         self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
 
@@ -230,11 +227,7 @@ class _PoseSnapshot:
             self.is_main |= is_in_map
 
     def of(self, uids: IntArray, removed: NDArray[np.void]) -> tuple[IntArray, FloatArray]:
-        """Return the rows (K,) of keyframes or their nearest existing ancestors, and their poses.
-
-        The poses (K, 4, 4) are those of the keyframes themselves, which may be among the `removed`
-        ones.
-        """
+        """Return the rows (K,) of keyframes or their nearest ancestors, and their own poses."""
         T_parent_camera = np.tile(np.eye(4), (len(uids), 1, 1))
         while (
             n := _find(removed['uid'], uids)
@@ -283,11 +276,7 @@ def current_pass(poses: Trajectory) -> Trajectory:
 
 
 def main_map(keyframes: KeyframeTable) -> int:
-    """Return the id of the map with most keyframes; of equal ones the lowest, and 0 without any.
-
-    After a loss there may be several maps, each in a frame of its own until a recognized place
-    merges them.
-    """
+    """Return the id of the map with most keyframes; of equal ones the lowest, 0 without any."""
     ids = keyframes.map_id[keyframes.indices()]
     return int(np.bincount(ids).argmax()) if len(ids) else 0
 

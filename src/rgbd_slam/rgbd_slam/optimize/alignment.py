@@ -39,10 +39,7 @@ class Alignment(NamedTuple):
 def align_points(
     points_a_m: FloatArray, points_b_m: FloatArray, weights: FloatArray | None = None
 ) -> FloatArray:
-    """Return T_a_b (..., 4, 4) that maps points b onto a (..., N, 3) with least squared distances.
-
-    The distances have weights (..., N); equal ones by default.
-    """
+    """Return T_a_b (..., 4, 4) that maps points b onto a (..., N, 3) with least squares."""
     w = np.ones(points_a_m.shape[:-1]) if weights is None else weights
     w = (w / w.sum(axis=-1, keepdims=True))[..., None]
     mean_a = (w * points_a_m).sum(axis=-2, keepdims=True)

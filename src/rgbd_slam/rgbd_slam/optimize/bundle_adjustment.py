@@ -94,10 +94,7 @@ def local_bundle_adjustment(
 
 
 def _fixed_keyframes(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
-    """Return the rows (F,) of other keyframes that observe points `j` (P,), most points first.
-
-    At most `limit` are returned, and none of the adjusted ones `free`.
-    """
+    """Return rows of at most `limit` other keyframes that observe points, most points first."""
     votes = np.bincount(atlas.observations_of(j).i, minlength=atlas.keyframes.capacity)
     votes[free] = 0
     order = np.argsort(-votes, kind='stable')[:limit]
@@ -123,10 +120,7 @@ def _solve(
 def bundle_problem(
     atlas: Atlas, cameras: IntArray, num_free: int, j: IntArray
 ) -> tuple[BundleProblem, Observations]:
-    """Return the problem of keyframes (C,) and points (P,), and its M observations in the map.
-
-    The first `num_free` of the keyframes are optimized.
-    """
+    """Return the problem of keyframes (C,) and points (P,), and its M observations in the map."""
     keyframes, points = atlas.keyframes, atlas.points
     seen = atlas.observations_of(j, cameras)
     problem = BundleProblem(

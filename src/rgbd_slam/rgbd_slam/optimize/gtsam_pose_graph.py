@@ -36,17 +36,11 @@ class PoseGraph:
     def add_measurement(
         self, uid_a: int, uid_b: int, T_a_b: FloatArray, covariance: FloatArray
     ) -> None:
-        """Connect two keyframes by a measured pose T_a_b (4, 4).
-
-        Its covariance (6, 6) is in the frame of b, rotation first.
-        """
+        """Connect two keyframes by T_a_b (4, 4) with a covariance (6, 6) in b, rotation first."""
         noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
         self._graph.add(gtsam.BetweenFactorPose3(uid_a, uid_b, gtsam.Pose3(T_a_b), noise))
 
     def optimize(self) -> FloatArray:
-        """Return the optimized poses T_map_camera (N, 4, 4) in the order of `add_keyframe`.
-
-        Every keyframe must be connected with a fixed one.
-        """
+        """Return the optimized T_map_camera (N, 4, 4); each must be connected with a fixed one."""
         poses = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values).optimize()
         return np.array([poses.atPose3(uid).matrix() for uid in self._uids]).reshape(-1, 4, 4)

@@ -48,10 +48,7 @@ class NoiseEstimator:
         self.camera = self._configured.with_noise(pixel, disparity)
 
     def _factors(self, tracked: TrackedFrame, atlas: Atlas) -> FloatArray:
-        """Return the noise of pixels and of disparities as factors (2,) on the configured noise.
-
-        A factor is NaN if there are too few residuals.
-        """
+        """Return the noise of pixels and disparities as factors (2,); NaN: too few residuals."""
         k = np.flatnonzero(tracked.points != NO_POINT)
         position_m = atlas.points.position_m.take(tracked.points[k], 0)
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
@@ -88,10 +85,7 @@ def with_residual_noise(
 def _residuals_px(
     camera: StereoCamera, problem: BundleProblem, solution: BundleSolution
 ) -> FloatArray:
-    """Return the (3, M) residuals of u, v, u_right [px] of all observations.
-
-    Those of points behind a camera have no meaning, because such observations are outliers.
-    """
+    """Return the (3, M) residuals of u, v, u_right [px], without meaning behind a camera."""
     T = solution.T_camera_map[problem.camera]
     x = np.einsum('mij,jm->mi', T[:, :3, :3], solution.points_m[:, problem.point]) + T[:, :3, 3]
     x[:, 2] = np.where(x[:, 2] > 0, x[:, 2], np.inf)
@@ -99,10 +93,7 @@ def _residuals_px(
 
 
 def _factor(normalized: FloatArray, min_size: int, default: float) -> float:
-    """Return the standard deviation of normalized residuals (any shape), from their median.
-
-    With fewer than `min_size` residuals, it is `default`.
-    """
+    """Return the standard deviation of residuals by their median; `default` if they are few."""
     if normalized.size < min_size:
         return default
     sizes = np.abs(normalized).ravel()

@@ -121,10 +121,7 @@ class Consensus(NamedTuple):
 
 
 class _Hypothesis(NamedTuple):
-    """A candidate for the pose, and how well the D deciding matches fit it.
-
-    The deciding matches are those of well-observed points; see `_deciding_matches`.
-    """
+    """A candidate for the pose, and how well the D `_deciding_matches` fit it."""
 
     T_camera_map: FloatArray  # (4, 4)
     information: FloatArray  # (6, 6)
@@ -288,10 +285,7 @@ class PoseConsensus:
         estimate: PoseEstimate,
         tolerance: float,
     ) -> bool:
-        """Return whether an estimate fits the inliers of a hypothesis as well as the hypothesis.
-
-        `tolerance` is the share by which their cost may be larger.
-        """
+        """Return whether an estimate fits the inliers of a hypothesis as well as the hypothesis."""
         inliers = hypothesis.inliers
         cost = self._evaluate(deciding, estimate.T_camera_map).cost
         return self._is_consistent(cost[inliers], hypothesis.cost[inliers], tolerance)

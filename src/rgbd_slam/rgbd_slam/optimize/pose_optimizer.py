@@ -53,10 +53,7 @@ class PoseProblem:
     def of(
         cls, frame: Frame, k: IntArray, points_m: FloatArray, octave_scale: FloatArray
     ) -> PoseProblem:
-        """Return the problem of features `k` (N,) of a frame that observe landmarks (N, 3).
-
-        `octave_scale` (L,) are the sizes of a pixel of each octave in pixels of the image.
-        """
+        """Return the problem of features `k` (N,) of a frame that observe landmarks (N, 3)."""
         measured_px = frame.measurement_px.take(k, 0).astype(np.float64)
         return cls(points_m, measured_px, octave_scale[frame.octave[k]] ** -2.0)
 

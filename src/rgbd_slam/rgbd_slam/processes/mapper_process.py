@@ -118,10 +118,7 @@ class MapperProcess:
 
     @property
     def is_settled(self) -> bool:
-        """Return whether no request is queued and, by the last report, no adjustment runs.
-
-        The map then stays as it is until the next request, unless `is_loading` is True.
-        """
+        """Return whether no request is queued and, by the last report, no adjustment runs."""
         return self.queue_length == 0 and self._is_settled
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> None:
@@ -217,10 +214,7 @@ class MapperProcess:
             self._worker.send(request)
 
     def _reattached(self, request: KeyframeRequest) -> KeyframeRequest:
-        """Return a request with a reference keyframe that the process has, or is about to insert.
-
-        A reference keyframe that was removed is replaced by its nearest ancestor, if one is known.
-        """
+        """Return a request whose reference keyframe the process has, or is about to insert."""
         tracked = request.tracked
         uid, T_reference_camera = tracked.reference_uid, tracked.T_reference_camera
         while self._atlas.keyframes.index_of(uid) is None and uid not in self._atlas.pending:
@@ -250,10 +244,7 @@ class MapperProcess:
         )
 
     def _receive(self, timeout_s: float) -> None:
-        """Wait up to `timeout_s` for the next report, and apply it to the tracker's map.
-
-        If the process has died, it is replaced.
-        """
+        """Wait for the next report, and apply it; replace a process that has died."""
         try:
             report = self._worker.receive(timeout_s)
         except ChildEndedError:

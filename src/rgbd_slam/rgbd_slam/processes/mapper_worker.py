@@ -138,10 +138,6 @@ class MapperServer:
         )
 
     def _report(self, *, completes_request: bool, has_features: bool = False) -> MapperReport:
-        """Return the report of the changes since the last report.
-
-        With `has_features`, the tracker has the features of the new keyframe already.
-        """
         change = self.map.changes_since(self._version, with_features=not has_features)
         self._version = change.version
         is_settled = not self._mapper.closer.adjuster.is_running

@@ -98,11 +98,7 @@ class RepeatedImages:
         return None if self._original is None else self._original.stamp_ns
 
     def add(self, features: Features) -> Repetition:
-        """Return which parts of the next image are copies of the latest image that was no copy.
-
-        An image is never a copy if its stamp is earlier than the stamp of that latest image, or
-        more than 250 ms later.
-        """
+        """Return which parts of the next image are copies of the latest image that was no copy."""
         original = self._original
         if original is None or not 0 <= features.stamp_ns - original.stamp_ns <= MAX_COPY_AGE_NS:
             self._original = features

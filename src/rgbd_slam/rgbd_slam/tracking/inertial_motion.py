@@ -162,10 +162,7 @@ class InertialMotion:
         return float(reckoned.variances_m2[0]) + of_turn_m**2
 
     def _position_variance_m2(self, elapsed_s: float) -> float:
-        """Return the variance of the position along each axis after a time of prediction.
-
-        It is that of the integral of an Ornstein-Uhlenbeck process that starts at a known value.
-        """
+        """Return the variance along each axis of an integrated Ornstein-Uhlenbeck process."""
         kept = np.exp(-elapsed_s / _DECAY_S)
         spread_s2 = 2 * _DECAY_S * elapsed_s - _DECAY_S**2 * (3 - 4 * kept + kept**2)
         return float(self._variance_m2ps2 * max(spread_s2, 0.0))

@@ -132,10 +132,9 @@ class KeyframePolicy:
         return bool(appeared <= self._config.min_close_new)
 
     def _view_differences(self, tracking: TrackerOutput, poses: FloatArray) -> FloatArray:
-        """Return the (N,) differences [rad] of a frame's view from those of poses T_map_camera.
+        """Return the (N,) differences [rad] of the view of a frame from poses (N, 4, 4).
 
-        A difference is the rotation plus the distance over the frame's median depth; without any
-        depth it is the rotation alone. `poses` are (N, 4, 4).
+        A difference is the rotation plus the distance over the frame's median depth.
         """
         frame = tracking.tracked.frame
         T = se3.inverse(tracking.tracked.T_map_camera) @ poses

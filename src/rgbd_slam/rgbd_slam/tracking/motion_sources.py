@@ -53,10 +53,7 @@ class MotionSource(Protocol):
         """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the inverse of the motion of `predict` with covariances, if it is known.
-
-        None is returned as well if it was not measured but only extrapolated.
-        """
+        """Return the inverse motion with covariances if it was measured, not extrapolated."""
 
 
 class ExternalOdometry:

@@ -210,11 +210,7 @@ class Odometry:
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
 
     def in_map(self, covariance: FloatArray) -> FloatArray:
-        """Return the covariance (6, 6) of a pose in the main map, from that in the current map.
-
-        If the last frame is in another map, a large covariance is added, because the pose of that
-        map relative to the main map is unknown.
-        """
+        """Return a covariance (6, 6), enlarged if the last frame is not in the main map."""
         return covariance if self.is_in_main_map else covariance + UNKNOWN_COVARIANCE
 
     @property

@@ -203,10 +203,7 @@ class Tracker:
         return self._initial_pose(frame, landmarks, matches, T_camera_map)
 
     def _project(self, landmarks: Landmarks, T_camera_map: FloatArray) -> FloatArray:
-        """Return the (3, N) projections u, v, u_right [px] of landmarks.
-
-        They are far outside the image for landmarks behind or very near the camera.
-        """
+        """Return the (3, N) u, v, u_right [px] of landmarks; far outside if not in front."""
         x = to_camera(T_camera_map, landmarks.position_m.T)
         is_behind = x[2] < MIN_DEPTH_M
         x[2][is_behind] = MIN_DEPTH_M
@@ -295,10 +292,7 @@ class Tracker:
     def _match_local_map(
         self, frame: Frame, initial: _FramePose, reference_uid: int
     ) -> _LocalMapMatches:
-        """Return matches with the local map, where the initial pose predicts its points.
-
-        The inliers of the initial pose are kept as matches.
-        """
+        """Add matches with the local map, predicted by the initial pose, to its inliers."""
         known = initial.inliers.points
         local_map = find_local_map(
             self._atlas, known, reference_uid, self._config.max_local_keyframes
@@ -365,10 +359,7 @@ class Tracker:
         )
 
     def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:
-        """Return whether most matches fit, or most points of the last frame are seen again.
-
-        Of the matches with a false pose, fewer than half fit.
-        """
+        """Return whether most matches fit, or most points of the last frame are seen again."""
         share = self._config.convincing_share
         num_last = int(np.count_nonzero(last.points != NO_POINT))
         return tracking.inlier_ratio > share or tracking.num_inliers > share * num_last

@@ -47,10 +47,7 @@ class WarmUp:
         self._start_ns = stamp_ns if self._config.consensus.enabled else None
 
     def add(self, tracked: TrackedFrame) -> None:
-        """Store the last frame of the trajectory, if it is in the first second of the map.
-
-        The first frame itself is not stored, because it defines the map.
-        """
+        """Store the last frame of the trajectory, if it is in the first second of the map."""
         start_ns = self._start_ns
         if start_ns is not None and 0 < tracked.frame.stamp_ns - start_ns < _WARM_UP_NS:
             self._frames.append((len(self._trajectory) - 1, tracked))
