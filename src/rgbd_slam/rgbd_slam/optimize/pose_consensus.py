@@ -285,7 +285,7 @@ class PoseConsensus:
         estimate: PoseEstimate,
         tolerance: float,
     ) -> bool:
-        """Return whether an estimate fits the inliers of a hypothesis as well as the hypothesis."""
+        """Return whether an estimate fits the inliers of a hypothesis as well as it does."""
         inliers = hypothesis.inliers
         cost = self._evaluate(deciding, estimate.T_camera_map).cost
         return self._is_consistent(cost[inliers], hypothesis.cost[inliers], tolerance)
