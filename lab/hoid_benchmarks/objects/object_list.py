@@ -19,7 +19,7 @@ class ListedObject(NamedTuple):
 
     name: str
     classes: tuple[str, ...]  # COCO classes that are right for it
-    boxes_px: dict[int, Float32Array]  # by stamp [ns]: (4,) x1, y1, x2, y2 of the visible part
+    boxes_px: dict[int, Float32Array]  # by stamp [ns]: (4,) x1, y1, x2, y2
     is_unsure: bool  # True: it may be in an object map, but need not
 
 
