@@ -202,7 +202,7 @@ def test_found_objects_are_scored() -> None:
     assert scores.center_m == pytest.approx([0.03])
     assert scores.small_center_m == pytest.approx([0.03])
     assert scores.size_m == pytest.approx([0.02])
-    assert scores.area == pytest.approx([0.0])
+    assert len(scores.area) == 0  # the cup is small
 
 
 def test_turned_boxes_are_compared_as_they_stand() -> None:
@@ -214,6 +214,10 @@ def test_turned_boxes_are_compared_as_they_stand() -> None:
     quarter = PlacedBox(T @ T, np.array([0.8, 1.6, 0.7]))
     assert along.iou(quarter) == pytest.approx(1.0)
     assert along.size_error_m(quarter) == pytest.approx(0.0)
+    table = PlacedBox(T, np.array([1.6, 0.8, 0.7]))
+    true = TrueObject('table', table, table, np.empty((0, 3)), is_expected=True, was_carried=False)
+    found = FoundObject('table', PlacedBox(T @ T @ T, np.array([0.9, 1.6, 0.7])))
+    assert score_objects([found], [true]).area == pytest.approx([0.125])
     corners_m = np.array([[x, y, 0.0] for x in (-0.8, 0.8) for y in (-0.4, 0.4)]) @ T[:3, :3].T
     axes = least_area_axes(corners_m)[:3, :3]
     sides_m = np.ptp(corners_m @ axes, axis=0)

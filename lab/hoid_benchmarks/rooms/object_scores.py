@@ -37,7 +37,9 @@ class ObjectScores(NamedTuple):
     small_center_m: FloatArray  # (S,) the same of small objects
     seen_center_m: FloatArray  # (M,) errors of the center of the seen part
     size_m: FloatArray  # (M,) mean error per axis of the size of the seen part
-    area: FloatArray  # (M,) relative error of the area of the footprint of the seen part
+    # (L,) relative errors of the footprint's area of large objects, by the whole or the seen part,
+    # whichever is nearer.
+    area: FloatArray
 
 
 def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> ObjectScores:
@@ -58,6 +60,11 @@ def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> O
     small = [max(t.whole.size_m) <= _SMALL_M for _, t in pairs]
     whole = _norms([f.box.center_m - t.whole.center_m for f, t in pairs])
     seen = _norms([f.box.center_m - t.seen.center_m for f, t in pairs])
+    areas = [
+        min(abs(f.box.area_m2 / box.area_m2 - 1) for box in (t.whole, t.seen))
+        for (f, t), is_small in zip(pairs, small, strict=True)
+        if not is_small
+    ]
     return ObjectScores(
         sum(t.is_expected for t in true),
         sum(true[t].is_expected for t in best),
@@ -70,7 +77,7 @@ def score_objects(found: Sequence[FoundObject], true: Sequence[TrueObject]) -> O
         whole[np.array(small, bool)],
         seen,
         np.array([t.seen.size_error_m(f.box) for f, t in pairs]),
-        np.array([abs(f.box.area_m2 / max(t.seen.area_m2, 1e-6) - 1) for f, t in pairs]),
+        np.array(areas),
     )
 
 

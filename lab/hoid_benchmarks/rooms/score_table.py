@@ -55,7 +55,7 @@ def object_table() -> ScoreTable[ObjectScores]:
     header = (
         'room', 'objects of', 'recall', 'precision', 'class right', 'doubles per object',
         'center cm', 'small: center cm', 'seen part: center cm', 'seen part: size cm',
-        'seen part: area %',
+        'large: area %',
     )  # fmt: skip
     return ScoreTable(
         header,
