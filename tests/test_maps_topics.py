@@ -32,7 +32,7 @@ from hoid_common import se3
 from hoid_common.ros import conversions, qos
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_scene.store import scene_file
-from hoid_scene.store.saved_objects import saved_objects
+from hoid_scene.store.scene_file import saved_objects
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import people_centers

@@ -39,7 +39,7 @@ from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.scene_scheduler import SceneRequest
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers

@@ -22,7 +22,7 @@ from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
 from hoid_scene.store import scene_file
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
 from rgbd_slam.slam_map import SlamStats

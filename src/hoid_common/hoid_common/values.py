@@ -266,6 +266,11 @@ class FeatureVerdicts:
     is_dynamic: BoolArray
 
 
+# Chosen: an object that nobody has handled or moved for so long is at rest, both in the filter's
+# verdicts on images and in the scene.
+REST_S = 1.0
+
+
 class ObjectState(Enum):
     """The state of a person or an object; hoid_msgs/ObjectState explains values."""
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from hoid_common.config import Config, param, section
 from hoid_common.inputs.input_config import NodeConfig
-from hoid_common.values import PERSON
+from hoid_common.values import PERSON, REST_S
 from hoid_filter.strategy_registry import STRATEGIES
 
 # Chosen: COCO classes of things that people pick up, push or carry indoors, without cutlery and
@@ -113,8 +113,8 @@ class PlusConfig(Config):
     # Chosen, the length of an arm: a handled object is at most this much nearer to the camera than
     # the person's torso. `depth_limit_m` limits how much farther it may be.
     reach_m: ClassVar[float] = 0.6
-    # Chosen, not tuned: time without anybody handling it after which an object counts as static.
-    rest_s: ClassVar[float] = 1.0
+    # Time without anybody handling it after which an object counts as static.
+    rest_s: ClassVar[float] = REST_S
 
 
 @dataclass(frozen=True)

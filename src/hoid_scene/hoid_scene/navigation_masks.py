@@ -16,7 +16,7 @@ from hoid_scene.config.navigation_config import NavigationConfig
 from hoid_scene.grid.grid import Grid
 from hoid_scene.grid.steady_grid import GridPatch, patch_of
 from hoid_scene.scene_scheduler import Rate
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 
 CLOSED = 100
 """The value of a cell in which a robot must not be; 0: it may."""
@@ -38,7 +38,6 @@ class MaskExtent(NamedTuple):
 
     @classmethod
     def of(cls, grid: Grid) -> Self:
-        """Return the extent of a grid."""
         height, width = grid.cells.shape
         return cls(grid.low, (height, width), grid.resolution_m)
 
@@ -67,9 +66,6 @@ class NavigationMasks:
     """Makes the masks from the tracks of people and objects.
 
     Crossings are counted in the map frame of their time; they are not saved with the map.
-
-    Args:
-        config: Parameters of the masks.
     """
 
     def __init__(self, config: NavigationConfig) -> None:
@@ -87,11 +83,6 @@ class NavigationMasks:
 
         Each person who is in another cell than before, or is new, is counted as a crossing of that
         cell. If the masks are to be published, they are due again one period later.
-
-        Args:
-            tracks: All confirmed tracks.
-            T_map_base: (4, 4) pose of the robot's base.
-            stamp_ns: Time of the image.
         """
         self._tracks, self._robot_m = tracks, T_map_base[:2, 3]
         before, self._cells = self._cells, {}
@@ -122,7 +113,6 @@ class NavigationMasks:
         return Mask(np.where(is_closed, CLOSED, 0).astype(np.int8), extent)
 
     def speed(self, extent: MaskExtent) -> Mask:
-        """Return by how many percent to go more slowly in each cell, from the crossings."""
         out = np.zeros(extent.shape, np.int8)
         if self._crossings:
             at, counts = np.array(list(self._crossings)), np.array(list(self._crossings.values()))

@@ -31,7 +31,7 @@ from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.scene_session import SceneSession
 from hoid_scene.store.scene_store import SceneStore
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 
 # Chosen: largest ratio of the time that is spent on publishing dense map and grid, and on fusing
 # submaps again that corrections have deformed, to the pause that follows. They take at most a
@@ -109,18 +109,18 @@ class SceneNode(ManagedNode):
 
     def _on_keyframes(self, msg: KeyframePosesMsg) -> None:
         self._outputs.frame = msg.header.frame_id
-        self._session.update(keyframe_poses_from_msg(msg))
+        known = keyframe_poses_from_msg(msg)
+        self._session.update(known)
+        self._outputs.set_level(is_map_level=known.is_level)
         self._images.note_keyframes()
         self._outputs.note_change()
         self.diagnostics.report_problem('loaded map', self._session.problem)
 
     def _on_begin(self, known: SessionKeyframes) -> None:
-        """Publish empty maps of the scene that has ended, and expect images of the new one."""
         navigation = self._settings.config.navigation
         self._images.begin(known.camera)
         self._masks, self._num_fused = NavigationMasks(navigation), 0
         self._outputs.clear(self._session.stamp_ns)
-        self._outputs.begin(is_map_level=known.is_level)
         self._outputs.note_change()
         is_tilted = navigation.enabled and known.T_camera_base is None
         self.diagnostics.report_problem('level', _NOT_LEVEL if is_tilted else '')
@@ -146,7 +146,7 @@ class SceneNode(ManagedNode):
             self._outputs.note_change()
             self._num_fused += 1
             self.diagnostics.count('images fused')
-            self.diagnostics.set_count('voxels', mapper.num_voxels)
+            self.diagnostics.set_count('voxels', len(mapper.dense))
 
     def _update_masks(self, tracks: tuple[TrackedObject, ...], request: SceneRequest) -> None:
         known = self._session.known
@@ -198,7 +198,7 @@ class SceneNode(ManagedNode):
 
     def _report_floor(self, mapper: SceneMapper) -> None:
         """Report a problem if the dense map has enough images, but no floor is known."""
-        is_late = self._num_fused >= _MAX_IMAGES_WITHOUT_FLOOR and not mapper.has_floor
+        is_late = self._num_fused >= _MAX_IMAGES_WITHOUT_FLOOR and mapper.floor is None
         self.diagnostics.report_problem('floor', NO_FLOOR if is_late else '')
 
     def _reconfigure(self, config: SceneNodeConfig) -> None:

@@ -16,8 +16,8 @@ from hoid_common.values import (
     IntArray,
 )
 from hoid_scene.config.dense_config import DenseConfig
-from hoid_scene.config.object_config import ObjectTrackerConfig
-from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.config.object_config import ObjectMapConfig, ObjectTrackerConfig
+from hoid_scene.dense.cloud_labels import NO_CLASS, CloudLabels
 from hoid_scene.dense.dense_map import DenseMap
 from hoid_scene.dense.depth_view import in_boxes
 from hoid_scene.dense.submap import ColoredCloud, Submap, transform
@@ -29,13 +29,12 @@ from hoid_scene.grid.grid import Grid, SubmapCells, cells_of, compose_grid
 from hoid_scene.grid.local_floors import LocalFloors
 from hoid_scene.level.upright import find_upright
 from hoid_scene.level.upright_box import Level
-from hoid_scene.objects.cloud_labels import NO_CLASS, CloudLabels
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
-from hoid_scene.objects.object_map_state import ObjectMapState
 from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.tracks.object_sighting import DepthImage
-from hoid_scene.tracks.object_tracker import ObjectTracker, TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
+from hoid_scene.tracks.object_tracker import ObjectTracker
 
 _UP = np.array([0.0, 0.0, 1.0])
 # Chosen: the level is found again for the objects when there are so many times the images.
@@ -54,18 +53,16 @@ class SceneMapper:
     """Maps the scene in the map frame, whose z axis points up.
 
     Each image comes with a `SceneRequest`, which gives its time, pose and keyframe for all maps.
-    The static scene is in `dense`. The grid is composed of the cells below the submaps whenever it
-    is requested; only submaps that have changed are projected again. Tracks of people and objects
-    describe the present: images update them, and no later correction of the map changes them.
+    Tracks of people and objects describe the present: images update them, and no later correction
+    of the map changes them.
+
+    Attributes:
+        dense: The static scene. The grid is composed of the cells below its submaps; only submaps
+            that have changed are projected again.
+        object_map: The objects at rest; None: the object map is off.
 
     Args:
-        camera: The camera of depth and color.
-        dense: Parameters of the dense map.
-        objects: Parameters of the object tracks.
         object_map: Parameters of the object map; None, or not enabled: there is none.
-        is_map_level: Whether the map frame is level to within a degree or two, which it is if the
-            base frame is known. If so, the grid has the x and y of the map frame; otherwise it has
-            a frame of its own, which is level with the floor.
         views: Store of the images of the dense map, which is empty; None: a temporary one.
     """
 
@@ -79,15 +76,14 @@ class SceneMapper:
         is_map_level: bool = False,
         views: ViewStore | None = None,
     ) -> None:
-        self.camera = camera
+        self.camera, self._is_map_level = camera, is_map_level
         self._config = dense
         self.dense = DenseMap(camera, dense, views)
         self._tracker = ObjectTracker(objects)
         self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
         mapped = object_map or ObjectMapConfig()
-        self._object_map = ObjectMap(camera, mapped.prior_score) if mapped.enabled else None
+        self.object_map = ObjectMap(camera, mapped.prior_score) if mapped.enabled else None
         self._is_prior, self._is_labeled = mapped.prior_score > 0, mapped.label_cloud
-        self._is_map_level = is_map_level
         self._floors: LocalFloors | None = None
         self._level = Level(_UP)
         self._num_fused = self._num_leveled = 0  # images, now and when the level was found last
@@ -104,14 +100,24 @@ class SceneMapper:
         return is_other_grid
 
     @property
-    def num_voxels(self) -> int:
-        """Return the number of voxels of the dense map."""
-        return len(self.dense)
+    def is_map_level(self) -> bool:
+        """Whether the map frame is level to within a degree or two, by the base or by gravity.
+
+        If so, the grid has the x and y of the map frame; otherwise it has a frame of its own,
+        which is level with the floor.
+        """
+        return self._is_map_level
+
+    @is_map_level.setter
+    def is_map_level(self, is_level: bool) -> None:
+        if is_level != self._is_map_level:
+            self._is_map_level, self._level, self._floors = is_level, Level(_UP), None
+            self._num_leveled = 0
 
     @property
-    def has_floor(self) -> bool:
-        """Return whether `grid` or `label` has found a floor; without a floor there is no grid."""
-        return self._floors is not None
+    def floor(self) -> Floor | None:
+        """Return the floor that `grid` or `label` has found; without one there is no grid."""
+        return None if self._floors is None else self._floors.floor
 
     def use(
         self,
@@ -120,23 +126,33 @@ class SceneMapper:
         image_bgr: ByteArray,
         objects: tuple[DynamicObject, ...],
     ) -> None:
-        """Use an image (H, W) for the maps that it was requested for.
-
-        Args:
-            request: Time, pose and keyframe of the image, and the maps.
-            depth_m: (H, W) depth; 0: no reading.
-            image_bgr: (H, W, 3) color.
-            objects: The detections in the image, with the filter's verdicts.
-
-        Raises:
-            MapFileError: The image cannot be stored.
-        """
+        """Use an image for the maps that it was requested for; see the next three methods."""
         if request.track_objects:
             self.track_objects(request, depth_m, objects)
         if request.is_for_object_map:
             self.map_objects(request, depth_m, objects)
         if request.is_for_dense_map:
             self.fuse(request, depth_m, image_bgr, objects)
+
+    def track_objects(
+        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+    ) -> tuple[TrackedObject, ...]:
+        """Update the tracks with an image, and return the confirmed tracks by id.
+
+        If the image is for other maps as well, this must be called first.
+        """
+        image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
+        self._tracks = self._tracker.update(objects, image, request.stamp_ns, self.floor)
+        return self._tracks
+
+    def map_objects(
+        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+    ) -> None:
+        """Update the object map, if it is on, with an image and the latest tracks."""
+        if self.object_map is not None:
+            image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
+            judged = self._tracker.judged(objects, image, request.stamp_ns)
+            self.object_map.update(request, depth_m, judged, self._tracks)
 
     def fuse(
         self,
@@ -148,142 +164,53 @@ class SceneMapper:
         """Integrate an image (H, W) into the dense map.
 
         Pixels in or near the boxes of dynamic objects add no surface, but voxels in front of the
-        surface that they show are removed (carved). Objects whose tracks are at rest do not count
-        as dynamic: the filter may call them handled for seconds after they were put down, or as
-        long as a person is near. The image is ignored if its keyframe does not exist any more.
-
-        If the image is for the tracks as well, `track_objects` must be called first.
-
-        Args:
-            request: Time, pose and keyframe of the image.
-            depth_m: (H, W) depth; 0: no reading.
-            image_bgr: (H, W, 3) color.
-            objects: The detections in the image, with the filter's verdicts.
+        surface that they show are removed (carved). Tracks decide which objects are dynamic: the
+        filter may call them handled for seconds after they were put down, or as long as a person
+        is near. The image is ignored if its keyframe does not exist any more.
 
         Raises:
             MapFileError: The image cannot be stored.
         """
         image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
-        boxes = [
-            seen.box_xyxy_px
-            for seen in objects
-            if seen.is_dynamic and not self._tracker.is_at_rest(seen, image, request.stamp_ns)
-        ]
+        judged = self._tracker.judged(objects, image, request.stamp_ns)
+        boxes = [item.box_xyxy_px for item in judged if item.is_dynamic]
         boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
         is_dynamic = in_boxes(depth_m.shape, boxes_xyxy_px, self._config.mask_margin_px)
         self._num_fused += 1
         self.dense.add(request, self.dense.camera.view_of(depth_m, is_dynamic, image_bgr))
 
-    def track_objects(
-        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
-    ) -> tuple[TrackedObject, ...]:
-        """Update the tracks with an image, and return the confirmed tracks by id.
+    def mapped_objects(self, *, tentative: bool = False) -> tuple[MapObject, ...]:
+        """Return the objects of the main map by id; none if the object map is off.
 
-        Args:
-            request: Time and pose of the image.
-            depth_m: (H, W) depth; 0: no reading.
-            objects: The detections in the image, with the filter's verdicts.
+        Tentative objects are left out unless `tentative` is set.
         """
-        image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
-        self._tracks = self._tracker.update(objects, image, request.stamp_ns, self._floor)
-        return self._tracks
-
-    def map_objects(
-        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
-    ) -> None:
-        """Update the object map, if it is on, with an image and the latest tracks.
-
-        If the image is for the tracks as well, `track_objects` must be called first.
-
-        Args:
-            request: Time, pose and keyframe of the image.
-            depth_m: (H, W) depth; 0: no reading.
-            objects: The detections in the image, with the filter's verdicts.
-        """
-        if self._object_map is not None:
-            self._object_map.update(request, depth_m, objects, self._tracks)
-
-    def mapped_objects(self) -> tuple[MapObject, ...]:
-        """Return the confirmed objects of the main map by id; none if the object map is off."""
-        if self._object_map is None:
+        if self.object_map is None:
             return ()
         if self._num_fused > _LEVEL_GROWTH * self._num_leveled:
             self._update_floor(self.cloud())
-        return self._object_map.objects(self._floor, self._level)
+        return self.object_map.objects(self.floor, self._level, tentative=tentative)
 
     def expected_objects(self) -> Detections | None:
         """Return where the latest image for the object map should show known objects.
 
         None is returned before the first image, and if `object_map.prior_score` is 0.
         """
-        if self._object_map is None or not self._is_prior:
+        if self.object_map is None or not self._is_prior:
             return None
-        return self._object_map.expected
-
-    def export_objects(self, keyframe_uids: IntArray) -> ObjectMapState | None:
-        """Return the object map for a file; None if it is off, or empty.
-
-        Args:
-            keyframe_uids: (K,) ascending uids of the saved keyframes.
-        """
-        if self._object_map is None or len(self._object_map) == 0:
-            return None
-        return self._object_map.export(keyframe_uids)
-
-    def load_objects(
-        self, state: ObjectMapState, keyframes: KeyframePoses, keyframe_uids: IntArray
-    ) -> None:
-        """Add a saved object map to the object map, if it is on.
-
-        The keyframe poses are applied to both maps first (`correct`).
-
-        Args:
-            state: The saved object map.
-            keyframes: The present poses of all keyframes, including those of the saved map.
-            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
-        """
-        if self._object_map is not None:
-            self.correct(keyframes)
-            self._object_map.load(state, keyframe_uids)
-
-    def forget_object(self, object_id: int) -> bool:
-        """Remove the object with this number from the object map; return whether there was one."""
-        return self._object_map is not None and self._object_map.forget(object_id)
-
-    @property
-    def num_mapped_objects(self) -> int:
-        """Return the number of objects of the object map, including unconfirmed ones."""
-        return 0 if self._object_map is None else len(self._object_map)
+        return self.object_map.expected
 
     def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> None:
         """Apply corrected keyframe poses to the dense map and the object map.
 
         Args:
-            keyframes: The poses of all keyframes.
             force: Whether to fuse bent submaps again now (see `DenseMap.correct`).
         """
         self.dense.correct(keyframes, force=force)
-        if self._object_map is not None:
-            self._object_map.correct(keyframes)
-
-    @property
-    def _floor(self) -> Floor | None:
-        return None if self._floors is None else self._floors.floor
-
-    def export(self) -> SubmapState | None:
-        """Return the dense map for a file with the present keyframes; None if it has no voxels."""
-        uids = self.dense.keyframes.uids
-        return self.dense.export(uids) if len(self.dense) else None
+        if self.object_map is not None:
+            self.object_map.correct(keyframes)
 
     def load(self, dense: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
-        """Add a saved dense map to the dense map.
-
-        The keyframe poses are applied to dense map and object map first (`correct`).
-
-        Args:
-            dense: The saved dense map.
-            keyframes: The present poses of all keyframes, including those of the saved map.
-            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
+        """Add a saved dense map to the dense map, after the keyframe poses were applied.
 
         Raises:
             MapFileError: It was made with another `voxel_m`.
@@ -303,13 +230,13 @@ class SceneMapper:
         None is returned if `object_map.label_cloud` is false, or if there is no object map. If no
         floor is known, it is searched for in the cloud first.
         """
-        if self._object_map is None or not self._is_labeled:
+        if self.object_map is None or not self._is_labeled:
             return None
         if self._floors is None:
             self._update_floor(cloud)
-        found = self._object_map.label(cloud.points_m)
-        if self._floors is not None:
-            heights_m = _heights_m(cloud.points_m.astype(np.float64), self._floors.floor)
+        found = self.object_map.label(cloud.points_m)
+        if self.floor is not None:
+            heights_m = _heights_m(cloud.points_m.astype(np.float64), self.floor)
             found.labels[heights_m < _ON_FLOOR_M] = NO_CLASS
         return found
 
@@ -317,16 +244,13 @@ class SceneMapper:
         """Return the grid of the dense map, or None while no floor has been found.
 
         This also updates the floor, which is used to measure people and furniture as well, and the
-        free space that the images have seen.
-
-        Args:
-            cloud: The present result of `cloud`, in which the floor is searched for.
+        free space that the images have seen. `cloud` is the present result of `cloud()`.
         """
         self._update_floor(cloud)
         if self._floors is None:
             return None
         floor, config = self._floors.floor, self._config.grid
-        T_map_level = floor.T_map_ground if self._is_map_level else floor.T_map_floor
+        T_map_level = floor.T_map_ground if self.is_map_level else floor.T_map_floor
         submaps = self.dense.shown()
         floor_m = self._floors.heights_m(submaps)
         mark_free_space(submaps, floor, floor_m, self.dense.camera, self.dense.read)
@@ -358,18 +282,19 @@ class SceneMapper:
         cameras = self._cameras()
         if len(cloud.points_m) == 0 or len(cameras) == 0:
             return  # the map has just begun
-        points = _sample(cloud).astype(np.float64)
-        known_up = _UP if self._is_map_level else None
+        step = max(1, len(cloud.points_m) // _FLOOR_POINTS)
+        points = cloud.points_m[::step].astype(np.float64)
+        known_up = _UP if self.is_map_level else None
         upright = find_upright(cloud.points_m.astype(np.float64), cameras, known_up)
         if upright is not None:
             self._level = Level(upright.up, upright.wall)
-        if not self._is_map_level and not (upright is not None and upright.is_certain):
+        if not self.is_map_level and not (upright is not None and upright.is_certain):
             return
-        floor = find_floor(points, self._level.up, is_up_exact=not self._is_map_level)
+        floor = find_floor(points, self._level.up, is_up_exact=not self.is_map_level)
         if floor is None:
             return
-        if self._floors is not None:
-            old, new = (_heights_m(points, f) for f in (self._floors.floor, floor))
+        if self.floor is not None:
+            old, new = (_heights_m(points, f) for f in (self.floor, floor))
             if np.abs(new - old).max() < _SAME_FLOOR_M:
                 return
         self._floors = LocalFloors(floor)
@@ -382,11 +307,6 @@ class SceneMapper:
         keyframes = self.dense.keyframes
         poses = keyframes.T_map_camera[keyframes.is_main]
         return poses[:: max(1, -(-len(poses) // _MAX_CAMERAS))]
-
-
-def _sample(cloud: ColoredCloud) -> Float32Array:
-    """Return enough points (N, 3) of a cloud to find the floor."""
-    return cloud.points_m[:: max(1, len(cloud.points_m) // _FLOOR_POINTS)]
 
 
 def _heights_m(points_m: FloatArray, floor: Floor) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from hoid_common import se3
 from hoid_common.poses.keyframe_poses import KeyframePoses, TrackedImage
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import NS_PER_S, FloatArray
@@ -28,6 +29,14 @@ class SceneRequest(NamedTuple):
     track_objects: bool = True  # whether to update the tracks of people and objects
     map_objects: bool = False  # whether to update the object map; needs keyframes
     fuse: bool = True  # whether to fuse the image into the dense map; needs keyframes
+
+    @property
+    def T_keyframe_camera(self) -> FloatArray | None:  # noqa: N802 - a transform's name
+        """Return the (4, 4) pose of the image relative to its keyframe; None without that."""
+        row = None if self.keyframes is None else self.keyframes.row_of(self.reference_uid)
+        if self.keyframes is None or row is None:
+            return None
+        return se3.inverse(self.keyframes.T_map_camera[row]) @ self.T_map_camera
 
     @property
     def is_for_dense_map(self) -> bool:
@@ -98,7 +107,6 @@ class SceneScheduler:
 
         Args:
             image: The image; None: its pose is not known.
-            keyframes: Returns the present poses of all keyframes; called only if they are needed.
         """
         if image is None:
             return None

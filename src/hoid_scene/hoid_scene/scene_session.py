@@ -29,12 +29,6 @@ class SceneSession:
         stamp_ns: Stamp of the latest image that was used; 0: none yet.
         problem: Why the scene of a loaded map was left out, or why the scene is not stored; '':
             neither is so.
-
-    Args:
-        config: Parameters of the scene.
-        store: Stores the scene.
-        on_begin: Called when the scene was discarded and another one has begun, with the keyframes
-            of the session.
     """
 
     def __init__(
@@ -61,15 +55,12 @@ class SceneSession:
         if is_other:
             self._begin(known)
         elif self.mapper is not None:
+            self.mapper.is_map_level = known.is_level
             self.mapper.correct(known.keyframes)
             self._load(known)
 
     def add_to_map(self, path: Path, saved: SessionKeyframes) -> str:
         """Add the scene to a map file that the SLAM node is saving; return a summary.
-
-        Args:
-            path: The file.
-            saved: The keyframes that are saved in it.
 
         Raises:
             InputError: The keyframes are of another session.
@@ -85,7 +76,6 @@ class SceneSession:
         return scene.summary
 
     def store_objects(self) -> None:
-        """Store the object map, so that a killed node restores it."""
         if self.mapper is not None and self._config.object_map.enabled:
             scene = scene_file.exported(self.mapper, self.mapper.dense.keyframes.uids)
             self._store.put_objects(scene.objects)
@@ -140,7 +130,6 @@ class SceneSession:
         _LOG.info('the scene of the process that was killed is restored: %s', scene.summary)
 
     def _load(self, known: SessionKeyframes) -> None:
-        """Add the scene of the map that was loaded last, unless it was added before."""
         mapper, loaded = self.mapper, known.loaded
         if mapper is None or loaded.number <= self._num_loaded:
             return

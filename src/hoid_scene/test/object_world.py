@@ -12,7 +12,7 @@ from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatAr
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.scene_scheduler import SceneRequest
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 LOOK_NS = 500_000_000
@@ -46,12 +46,14 @@ class ObjectWorld:
         self,
         *boxes: Box,
         T_map_body: FloatArray | None = None,
+        T_map_world: FloatArray | None = None,
         tracks: tuple[TrackedObject, ...] = (),
         times: int = 1,
     ) -> tuple[MapObject, ...]:
-        """Return the objects of the map after looks at these boxes."""
-        T_map_camera = (np.eye(4) if T_map_body is None else T_map_body) @ T_BODY_OPTICAL
-        depth_m, seen = rendered(boxes, T_map_camera)
+        """Return the objects of the map after looks at these boxes of the world."""
+        T_world_camera = (np.eye(4) if T_map_body is None else T_map_body) @ T_BODY_OPTICAL
+        depth_m, seen = rendered(boxes, T_world_camera)
+        T_map_camera = T_world_camera if T_map_world is None else T_map_world @ T_world_camera
         for _ in range(times):
             self.stamp_ns += LOOK_NS
             request = SceneRequest(self.stamp_ns, T_map_camera, 0, self.keyframes, True, True)

@@ -7,7 +7,7 @@ import pytest
 
 from hoid_common.errors import ConfigError
 from hoid_common.values import Float32Array
-from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.config.object_config import ObjectMapConfig
 from hoid_scene.objects.object_map import ObjectMap
 
 from .object_world import Box, ObjectWorld, keyframes

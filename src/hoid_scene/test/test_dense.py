@@ -13,6 +13,7 @@ from hoid_scene.dense.depth_view import DepthCamera, DepthView, in_boxes
 from hoid_scene.dense.fusion import PosedView
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.export import write_ply
+from hoid_scene.place import Anchor
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 CONFIG = DenseConfig(pixel_stride=1)
@@ -27,7 +28,7 @@ def wall(depth_m: float) -> Float32Array:
 def posed(view: DepthView, x_m: float = 0.0) -> PosedView:
     T_map_camera = np.eye(4)
     T_map_camera[0, 3] = x_m
-    return PosedView(view, 0, T_map_camera, 0, 0, np.eye(4))
+    return PosedView(view, 0, Anchor(0, 0, np.eye(4), T_map_camera))
 
 
 def fuse(voxels: DenseMap, depth_m: Float32Array, times: int) -> None:
@@ -99,7 +100,7 @@ def test_far_voxels_are_kept_in_a_file_and_come_back() -> None:
         for _ in range(3):
             for each in (voxels, whole):
                 each.integrate(posed(view, x_m))
-                each._limit_memory(posed(view, x_m).T_map_camera[:3, 3])
+                each._limit_memory(posed(view, x_m).anchor.T_map_camera[:3, 3])
         assert voxels.num_in_memory <= 12_000
     assert whole.num_in_memory == len(whole) == len(voxels) > 24_000
     np.testing.assert_array_equal(voxels.cloud().points_m, whole.cloud().points_m)

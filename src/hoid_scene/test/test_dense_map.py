@@ -102,7 +102,7 @@ def test_a_forced_correction_leaves_no_bent_submap_in_any_map() -> None:
         bench.add(known, 3, uid)
     bent = keyframes(0, 1, 2, 3, z_m=[0.0, 0.1, 0.0, 0.1])._replace(map_ids=known.map_ids)
     assert bench.voxels.correct(bent)
-    assert {submap.map_id for submap in bench.voxels.submaps if submap.is_bent} == {0, 1}
+    assert {submap.place.map_id for submap in bench.voxels.submaps if submap.is_bent} == {0, 1}
     assert bench.voxels.correct(bent, force=True)
     assert bench.voxels.num_bent == 0
 

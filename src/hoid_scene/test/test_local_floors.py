@@ -15,6 +15,7 @@ from hoid_scene.dense.depth_view import DepthView
 from hoid_scene.dense.fusion import PosedView
 from hoid_scene.grid.floor import Floor
 from hoid_scene.grid.local_floors import LocalFloors
+from hoid_scene.place import Anchor
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 FLOOR_M = 2.01
@@ -24,7 +25,7 @@ VIEW = DepthView(np.full((60, 80), 1000 * FLOOR_M, np.uint16), np.zeros((30, 40,
 def voxels_of_floor() -> DenseMap:
     voxels = DenseMap(CAMERA, DenseConfig())
     for slot in range(5):
-        voxels.integrate(PosedView(VIEW, slot, np.eye(4), 0, 0, np.eye(4)))
+        voxels.integrate(PosedView(VIEW, slot, Anchor(0, 0, np.eye(4), np.eye(4))))
     return voxels
 
 

@@ -16,14 +16,14 @@ from hoid_scene.config.scene_config import SceneConfig, SceneNodeConfig
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.navigation_masks import Mask, MaskExtent, NavigationMasks, changed_cells
-from hoid_scene.ros.mask_messages import (
+from hoid_scene.ros.map_messages import (
     FilterType,
     filter_info_to_msg,
     mask_to_msg,
 )
 from hoid_scene.ros.outputs import SceneOutputs
 from hoid_scene.scene_mapper import SceneMapper
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 
 from .nav2_costmap import LETHAL, Costmap, cells_of
 
@@ -94,7 +94,7 @@ class Outputs:
             lambda output: self._published[output.name], SceneConfig(navigation=config)
         )
         self.scene.frame = 'map'
-        self.scene.begin(is_map_level=True)
+        self.scene.set_level(is_map_level=True)
         self.scene.note_change()
         self.scene.publish_map(cast(SceneMapper, StillScene()), 0)
 

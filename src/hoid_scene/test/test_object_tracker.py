@@ -13,7 +13,8 @@ from hoid_common.values import UNKNOWN, CameraModel, DynamicObject, FloatArray, 
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.grid.floor import Floor
 from hoid_scene.tracks.object_sighting import DepthImage, measure
-from hoid_scene.tracks.object_tracker import ObjectTracker, TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
+from hoid_scene.tracks.object_tracker import ObjectTracker
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)
 CONFIG = ObjectTrackerConfig()
@@ -44,6 +45,7 @@ class World:
         self.T_map_camera = (np.eye(4) if T_map_body is None else T_map_body) @ T_BODY_OPTICAL
         self.stamp_ns = 0
         self.tracker = ObjectTracker(CONFIG)
+        self.states: dict[str, ObjectState] = {}  # of the last image, by class
 
     def show(self, *things: Thing, floor: Floor | None = None) -> tuple[TrackedObject, ...]:
         depth = np.full((240, 320), WALL_M, np.float32)
@@ -61,6 +63,8 @@ class World:
             detections.append(DynamicObject(class_name, box_px, 0.9, -1, reason))
         image = DepthImage.of(CAMERA, depth, self.T_map_camera)
         out = self.tracker.update(detections, image, self.stamp_ns, floor)
+        judged = self.tracker.judged(detections, image, self.stamp_ns)
+        self.states = {item.class_name: item.state for item in judged}
         self.stamp_ns += round(1e9 / RATE_HZ)
         return out
 
@@ -179,6 +183,44 @@ def test_a_predicted_box_neither_makes_nor_moves_an_object() -> None:
     np.testing.assert_allclose(cup.position_map_m, rest.position_map_m, atol=0.02)
 
 
+def carried_cup(world: World) -> None:
+    for _ in range(10):
+        world.show(Thing('cup', 2.0, 0.8, 0))
+    for i in range(16):
+        left = 0.8 - 0.1 * i
+        world.show(person(2.2, left), Thing('cup', 2.0, left, 0, reason=ObjectState.HANDLED))
+
+
+def test_an_object_that_a_person_holds_still_is_handled() -> None:
+    """Although the filter calls it static."""
+    world = World()
+    carried_cup(world)
+    for _ in range(4):
+        world.show(person(2.2, -0.7), Thing('cup', 2.0, -0.7, 0))
+    assert world.states['cup'] is ObjectState.HANDLED
+    assert world.states['person'] is ObjectState.PERSON
+
+
+def test_an_object_that_nobody_is_near_any_more_is_at_rest() -> None:
+    """Although its track is still handled."""
+    world = World()
+    carried_cup(world)
+    for _ in range(6):
+        tracks = world.show(Thing('cup', 2.0, -0.7, 0))
+    assert [t.state for t in tracks if t.class_name == 'cup'] == [ObjectState.HANDLED]
+    assert world.states['cup'] is ObjectState.AT_REST
+
+
+def test_an_object_that_was_put_down_beside_a_person_is_at_rest() -> None:
+    """Although the filter calls it handled."""
+    world = World()
+    carried_cup(world)
+    put_down = Thing('cup', 2.0, -0.7, 0, reason=ObjectState.HANDLED)
+    for _ in range(15):
+        world.show(person(2.2, -0.7), put_down)
+    assert world.states['cup'] is ObjectState.MOVED
+
+
 def test_a_box_behind_a_person_is_not_handled() -> None:
     world = World()
     tv = Thing('tv', 5.0, 0, 0, size_m=(0.8, 0.8))
@@ -190,6 +232,7 @@ def test_a_box_behind_a_person_is_not_handled() -> None:
         tracks = world.show(overlapped, person(2.0, 1.0 - 0.1 * i))
     (track,) = [track for track in tracks if track.class_name == 'tv']
     assert track.state is ObjectState.AT_REST
+    assert world.states['tv'] is ObjectState.AT_REST
     np.testing.assert_allclose(track.position_map_m, rest.position_map_m, atol=0.02)
 
 

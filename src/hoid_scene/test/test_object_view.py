@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatArray, ObjectState
-from hoid_scene.objects.object_view import ObjectCamera, Views
+from hoid_scene.objects.evidence import Views
+from hoid_scene.objects.object_view import ObjectCamera
 
 CAMERA = CameraModel(640, 480, 525.0, 525.0, 319.5, 239.5)
 BOX = (200.0, 120.0, 360.0, 240.0)
@@ -59,13 +60,13 @@ def direction(angle_deg: float) -> FloatArray:
 
 def test_repeated_detections_from_one_direction_count_less_and_less() -> None:
     views = Views()
-    weights = [views.weight(direction(angle)) for angle in (0, 4, -4, 2, 0, 3, 0, 0, 0, 0)]
+    weights = [views.add(direction(angle)) for angle in (0, 4, -4, 2, 0, 3, 0, 0, 0, 0)]
     assert weights[:5] == [1.0, 1.0, 1.0, 0.5, 0.25]
     assert sum(weights) < 4.0
 
 
 def test_detections_from_other_directions_count_fully() -> None:
     views = Views()
-    weights = [views.weight(direction(angle)) for angle in range(0, 360, 12)]
+    weights = [views.add(direction(angle)) for angle in range(0, 360, 12)]
     assert weights == [1.0] * 30
-    assert [views.weight(direction(120)) for _ in range(3)] == [1.0, 1.0, 0.5]
+    assert [views.add(direction(120)) for _ in range(3)] == [1.0, 1.0, 0.5]

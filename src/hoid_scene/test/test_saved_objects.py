@@ -10,9 +10,8 @@ from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import ObjectState
 from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.objects.object_list import ObjectQuery, find, object_table, objects_yaml
 from hoid_scene.objects.object_map_state import ObjectMapState
-from hoid_scene.objects.object_query import ObjectQuery, find
-from hoid_scene.objects.object_text import object_table, objects_yaml
 
 from .object_world import Box, ObjectWorld, keyframes
 from .test_object_map import BEAR, BOOK, CUP, TABLE, moved, only

@@ -20,9 +20,9 @@ from hoid_scene.dense.dense_map import DenseMap
 from hoid_scene.dense.fusion import PosedView
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.objects.object_map_state import ObjectMapState
+from hoid_scene.place import Anchor
 from hoid_scene.store import scene_file
-from hoid_scene.store.scene_file import SavedScene
-from hoid_scene.store.scene_joining import join_scenes
+from hoid_scene.store.scene_file import SavedScene, join_scenes
 
 from .object_world import Box, ObjectWorld
 
@@ -43,7 +43,7 @@ def wall(uid: int, T: FloatArray, voxel_m: float = 0.025) -> SubmapState:
         np.full(shape, 2.0, np.float32), np.zeros(shape, bool), np.zeros((*shape, 3), np.uint8)
     )
     for slot in range(3):
-        voxels.integrate(PosedView(view, slot, T, uid, 0, T))
+        voxels.integrate(PosedView(view, slot, Anchor(uid, 0, T, T)))
     state = voxels.export(np.array([uid]))
     return state.with_anchors(np.full(len(state.anchor), uid))
 
@@ -141,7 +141,7 @@ OBJECT_FAULTS: dict[str, tuple[str, dict[str, Any]]] = {
     'number': ("object's number is invalid", {'object_id': np.array([1, 99])}),
     'numbers': ('same number', {'object_id': np.array([1, 1])}),
     'pose': ('pose is invalid', {'T_anchor_object': np.full((2, 4, 4), np.nan)}),
-    'state': ('state is unknown', {'state': np.array([0, 4], np.uint8)}),
+    'state': ('state is unknown', {'left_as': np.array([0, 4], np.uint8)}),
     'sightings': ('num_sightings', {'num_sightings': np.array([4, 0])}),
     'stamp': ('stamp is out of range', {'last_ns': np.array([-1, 0])}),
     'probability': ('probability', {'probability': np.array([0.5, np.nan])}),

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from hoid_msgs.msg import DetectionArray
+from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header, UInt32
 
@@ -17,12 +18,11 @@ from hoid_common.ros.conversions import cloud_from_msg, header_to_msg
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, DynamicObject, ObjectState
 from hoid_scene.config.dense_config import DenseConfig
-from hoid_scene.config.object_config import ObjectTrackerConfig
-from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.config.object_config import ObjectMapConfig, ObjectTrackerConfig
 from hoid_scene.config.scene_config import SceneConfig
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.ros import outputs
-from hoid_scene.ros.object_map_messages import (
+from hoid_scene.ros.object_messages import (
     object_map_markers_to_msg,
     object_map_to_msg,
 )
@@ -36,7 +36,7 @@ from hoid_scene.ros.outputs import (
 )
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import SceneRequest
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 EVERY = frozenset(output.name for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS))
@@ -62,7 +62,7 @@ class Bench:
         config = SceneConfig(object_map=object_map or ObjectMapConfig())
         self.outputs = SceneOutputs(self.publisher, config)
         self.outputs.frame = 'map'
-        self.outputs.begin(is_map_level=is_map_level)
+        self.outputs.set_level(is_map_level=is_map_level)
 
     def publisher(self, output: OutputTopic) -> Publisher:
         bench = self
@@ -132,6 +132,20 @@ def test_every_message_has_the_type_of_its_topic(is_map_level: bool) -> None:
     assert clouds[1] == grids[1] == 0
 
 
+def test_the_grid_is_in_the_map_frame_once_that_is_level() -> None:
+    _, scene_outputs, sent = new_outputs(is_map_level=False)
+    scene, frames = floor_scene(), []
+    for is_level in (False, True):
+        scene.is_map_level = is_level
+        scene_outputs.set_level(is_map_level=is_level)
+        scene_outputs.note_change()
+        scene_outputs.publish_map(scene, STAMP_NS)
+        grids = [deserialize_message(o.data, OccupancyGrid) for o in sent if o.topic == 'grid_map']
+        frames.append(grids[-1].header.frame_id)
+        assert grids[-1].info.width > 0
+    assert frames == ['map_level', 'map']
+
+
 def test_a_row_of_the_table_adds_a_topic(monkeypatch: pytest.MonkeyPatch) -> None:
     def num_people_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> UInt32:
         assert header.frame_id == 'map'
@@ -188,7 +202,7 @@ def test_objects_at_rest_are_detections_with_their_classes() -> None:
     T[:3, 3] = 1.0, 2.0, 3.0
     scores = (('cup', 3.0), ('bottle', 1.0))
     at_rest = MapObject(
-        4, 'cup', scores, ObjectState.AT_REST, T, np.array([0.1, 0.2, 0.3]), 5, 1, STAMP_NS, 0.8
+        4, 'cup', scores, ObjectState.AT_REST, T, np.array([0.1, 0.2, 0.3]), 5, 1, STAMP_NS, 0.5
     )
     gone = replace(at_rest, object_id=5, state=ObjectState.GONE)
     header = Header(frame_id='map')
@@ -196,8 +210,8 @@ def test_objects_at_rest_are_detections_with_their_classes() -> None:
     assert found.id == '4'
     assert found.header.frame_id == 'map'
     assert found.header.stamp.sec == 5
-    shares = {result.hypothesis.class_id: result.hypothesis.score for result in found.results}
-    assert shares == pytest.approx({'cup': 0.6, 'bottle': 0.2})
+    means = {result.hypothesis.class_id: result.hypothesis.score for result in found.results}
+    assert means == pytest.approx({'cup': 0.6, 'bottle': 0.2})
     center, size = found.bbox.center.position, found.bbox.size
     assert (center.x, center.y, center.z) == (1.0, 2.0, 3.0)
     assert (size.x, size.y, size.z) == (0.1, 0.2, 0.3)

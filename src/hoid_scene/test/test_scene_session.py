@@ -89,6 +89,15 @@ def test_a_scene_begins_when_the_camera_of_a_session_is_known(tmp_path: Path) ->
     assert process.begun == ['', 'a', 'b']
 
 
+def test_a_scene_is_level_once_gravity_is_known(tmp_path: Path) -> None:
+    process = Process(tmp_path)
+    process.map(known('a', 0)._replace(is_level=False))
+    assert not process.mapper.is_map_level
+    process.session.update(known('a', 0, 1, version=2))
+    assert process.mapper.is_map_level
+    assert len(process.points_m) > 1000
+
+
 def test_a_killed_scene_node_restores_the_scene_of_the_session(tmp_path: Path) -> None:
     first = Process(tmp_path)
     first.map(known('a', 0))

@@ -69,6 +69,7 @@ class Leveling:
         is_old = result.stamp_ns - first_ns > _LEVEL_AFTER_NS
         is_known = up.sigma_rad < _LEVEL_SIGMA_RAD and imu.trust.agrees is not None
         frames.is_fixed = is_old or is_known
+        frames.is_level |= is_known
         return turned_rad > 0
 
     def _restore_start(self) -> bool:

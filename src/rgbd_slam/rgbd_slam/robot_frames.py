@@ -72,6 +72,8 @@ class RobotFrames:
         self._T_odom_core = self.T_map_core  # the mounting of the camera; never changes
         # True: the map frame is that of a saved map, or is level for good; `level` does nothing.
         self.is_fixed = False
+        # Whether z of the map frame points up, by the mounting of the camera or by gravity.
+        self.is_level = self._has_base = T_base_camera is not None
         self.T_camera_base = np.eye(4) if T_base_camera is None else se3.inverse(T_base_camera)
         self._planar = planar and T_base_camera is not None
         self._last: _BasePose | None = None
@@ -122,6 +124,10 @@ class RobotFrames:
 
     def cameras(self, cameras: Trajectory) -> Trajectory:
         return Trajectory(cameras.stamps_ns, self.T_map_core @ cameras.T_world_camera)
+
+    def take_saved(self) -> None:
+        """Keep the map frame, because it is that of a saved map, which may not be level."""
+        self.is_fixed, self.is_level = True, self._has_base
 
     def level(self, up_core: FloatArray) -> float:
         """Turn the z axis of the map frame along `up_core` (3,); return the angle [rad].

@@ -297,7 +297,7 @@ class SlamMap:
                 it.
         """
         state = content.seen_by(self._camera, *self._octaves, extend=extend).map
-        self.frames.is_fixed = True
+        self.frames.take_saved()
         return MapLoading(
             state.moved(se3.inverse(self.frames.T_map_core)),
             self.stereo,

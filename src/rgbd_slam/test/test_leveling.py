@@ -88,6 +88,9 @@ def test_the_map_is_level_after_a_tilted_start_and_is_then_kept() -> None:
     assert num_turns > 3
     up_map = frames.T_map_core[:3, :3] @ T_start_world[:3, :3] @ UP_WORLD
     assert np.rad2deg(np.arccos(up_map[2])) < 1.0
+    assert frames.is_level
+    frames.take_saved()  # the frame of a saved map, of which nothing is known
+    assert not frames.is_level
 
 
 def test_nothing_is_turned_while_lost_or_in_another_map() -> None:
@@ -127,6 +130,7 @@ def test_an_imu_with_a_wrong_clock_levels_nothing(offset_s: float, gyro: bool) -
     at_start_deg = leveled(ShakenImu(gyro=False), 0.5)[1][0]
     assert max(tilts_deg) < at_start_deg + 1.0
     assert not frames.is_fixed
+    assert not frames.is_level
     assert report_of(shaken.imu).in_use == 'none'
     problem = shaken.imu.trust.problem
     assert ('the accelerometer, because it has the same clock' in problem) == gyro

@@ -13,11 +13,9 @@ from hoid_common.errors import ConfigError, MapFileError
 from hoid_common.io.files import check_writable
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
-from hoid_scene.objects.object_query import ObjectQuery, find
+from hoid_scene.objects.object_list import ObjectQuery, find
 from hoid_scene.store import scene_file
-from hoid_scene.store.saved_objects import saved_objects
-from hoid_scene.store.scene_file import SavedScene
-from hoid_scene.store.scene_joining import join_scenes
+from hoid_scene.store.scene_file import SavedScene, join_scenes, saved_objects
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.map_joining import MapJoin, join_maps, without_loop
 from rgbd_slam.store import map_file

@@ -13,9 +13,8 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
-from hoid_scene.objects.object_query import STATES, ObjectQuery, find
-from hoid_scene.objects.object_text import object_table, objects_yaml
-from hoid_scene.store.saved_objects import saved_objects
+from hoid_scene.objects.object_list import STATES, ObjectQuery, find, object_table, objects_yaml
+from hoid_scene.store.scene_file import saved_objects
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.store import map_file
 
@@ -67,7 +66,8 @@ def objects_command(args: argparse.Namespace) -> None:
         )
     near = None if args.near is None else np.array(args.near)
     query = ObjectQuery(args.class_name, near, args.radius, args.state)
-    objects = find(saved_objects(scene, content.keyframes(), content.camera), query)
+    every = saved_objects(scene, content.keyframes(), content.camera, tentative=True)
+    objects = find(every, query)
     sys.stdout.writelines(f'{line}\n' for line in object_table(objects))
     if args.yaml is not None:
         try:

@@ -94,7 +94,6 @@ class OfflinePipeline:
             config.scene.dense,
             config.scene.objects,
             config.scene.object_map,
-            is_map_level=T_base_camera is not None,
         )
         self._scheduler = _scheduler(config, dense=dense)
         self._detect = detect or detection_source(sequence, config, self._scene.expected_objects)
@@ -139,6 +138,7 @@ class OfflinePipeline:
             self._imu.advance(frame.stamp_ns)
         done = self._session.process(filtered.features)
         track_ms = _MS_PER_S * (time.thread_time() - start_s)
+        self._scene.is_map_level = self._session.map.frames.is_level
         request = self._scheduler.pick(done.image, self._session.map.keyframes)
         if request is not None:
             self._scene.use(request, frame.depth_m, frame.image_bgr, filtered.objects)
@@ -182,7 +182,7 @@ class OfflinePipeline:
         session.map.finish()
         session.close()
         scene.correct(session.map.keyframes(), force=True)
-        cloud = scene.cloud() if scene.num_voxels else None
+        cloud = scene.cloud() if len(scene.dense) else None
         grid = scene.grid(cloud) if cloud is not None else None
         if cloud is not None and grid is None:
             _LOG.warning('%s', NO_FLOOR)

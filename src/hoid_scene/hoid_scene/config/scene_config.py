@@ -9,8 +9,7 @@ from hoid_common.errors import ConfigError
 from hoid_common.inputs.input_config import NodeConfig
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.config.navigation_config import NavigationConfig
-from hoid_scene.config.object_config import ObjectTrackerConfig
-from hoid_scene.config.object_map_config import ObjectMapConfig
+from hoid_scene.config.object_config import ObjectMapConfig, ObjectTrackerConfig
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from hoid_common import se3
 from hoid_common.poses.keyframe_poses import NO_KEYFRAMES, KeyframePoses
 from hoid_common.values import CameraModel, FloatArray, IntArray
 from hoid_scene.config.dense_config import DenseConfig
@@ -22,6 +21,7 @@ from hoid_scene.dense.fusion import Fusion, PosedView
 from hoid_scene.dense.submap import ColoredCloud, Submap, move_to_disk, num_in_memory
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.dense.view_store import StoredView, ViewStore
+from hoid_scene.place import anchor_at
 from hoid_scene.scene_scheduler import SceneRequest
 
 # Chosen: distance [m] at which a rotation is compared with a translation, typical of what a
@@ -54,8 +54,6 @@ class DenseMap:
     the temporary file of voxels cannot.
 
     Args:
-        camera: The camera of depth and color.
-        config: Parameters of the dense map.
         store: Store of the images, which is empty; None: a temporary one.
     """
 
@@ -76,27 +74,22 @@ class DenseMap:
 
     @property
     def camera(self) -> DepthCamera:
-        """Return the camera of depth and color."""
         return self._fusion.camera
 
     @property
     def submaps(self) -> Sequence[Submap]:
-        """Return all submaps."""
         return self._submaps
 
     @property
     def views(self) -> tuple[StoredView, ...]:
-        """Return the places of the stored images in the order of storing."""
         return tuple(self._views.values())
 
     @property
     def keyframes(self) -> KeyframePoses:
-        """Return the poses of all keyframes as of the last correction."""
         return self._keyframes
 
     @property
     def num_bent(self) -> int:
-        """Return the number of submaps that wait to be fused again."""
         return sum(submap.is_bent for submap in self._submaps)
 
     @property
@@ -105,8 +98,7 @@ class DenseMap:
         return num_in_memory(self._submaps)
 
     def shown(self) -> list[Submap]:
-        """Return the submaps of the main map."""
-        return [s for s in self._submaps if s.map_id == self._keyframes.main_map]
+        return [s for s in self._submaps if s.place.map_id == self._keyframes.main_map]
 
     def read(self, slot: int) -> DepthView | None:
         """Return the stored image of a slot, or None if it has been removed."""
@@ -115,21 +107,15 @@ class DenseMap:
     def add(self, request: SceneRequest, image: DepthView) -> None:
         """Store an image, and fuse it.
 
-        It is ignored if its keyframe does not exist any more. If the request has keyframe poses
-        that are not older than the present ones, they are applied first (`correct`). If many
-        images are stored near this one, the most redundant of them is removed.
-
-        Args:
-            request: Time, pose and keyframe of the image.
-            image: Its depth and color.
+        It is ignored if its keyframe does not exist any more. Keyframe poses that are not older
+        than the present ones are applied first (`correct`). If many images are stored near this
+        one, the most redundant of them is removed.
         """
-        keyframes = self._keyframes if request.keyframes is None else request.keyframes
-        row = keyframes.row_of(request.reference_uid)
-        if row is None:
+        T_keyframe_camera = request.T_keyframe_camera
+        if request.keyframes is None or T_keyframe_camera is None:
             return
-        T_keyframe_camera = se3.inverse(keyframes.T_map_camera[row]) @ request.T_map_camera
-        if keyframes.version >= self._keyframes.version:
-            self.correct(keyframes)
+        if request.keyframes.version >= self._keyframes.version:
+            self.correct(request.keyframes)
         if self._keyframes.row_of(request.reference_uid) is None:
             return
         view, slot = StoredView(request.reference_uid, T_keyframe_camera), self._next_slot
@@ -151,7 +137,7 @@ class DenseMap:
         self._views[slot], self._next_slot = view, slot + 1
         posed = self._posed(slot, image)
         self.integrate(posed)
-        self._camera_m = posed.T_map_camera[:3, 3]
+        self._camera_m = posed.anchor.T_map_camera[:3, 3]
         self._limit_memory(self._camera_m)
         self._limit_views(posed)
 
@@ -167,7 +153,6 @@ class DenseMap:
         """Apply corrected keyframe poses: move the submaps, and find those that are bent.
 
         Args:
-            keyframes: The poses of all keyframes.
             force: Whether to check all submaps against a ten times smaller limit, as at the end of
                 a run, and to fuse all bent submaps again now. False: they wait for `fuse_bent`.
 
@@ -178,9 +163,7 @@ class DenseMap:
         if before is not NO_KEYFRAMES:
             self._reattach(before)
         moved = _moved_uids(before, keyframes)
-        for submap in self._submaps:
-            if submap.anchor_uid in moved:
-                submap.move(keyframes)
+        self._remove([s for s in self._submaps if not s.follow(before, keyframes)])
         if moved or force:
             self._find_bent(moved, force=force)
         is_bent = self.num_bent > 0
@@ -211,7 +194,7 @@ class DenseMap:
         region = [
             submap
             for submap, is_near in zip(bent, near, strict=True)
-            if is_near and submap.map_id == bent[first].map_id
+            if is_near and submap.place.map_id == bent[first].place.map_id
         ]
         slots = sorted(set().union(*(submap.fused for submap in region)))
         for submap in region:
@@ -220,17 +203,15 @@ class DenseMap:
         for slot in slots:
             posed = self._posed(slot, self._store.read(slot))
             changing.update(self.integrate(posed, changing))
-            self._limit_memory(posed.T_map_camera[:3, 3])
+            self._limit_memory(posed.anchor.T_map_camera[:3, 3])
         return True
 
     def clear(self) -> None:
-        """Discard all images and voxels."""
         self._remove(list(self._submaps))
         for slot in list(self._views):
             self._discard(slot)
 
     def cloud(self) -> ColoredCloud:
-        """Return the mean point and color of each confirmed voxel of the main map."""
         parts = [self._cloud_of(submap) for submap in self.shown()]
         if not parts:
             return ColoredCloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
@@ -248,10 +229,6 @@ class DenseMap:
         """Add saved submaps. Their voxels are on disk until an image changes them.
 
         Submaps without voxels, or whose anchor keyframe has been removed, are left out.
-
-        Args:
-            state: The submaps.
-            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
         """
         loaded = [s for s in state.submaps(self._keyframes, keyframe_uids, self._config) if len(s)]
         if loaded:
@@ -290,12 +267,9 @@ class DenseMap:
         self._store.discard(slot)
 
     def _posed(self, slot: int, image: DepthView) -> PosedView:
-        view = self._views[slot]
-        row = int(self._keyframes.rows_of(np.array([view.keyframe_uid]))[0])
-        T_map_keyframe = self._keyframes.T_map_camera[row]
-        T_map_camera = T_map_keyframe @ view.T_keyframe_camera
-        map_id = int(self._keyframes.map_ids[row])
-        return PosedView(image, slot, T_map_camera, view.keyframe_uid, map_id, T_map_keyframe)
+        anchor = anchor_at(self._keyframes, *self._views[slot])
+        assert anchor is not None
+        return PosedView(image, slot, anchor)
 
     def _poses(self, slots: list[int]) -> FloatArray:
         """Return the (N, 4, 4) poses of stored images, each in the frame of its own map."""
@@ -305,7 +279,6 @@ class DenseMap:
         return np.asarray(self._keyframes.T_map_camera[self._rows(slots)] @ T)
 
     def _rows(self, slots: list[int]) -> IntArray:
-        """Return the rows of the keyframes of stored images."""
         uids = np.array([self._views[slot].keyframe_uid for slot in slots], np.int64)
         return self._keyframes.rows_of(uids)
 
@@ -315,17 +288,13 @@ class DenseMap:
         Only submaps are checked whose anchor has moved, or into which images of moved keyframes
         were fused. A submap is bent if its images have moved relative to it by more than half a
         voxel, and if enough of them are still stored.
-
-        Args:
-            moved: Uids of the moved keyframes.
-            force: Check all submaps with stored images, and with a ten times smaller limit.
         """
         slots = [s for s, v in self._views.items() if force or v.keyframe_uid in moved]
         touched = set(slots)
         voxels = _FORCED_VOXELS if force else _BENT_VOXELS
         poses = dict(zip(self._views, self._poses(list(self._views)), strict=True))
         for submap in self._submaps:
-            if submap.fused.isdisjoint(touched) and submap.anchor_uid not in moved:
+            if submap.fused.isdisjoint(touched) and submap.place.uid not in moved:
                 continue
             is_bent = submap.bend_m(poses) > voxels * self._config.voxel_m
             needed = min(_ENOUGH, _MIN_SHARE * submap.num_fused)
@@ -335,19 +304,16 @@ class DenseMap:
         """Remove the most redundant stored image near a new one if too many are stored there."""
         slots = list(self._views)
         T = self._poses(slots)
-        near = np.linalg.norm(T[:, :3, 3] - posed.T_map_camera[:3, 3], axis=1) < _NEAR_M
-        near &= self._keyframes.map_ids[self._rows(slots)] == posed.map_id
+        near = np.linalg.norm(T[:, :3, 3] - posed.anchor.T_map_camera[:3, 3], axis=1) < _NEAR_M
+        near &= self._keyframes.map_ids[self._rows(slots)] == posed.anchor.map_id
         rows = np.flatnonzero(near)
         if len(rows) > _MAX_NEAR:
             self._discard(slots[rows[_most_redundant(T[rows])]])
 
     def _reattach(self, before: KeyframePoses) -> None:
-        """Attach images and submaps of removed keyframes to other keyframes of the same map.
+        """Attach images of removed keyframes to other keyframes of the same map.
 
         If none of its keyframes remains, they are discarded.
-
-        Args:
-            before: The keyframe poses before the correction.
         """
         remaining = set(self._keyframes.uids.tolist())
         removed = set(before.uids.tolist()) - remaining
@@ -364,20 +330,9 @@ class DenseMap:
                 T = T_near_old @ view.T_keyframe_camera
                 self._views[slot] = StoredView(uid, T)
                 self._store.attach(slot, self._views[slot])
-        gone = []
-        for submap in self._submaps:
-            if submap.anchor_uid in removed:
-                near = substitutes[submap.anchor_uid]
-                if near is None:
-                    gone.append(submap)
-                    continue
-                submap.anchor_uid = near[0]
-                submap.T_anchor_submap = near[1] @ submap.T_anchor_submap
-        self._remove(gone)
 
 
 def _moved_uids(before: KeyframePoses, after: KeyframePoses) -> set[int]:
-    """Return the uids of the keyframes whose poses or maps have changed."""
     uids, old, new = np.intersect1d(before.uids, after.uids, True, return_indices=True)
     change = np.abs(before.T_map_camera[old] - after.T_map_camera[new]).max(axis=(1, 2), initial=0)
     has_moved = (change > 0) | (before.map_ids[old] != after.map_ids[new])

@@ -121,7 +121,6 @@ class DepthCamera:
         return Comparison(index, measured_m[read] - z, noise_m, view.is_static[row, col])
 
     def measure(self, view: DepthView, T_map_camera: FloatArray) -> Surface:
-        """Return the static surface within the range of the map, given the pose of the view."""
         depth_m = view.depth_m
         row, col = np.nonzero(
             view.is_static & (depth_m > 0) & (depth_m < self._config.max_depth_m)

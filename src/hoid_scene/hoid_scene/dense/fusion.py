@@ -20,6 +20,7 @@ from hoid_common.values import CameraModel, FloatArray
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.dense.depth_view import Comparison, DepthCamera, DepthView, Surface
 from hoid_scene.dense.submap import SIDE, Evidence, Submap, transform
+from hoid_scene.place import Anchor, Place
 
 
 class PosedView(NamedTuple):
@@ -27,19 +28,11 @@ class PosedView(NamedTuple):
 
     view: DepthView
     slot: int  # its number among the stored images
-    T_map_camera: FloatArray  # (4, 4)
-    keyframe_uid: int
-    map_id: int  # of the keyframe
-    T_map_keyframe: FloatArray  # (4, 4)
+    anchor: Anchor  # its keyframe and pose
 
 
 class Fusion:
-    """Changes the submaps that an image observes, and starts new ones for the rest of its surface.
-
-    Args:
-        camera: The camera of depth and color.
-        config: Parameters of the dense map.
-    """
+    """Changes the submaps that an image observes, and starts new ones for other surface."""
 
     def __init__(self, camera: CameraModel, config: DenseConfig) -> None:
         self.camera = DepthCamera(camera, config)
@@ -54,8 +47,6 @@ class Fusion:
         """Carve the voxels that an image sees through, then add the surface that it measures.
 
         Args:
-            posed: The image.
-            submaps: All submaps, the oldest first. Those of other maps are left alone.
             only: The submaps that may change; None: all. The surface inside the other submaps is
                 discarded and starts no new submap.
 
@@ -65,17 +56,16 @@ class Fusion:
         near = self._in_view(posed, submaps)
         observed = [s for s in near if only is None or s in only]
         evidence = self._evidence(posed, observed)
-        surfaces, rest = _split(self.camera.measure(posed.view, posed.T_map_camera), near)
+        surfaces, rest = _split(self.camera.measure(posed.view, posed.anchor.T_map_camera), near)
         for submap in observed:
             self._update(submap, posed, evidence[submap], surfaces.get(submap))
         return self._create(posed, rest)
 
     def _in_view(self, posed: PosedView, submaps: Sequence[Submap]) -> list[Submap]:
-        """Return the submaps of the image's map that may be in view, the oldest first."""
-        same = [submap for submap in submaps if submap.map_id == posed.map_id]
+        same = [submap for submap in submaps if submap.place.map_id == posed.anchor.map_id]
         if not same:
             return []
-        centers_m = _centers_m(same, se3.inverse(posed.T_map_camera))
+        centers_m = _centers_m(same, se3.inverse(posed.anchor.T_map_camera))
         is_near = self.camera.in_view(centers_m, same[0].radius_m)
         return [same[i] for i in np.flatnonzero(is_near)]
 
@@ -87,7 +77,7 @@ class Fusion:
         """
         if not submaps:
             return {}
-        T_camera_map = se3.inverse(posed.T_map_camera)
+        T_camera_map = se3.inverse(posed.anchor.T_map_camera)
         points = [transform(T_camera_map @ s.T_map_submap, s.points_m()) for s in submaps]
         seen = self.camera.compare(np.concatenate(points), posed.view)
         masks = self._masks(seen, sum(map(len, points)))
@@ -112,23 +102,18 @@ class Fusion:
     def _update(
         self, submap: Submap, posed: PosedView, evidence: Evidence, surface: Surface | None
     ) -> None:
-        submap.poses[posed.slot] = se3.inverse(submap.T_map_submap) @ posed.T_map_camera
+        submap.poses[posed.slot] = se3.inverse(submap.T_map_submap) @ posed.anchor.T_map_camera
         if surface is not None or evidence.is_carved.any() or evidence.is_observed.any():
             submap.fused.add(posed.slot)
             submap.num_fused += 1
             submap.update(evidence, surface)
 
     def _create(self, posed: PosedView, surface: Surface) -> list[Submap]:
-        """Return new submaps with a surface that no other submap has space for."""
         side_m = SIDE * self._config.voxel_m
         cubes = np.floor(surface.points_m / side_m).astype(np.int64)
         created = []
         while len(cubes):
-            T_map_submap = np.eye(4)
-            T_map_submap[:3, 3] = cubes[0] * side_m
-            submap = Submap(
-                T_map_submap, posed.keyframe_uid, posed.map_id, posed.T_map_keyframe, self._config
-            )
+            submap = Submap(Place.at(cubes[0] * side_m, posed.anchor), self._config)
             surfaces, surface = _split(surface, [submap])
             cubes = np.floor(surface.points_m / side_m).astype(np.int64)
             none = np.zeros(0, np.bool_)

@@ -19,6 +19,7 @@ from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.dense.depth_view import Surface
+from hoid_scene.place import Place
 
 SIDE = 64  # voxels; chosen: an image shows about 20 cubes of 1.6 m
 # Voxels by which a cube extends into its neighbors: after a correction the cubes no longer meet
@@ -49,29 +50,11 @@ class ColoredCloud(NamedTuple):
 class Submap:
     """Voxels as a structure of arrays, sorted by key.
 
-    The frame has its origin at the corner of the cube with the smallest coordinates, and the axes
-    of the map frame at the time when the submap was created.
-
-    Args:
-        T_map_submap: The pose (4, 4) of the frame.
-        anchor_uid: The keyframe that the submap moves with.
-        anchor_map: The map of this keyframe.
-        T_map_anchor: The pose (4, 4) of this keyframe.
-        config: Gives the size of a voxel.
+    Its frame, `place`, has its origin at the corner of the cube with the smallest coordinates.
     """
 
-    def __init__(
-        self,
-        T_map_submap: FloatArray,
-        anchor_uid: int,
-        anchor_map: int,
-        T_map_anchor: FloatArray,
-        config: DenseConfig,
-    ) -> None:
-        self._config = config
-        self.anchor_uid, self.map_id = anchor_uid, anchor_map
-        self._place(T_map_submap)
-        self.T_anchor_submap = se3.inverse(T_map_anchor) @ T_map_submap
+    def __init__(self, place: Place, config: DenseConfig) -> None:
+        self._config, self.place = config, place
         self.keys = np.empty(0, np.int32)
         # Columns: the sums of w*x, w*y, w*z, w*b, w*g, w*r and w; the number of images that
         # confirmed the voxel, less _CARVE_WEIGHT for each image that saw through it; and the
@@ -90,7 +73,6 @@ class Submap:
         # limit, and enough of them are still stored (`dense_map.py`).
         self.is_bent = False
         self.revision = 0  # increases with each change of voxels, free space or pose
-        self._num_moves = 0
         # Keys, values and `free_above` before any stored image was fused: those of a loaded map,
         # or empty. A rebuild starts with them.
         self._base = self.keys, self.values, self.free_above.copy()
@@ -99,13 +81,7 @@ class Submap:
         return len(self.keys)
 
     @property
-    def content_revision(self) -> int:
-        """Return a number that differs after each change of voxels or free space."""
-        return self.revision - self._num_moves
-
-    @property
     def radius_m(self) -> float:
-        """Return the radius of the sphere around the cube."""
         return float(0.5 * np.sqrt(3) * SPAN * self._config.voxel_m)
 
     @property
@@ -118,22 +94,20 @@ class Submap:
         """Return whether the voxels are in memory and not in a file."""
         return self.values.flags.writeable
 
-    def move(self, keyframes: KeyframePoses) -> None:
-        """Move with the anchor keyframe to its pose in a snapshot, which must contain it.
+    @property
+    def T_map_submap(self) -> FloatArray:  # noqa: N802 - a transform's name
+        return self.place.T_map_place
 
-        The submap then belongs to the map of the keyframe.
-        """
-        row = int(keyframes.rows_of(np.array([self.anchor_uid]))[0])
-        T_map_submap = keyframes.T_map_camera[row] @ self.T_anchor_submap
-        self.map_id = int(keyframes.map_ids[row])
-        if not np.allclose(T_map_submap, self.T_map_submap, rtol=0, atol=1e-5):
-            self._place(T_map_submap)
-            self.revision += 1
-            self._num_moves += 1
+    @property
+    def center_map_m(self) -> FloatArray:
+        return self.T_map_submap[:3, :3] @ self.center_m + self.T_map_submap[:3, 3]
 
-    def _place(self, T_map_submap: FloatArray) -> None:
-        self.T_map_submap = T_map_submap
-        self.center_map_m = T_map_submap[:3, :3] @ self.center_m + T_map_submap[:3, 3]
+    def follow(self, before: KeyframePoses, after: KeyframePoses) -> bool:
+        """Move with the keyframe; return False if no keyframe of its map remains."""
+        T_before = self.T_map_submap
+        is_kept = self.place.follow(before, after)
+        self.revision += self.T_map_submap is not T_before
+        return is_kept
 
     def points_m(self) -> Float32Array:
         """Return the (N, 3) mean points of the voxels, in the submap's frame."""
@@ -146,7 +120,6 @@ class Submap:
         return np.asarray(agreed & (hits >= self._config.min_views))
 
     def cloud(self) -> ColoredCloud:
-        """Return the mean point and color of each shown voxel."""
         sums = self.values[self.is_shown()]
         mean = sums[:, :6] / sums[:, _W : _W + 1]
         points = transform(self.T_map_submap, mean[:, :3])
@@ -205,7 +178,6 @@ class Submap:
         return np.asarray(xy * self._config.voxel_m)
 
     def clear(self) -> None:
-        """Discard all but the saved voxels, to fuse the images again."""
         self.keys, self.values, free_above = self._base
         self.free_above = free_above.copy()
         self.poses.clear()
@@ -249,7 +221,6 @@ class Submap:
         return float(np.linalg.norm(moved, axis=2).max())
 
     def _sums_of(self, surface: Surface) -> tuple[NDArray[np.int32], Float32Array]:
-        """Return the sorted keys and the `values` of the voxels of a surface."""
         cell = np.floor(surface.points_m / self._config.voxel_m).astype(np.int32) + _OVERLAP
         keys = (cell[:, 0] * SPAN + cell[:, 1]) * SPAN + cell[:, 2]
         weights = surface.weights[:, None]
@@ -322,5 +293,4 @@ def _find(keys: NDArray[np.int32], wanted: NDArray[np.int32]) -> tuple[IntArray,
 
 
 def num_in_memory(submaps: Iterable[Submap]) -> int:
-    """Return the number of voxels that are in memory."""
     return sum(len(submap) for submap in submaps if submap.is_in_memory)

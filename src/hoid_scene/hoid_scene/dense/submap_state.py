@@ -20,6 +20,7 @@ from hoid_common.values import (
 )
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.dense.submap import SPAN, Submap, cells_of_keys
+from hoid_scene.place import Place
 
 _STEPS = 256  # of an offset within a voxel
 _OF_VOXELS = ('key', 'offset', 'color_bgr', 'weight', 'counts')
@@ -51,26 +52,20 @@ class SubmapState(Record):
     def of_submaps(
         cls, submaps: Sequence[Submap], keyframe_uids: IntArray, config: DenseConfig
     ) -> SubmapState:
-        """Return the record of the submaps that have voxels and whose anchors are saved.
-
-        Args:
-            submaps: The submaps.
-            keyframe_uids: (K,) ascending uids of the saved keyframes.
-            config: Gives the size of a voxel.
-        """
+        """Return the record of the submaps that have voxels and whose anchors are saved."""
         saved = set(keyframe_uids.tolist())
-        kept = [submap for submap in submaps if len(submap) and submap.anchor_uid in saved]
+        kept = [submap for submap in submaps if len(submap) and submap.place.uid in saved]
         key = np.concatenate([np.empty(0, np.int32), *(submap.keys for submap in kept)])
         values = np.concatenate([np.empty((0, 9), np.float32), *(s.values for s in kept)])
         weight = values[:, 6]
         mean = values[:, :6] / weight[:, None]
         offset = (mean[:, :3] / config.voxel_m - cells_of_keys(key)) * _STEPS
-        uids = np.array([submap.anchor_uid for submap in kept], np.int64)
+        uids = np.array([submap.place.uid for submap in kept], np.int64)
         return cls.of(
             {
                 'voxel_m': np.array([config.voxel_m]),
                 'anchor': np.searchsorted(keyframe_uids, uids),
-                'T_anchor_submap': _stacked([s.T_anchor_submap for s in kept], (4, 4)),
+                'T_anchor_submap': _stacked([s.place.T_anchor_place for s in kept], (4, 4)),
                 'num_voxels': np.array([len(submap) for submap in kept], np.int32),
                 'free_above': _stacked([s.free_above for s in kept], (SPAN // 2, SPAN // 2)),
                 'key': key,
@@ -96,7 +91,6 @@ class SubmapState(Record):
         return self.of({**self._rows(anchor >= 0).arrays(), 'anchor': anchor[anchor >= 0]})
 
     def split(self) -> list[SubmapState]:
-        """Return one record for each submap."""
         return [self._rows(np.arange(len(self.anchor)) == s) for s in range(len(self.anchor))]
 
     def _rows(self, kept: BoolArray) -> SubmapState:
@@ -117,11 +111,6 @@ class SubmapState(Record):
 
         A submap whose anchor keyframe has been removed since the map was loaded is left out, so
         that there may be fewer submaps than in the record. Their voxels are in memory.
-
-        Args:
-            keyframes: The present poses of all keyframes.
-            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
-            config: Gives the size of a voxel.
         """
         center = (self.offset + np.float32(0.5)) / _STEPS
         mean_m = (cells_of_keys(self.key) + center) * self.voxel_m[0]
@@ -134,17 +123,12 @@ class SubmapState(Record):
             range(len(self.anchor)), np.split(self.key, ends), np.split(values, ends), strict=True
         ):
             uid = int(keyframe_uids[self.anchor[row]])
-            at = int(np.searchsorted(keyframes.uids, uid))
-            if at == len(keyframes.uids) or keyframes.uids[at] != uid:
-                continue  # removed since the map was loaded
-            T_map_anchor = keyframes.T_map_camera[at]
-            T_map_submap = T_map_anchor @ self.T_anchor_submap[row]
-            map_id = int(keyframes.map_ids[at])
-            submap = Submap(T_map_submap, uid, map_id, T_map_anchor, config)
-            submap.keys, submap.values = key.copy(), part.copy()
-            submap.free_above = self.free_above[row].copy()
-            submap.T_anchor_submap = self.T_anchor_submap[row]  # without rounding errors
-            out.append(submap)
+            place = Place.saved(self.T_anchor_submap[row], uid, keyframes)
+            if place is not None:
+                submap = Submap(place, config)
+                submap.keys, submap.values = key.copy(), part.copy()
+                submap.free_above = self.free_above[row].copy()
+                out.append(submap)
         return out
 
 

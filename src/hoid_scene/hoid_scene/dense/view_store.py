@@ -59,31 +59,25 @@ class ViewStore:
 
     @classmethod
     def temporary(cls) -> ViewStore:
-        """Return an empty store in an unnamed file below TMPDIR, which ends with the process."""
         with TemporaryDirectory() as folder:
             return cls(Database.create(Path(folder) / f'views{SUFFIX}', (VIEWS, IMAGES)))
 
     def views(self) -> Iterator[tuple[int, StoredView]]:
-        """Yield slot and place of all stored images by slot."""
         for slot, uid, pose in self._database.rows(VIEWS):
             yield slot, StoredView(uid, pose.T)
 
     def read(self, slot: int) -> DepthView:
-        """Return the image of a slot, which must be stored."""
         row = self._database.row(IMAGES, slot)
         assert row is not None
         return DepthView(row[1].flagged_mm, row[1].image_bgr)
 
     def put(self, slot: int, view: StoredView, image: DepthView) -> None:
-        """Store an image."""
         self._database.put(IMAGES, [(slot, ViewImage(image.flagged_mm, image.image_bgr))])
         self.attach(slot, view)
 
     def attach(self, slot: int, view: StoredView) -> None:
-        """Store that an image is relative to another keyframe."""
         self._database.put(VIEWS, [(slot, view.keyframe_uid, Pose(view.T_keyframe_camera))])
 
     def discard(self, slot: int) -> None:
-        """Remove an image."""
         for table in (VIEWS, IMAGES):
             self._database.delete(table, [slot])

@@ -69,9 +69,6 @@ def find_floor(
     that tilt by more than 20 degrees, narrow strips and planes with few points are no floor.
 
     Args:
-        points_m: (N, 3) points in the map frame.
-        up: (3,) unit vector, approximately opposite to gravity.
-        seed: Seed of the random samples, so that the same points always give the same floor.
         is_up_exact: Whether `up` is the normal of the floor, whose height alone is searched for.
     """
     rng = np.random.default_rng(seed)
@@ -134,12 +131,7 @@ def _fit_plane(points_m: FloatArray, up: FloatArray) -> tuple[FloatArray, float]
 
 
 def _frame_on(normal: FloatArray, offset: float) -> FloatArray:
-    """Return T_map_plane (4, 4) of a plane, with z along its normal and x close to the map's x.
-
-    Args:
-        normal: (3,) unit normal of the plane.
-        offset: Distance of the plane from the origin along the normal [m].
-    """
+    """Return T_map_plane (4, 4) of a plane, with z along its normal and x close to the map's x."""
     x = np.array([1.0, 0, 0]) if abs(normal[0]) < 0.9 else np.array([0, 0, 1.0])
     x = x - (x @ normal) * normal
     x /= np.linalg.norm(x)

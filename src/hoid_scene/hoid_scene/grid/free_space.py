@@ -47,10 +47,7 @@ def mark_free_space(
     `Submap.marked`. Each call adds the slots of all such images to `marked`.
 
     Args:
-        submaps: The submaps of the main map.
-        floor: The plane of the floor.
         floor_m: Height [m] of the floor of each submap above this plane.
-        camera: The camera of the images.
         read: Returns a stored image by its slot; None if it has been removed.
     """
     waiting: dict[int, list[Submap]] = {}
@@ -102,16 +99,12 @@ class _Columns:
         return np.asarray(self._submap.free_above.reshape(-1)[self._columns])
 
     def count_open(self) -> int:
-        """Return the number of open columns: those with steps that are not known to be free."""
         return int(np.count_nonzero(self._bits != _ALL_FREE))
 
     def points_m(self, slot: int) -> Float32Array:
         """Return the centers (N, 16, 3) of the steps of the N open columns.
 
         They are in the camera frame of an image.
-
-        Args:
-            slot: The slot of the image, which had the submap in view.
         """
         T_camera_submap = se3.inverse(self._submap.poses[slot])
         points_m = self._points_m[self._bits != _ALL_FREE]

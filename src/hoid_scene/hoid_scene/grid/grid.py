@@ -75,11 +75,9 @@ def cells_of(
     if enough images agree. Voxels from `max_height_m` on are not usable.
 
     Args:
-        points_m: (N, 3) mean points of the voxels, in the level frame, with z above the floor.
         is_shown: (N,) whether enough images agree on a voxel.
         free_above: (N,) bits of the height steps above a voxel that are known to be free; only
             those of voxels of the floor are used.
-        config: Gives the size of a cell and the limits of height.
     """
     height_m = points_m[:, 2]
     is_tall = height_m > config.min_height_m
@@ -109,11 +107,6 @@ def compose_grid(
 
     The grid is the smallest that contains all cells with a voxel on which enough images agree. It
     is of size (0, 0) if there are none.
-
-    Args:
-        parts: The cells of each submap.
-        T_map_level: (4, 4) transform from the level frame of the cells to the map frame.
-        config: Gives the size of a cell and the limits of height.
     """
     cells, kinds, free = (np.concatenate(column) for column in zip(*parts, strict=True))
     is_known = (kinds & (_FLOOR | _OBSTACLE)) > 0

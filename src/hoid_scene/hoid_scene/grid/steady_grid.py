@@ -50,7 +50,6 @@ class SteadyGrid:
         return self._last
 
     def clear(self) -> None:
-        """Forget the last grid, because the map has been discarded."""
         self._last = None
 
     def place(self, grid: Grid) -> Grid:
@@ -80,9 +79,6 @@ class SteadyGrid:
 
         None is returned if no cell has changed, if size, origin or resolution have changed, and at
         the first call.
-
-        Args:
-            placed: The grid, extended by `place`.
         """
         last, self._last = self._last, placed
         if last is None or _extent(last) != _extent(placed):

@@ -61,12 +61,8 @@ def find_upright(
     """Return the direction up in a cloud; None if too few of its surfaces are planes.
 
     Args:
-        points_m: (N, 3) points of surfaces in the map frame, about evenly distributed.
-        T_map_cameras: (K, 4, 4) poses of the camera in the map frame (optical, z forward), at
-            least one.
         known_up: (3,) the direction up, if an accelerometer or a base frame shows it; the result
             then says only how far the surfaces agree, and where the walls are.
-        seed: Seed of the choice among too many points.
     """
     normals, weights = _planes(points_m, np.random.default_rng(seed))
     if len(normals) < _MIN_CELLS:

@@ -69,10 +69,6 @@ def upright_box(points_m: FloatArray, level: Level) -> UprightBox:
     The outermost 2 % of the points on each side of each axis are left out. A box along the walls
     is preferred if its footprint is at most 10 % worse: that of a round thing has no heading. The
     first axis is the one that is nearest to the x axis of the frame.
-
-    Args:
-        points_m: The points, in any frame.
-        level: The vertical and the heading of the walls in this frame.
     """
     level_axes = _level_axes(level)
     some_m = points_m[:: -(-len(points_m) // _MAX_POINTS)] @ level_axes[:, :2]
@@ -92,7 +88,6 @@ def extended_back(box: UprightBox, direction: FloatArray) -> UprightBox:
     """Return the box of an object that was seen from one side only, extended away from the camera.
 
     Args:
-        box: The box of what was seen.
         direction: (3,) mean of the unit vectors from the camera to the object, in the frame of the
             points.
     """
@@ -114,10 +109,6 @@ def on_floor(box: UprightBox, height_m: float) -> UprightBox:
     """Return the box of furniture with its legs, which are rarely seen: it reaches to the floor.
 
     A box whose lowest side is more than 1 m above the floor does not stand on it.
-
-    Args:
-        box: The box of what was seen.
-        height_m: Height of its center above the floor.
     """
     floor_m = float(box.low_m[2] + box.high_m[2]) / 2 - height_m
     if box.low_m[2] - floor_m >= _MAX_LIFT_M:
@@ -137,7 +128,6 @@ def _level_axes(level: Level) -> FloatArray:
 
 
 def _nearest_to_frame(axes: FloatArray) -> FloatArray:
-    """Return axes turned by multiples of 90 degrees, so that the first one has the largest x."""
     x, y, up = axes.T
     turned = max((x, y, -x, -y), key=lambda axis: float(axis[0]))
     return np.stack([turned, np.cross(up, turned), up], axis=1)

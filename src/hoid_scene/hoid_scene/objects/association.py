@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from hoid_common import se3
 from hoid_common.values import BoolArray, Detections, DynamicObject, FloatArray, IntArray
 from hoid_native import missed_voxels, pair_scores, transformed_parts
 from hoid_scene.objects.mapped_object import MappedObject
+from hoid_scene.objects.merging import is_confusable
 from hoid_scene.objects.object_view import STRIDE, ObjectView
 from hoid_scene.objects.segmentation import KnownBox, Prior, Segment
 
@@ -32,24 +32,8 @@ _LAST_PIXEL = np.array([0, 0, 1, 1])  # a bounding box of pixels ends after the 
 # Share of a detected box's size by which, in addition to one strided pixel, its sides are
 # uncertain; not tuned.
 _MISS_MARGIN = 0.05
-# Share of the smaller of two boxes; two that share more may show the same object; not tuned.
-_DOUBLE_SHARE = 0.7
-# Two objects of a class are one if each has more than this share of the other one in its box:
-# things are not inside each other. In 28 maps of rendered rooms, one pair that was one object had
-# 0.81, and pairs that were two had at most 0.60.
-_INSIDE_SHARE = 0.7
 # An image should show an object of which at least so much of the surface is visible; not tuned.
-_EXPECTED_SHARE = 0.5
-_CHAIR, _CHAIR_M = 'chair', 0.65  # largest width and depth of a usual chair; chosen
-_CONFUSABLE_CLASSES = (
-    frozenset({'chair', 'couch', 'bench', 'bed'}),
-    frozenset({'dining table', 'bed', 'bench', 'couch'}),
-    frozenset({'cup', 'bottle', 'vase', 'bowl', 'wine glass', 'potted plant'}),
-    frozenset({'tv', 'laptop', 'microwave', 'oven'}),
-    frozenset({'book', 'cell phone', 'remote', 'laptop', 'keyboard'}),
-    frozenset({'suitcase', 'backpack', 'handbag'}),
-    frozenset({'teddy bear', 'sports ball'}),
-)
+_EXPECTED_RATIO = 0.5
 
 
 class Visibility(NamedTuple):
@@ -57,22 +41,21 @@ class Visibility(NamedTuple):
 
     uv_px: FloatArray  # (N, 2) in strided pixels; NaN: out of view
     is_visible: BoolArray  # (N,) whether a surface is measured at the voxel
-    visible_share: float  # share of the solid voxels that are visible; 0 if there are none
-    through_share: float  # share of the solid voxels that are seen through; 0 if there are none
+    visible_ratio: float  # share of the solid voxels that are visible; 0 if there are none
+    through_ratio: float  # share of the solid voxels that are seen through; 0 if there are none
     # (4,) bounding box of the visible solid voxels in strided pixels, xyxy; NaN if there are none.
     box_px: FloatArray
 
 
 def look_at(objects: Sequence[MappedObject], view: ObjectView) -> list[Visibility]:
-    """Return what an image shows of the voxels of each object, in the order of the objects."""
     if not objects:
         return []
-    means_m = np.concatenate([item.voxels.means_m for item in objects])
-    ends = np.cumsum([len(item.voxels) for item in objects])
-    poses = np.array([item.T_map_object for item in objects])
+    means_m = np.concatenate([item.surface.voxels.means_m for item in objects])
+    ends = np.cumsum([len(item.surface.voxels) for item in objects])
+    poses = np.array([item.surface.T_map_object for item in objects])
     seen = view.look_at(
         transformed_parts(means_m, ends, se3.inverse(view.T_map_camera) @ poses),
-        np.concatenate([item.is_solid() for item in objects]),
+        np.concatenate([item.surface.is_solid() for item in objects]),
         ends,
     )
     shares = (seen.counts[:, 1:] / np.maximum(seen.counts[:, :1], 1)).tolist()
@@ -97,12 +80,6 @@ def prior_of(
     of its visible voxels most, with an intersection over union of 0.3 or more. The pixels of its
     known surface are then not given to the segment of an object behind it, and a surface that
     hides it is not taken for its own.
-
-    Args:
-        detections: The detections in the image.
-        objects: The objects of the map that may be in view.
-        seen: What the image shows of each of these objects.
-        view: The image.
     """
     owner = np.full(view.depth_m.size, -1, np.int32)
     known: dict[int, tuple[float, KnownBox]] = {}
@@ -114,7 +91,7 @@ def prior_of(
         alike = by_class.get(item.class_name)
         if alike is None or not item.is_confirmed:
             continue
-        if visibility.visible_share == 0:
+        if visibility.visible_ratio == 0:
             continue
         overlap = _overlap(visibility.box_px + _LAST_PIXEL, boxes[alike])
         best = int(np.argmax(overlap))
@@ -122,9 +99,9 @@ def prior_of(
             d = alike[best]
             u1, v1, u2, v2 = visibility.box_px.tolist()
             box = math.floor(u1), math.floor(v1), math.ceil(u2) + 1, math.ceil(v2) + 1
-            owner[item.surface_pixels(view, box)] = d
+            owner[item.surface.pixels(view, box)] = d
             if d not in known or overlap[best] > known[d][0]:
-                known[d] = float(overlap[best]), item.known_box()
+                known[d] = float(overlap[best]), item.surface.known_box()
     return Prior(owner, {d: box for d, (_, box) in known.items()})
 
 
@@ -145,11 +122,6 @@ def associate(
     the box of the object, and of the object's visible voxels that are in the box of the detection.
     Pairs are chosen from the largest score down, so that each segment and each object is in at
     most one pair. Pairs below the smallest score for their classes are left out.
-
-    Args:
-        segments: The segments of the image.
-        objects: The objects of the map that may be in view.
-        seen: What the image shows of each of these objects.
     """
     if not segments or not objects:
         return {}
@@ -166,12 +138,12 @@ def _scores(
     segments: Sequence[Segment], objects: Sequence[MappedObject], seen: Sequence[Visibility]
 ) -> FloatArray:
     """Return the (S, O) scores of all pairs; 0 below the smallest score for their classes."""
-    boxes_m = np.array([item.box_m() for item in objects])
+    boxes_m = np.array([item.surface.box_m() for item in objects])
     score = pair_scores(
         np.concatenate([segment.points_map_m for segment in segments]),
         np.cumsum([len(segment.pixels) for segment in segments]),
         np.array([segment.box_px for segment in segments], np.int32),
-        np.array([item.place.T_object_map for item in objects]),
+        np.array([item.surface.place.T_place_map for item in objects]),
         boxes_m[:, 0] - _MARGIN_M,
         boxes_m[:, 1] + _MARGIN_M,
         np.concatenate([visibility.uv_px for visibility in seen]),
@@ -181,7 +153,7 @@ def _scores(
     )
     for s, o in np.argwhere(score > 0).tolist():  # some tens
         name, item = segments[s].detection.class_name, objects[o]
-        small, large = sorted((segments[s].radius_m(), item.radius_m()))
+        small, large = sorted((segments[s].radius_m(), item.surface.radius_m()))
         is_other_size = large > _SIZE_RATIO * small and not is_confusable(name, item.class_name)
         if is_other_size or score[s, o] < _least(name, item):
             score[s, o] = 0
@@ -195,8 +167,8 @@ def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> 
     """
     low = np.array([segment.low_map_m for segment in segments])
     high = np.array([segment.high_map_m for segment in segments])
-    centers = np.array([item.center_map_m() for item in objects])
-    radii = np.array([item.radius_m() for item in objects]) + np.sqrt(3) * _MARGIN_M
+    centers = np.array([item.surface.center_map_m() for item in objects])
+    radii = np.array([item.surface.radius_m() for item in objects]) + np.sqrt(3) * _MARGIN_M
     radii = radii + np.linalg.norm(high - low, axis=1)[:, None] / 2
     return np.asarray(np.linalg.norm((low + high)[:, None] / 2 - centers, axis=2) <= radii)
 
@@ -208,69 +180,16 @@ def expected_boxes(
 
     These are the confirmed objects at rest of which half of the surface is visible. A box bounds
     the visible voxels.
-
-    Args:
-        objects: The objects of the map that may be in view.
-        seen: What the image shows of each of these objects.
-        stamp_ns: Time of the image.
     """
     names, boxes, scores = [], [], []
     for item, visibility in zip(objects, seen, strict=True):  # some tens
         is_known = item.is_confirmed and item.is_present
-        if is_known and visibility.visible_share >= _EXPECTED_SHARE:
+        if is_known and visibility.visible_ratio >= _EXPECTED_RATIO:
             names.append(item.class_name)
             boxes.append((visibility.box_px + _LAST_PIXEL) * STRIDE)
-            scores.append(item.probability)
+            scores.append(item.evidence.probability)
     boxes_xyxy_px = np.array(boxes, np.float32).reshape(-1, 4)
     return Detections(stamp_ns, boxes_xyxy_px, tuple(names), np.array(scores, np.float32))
-
-
-def touching(objects: Sequence[MappedObject]) -> BoolArray:
-    """Return the (O, O) mask of the pairs of objects whose bounding spheres touch.
-
-    A chair has at least the sphere of a whole one, because the object may be a part of it.
-    """
-    centers = np.array([item.center_map_m() for item in objects]).reshape(-1, 3)
-    radii = np.array([item.radius_m() for item in objects])
-    is_chair = np.array([item.class_name == _CHAIR for item in objects], np.bool_)
-    radii = np.maximum(radii, is_chair * _CHAIR_M / 2)
-    distances = np.linalg.norm(centers[:, None] - centers, axis=2)
-    return np.asarray(distances <= radii[:, None] + radii)
-
-
-def are_inside_each_other(first: MappedObject, second: MappedObject) -> bool:
-    """Return whether two objects of a class are at one place, so that they are one.
-
-    An image may have shown them as two, because a detector may report two boxes for an object of
-    which something hides the middle.
-    """
-    if first.class_name != second.class_name:
-        return False
-    pairs = (first, second.solid_points_map_m()), (second, first.solid_points_map_m())
-    return all(
-        len(points) > 0 and item.contains(points, _MARGIN_M) > _INSIDE_SHARE
-        for item, points in pairs
-    )
-
-
-def are_parts_of_a_chair(first: MappedObject, second: MappedObject) -> bool:
-    """Return whether two chairs are parts of one, of which each image showed one part only.
-
-    Both are confirmed, the border of the image has cut them in all their sightings, and together
-    they are no larger than one chair: the two horizontal lengths of their common box are compared.
-
-    Args:
-        first: One chair.
-        second: The other one, which no image showed together with the first one.
-    """
-    both = first, second
-    if not all(item.is_cut and item.is_confirmed and item.class_name == _CHAIR for item in both):
-        return False
-    low, high = first.box_m()
-    T = se3.inverse(first.T_map_object) @ second.T_map_object
-    corners = se3.transform(T, np.array(list(product(*zip(*second.box_m(), strict=True)))))
-    size_m = np.maximum(high, corners.max(axis=0)) - np.minimum(low, corners.min(axis=0))
-    return bool((size_m[:2] <= _CHAIR_M).all())
 
 
 def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
@@ -286,34 +205,11 @@ def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
     return np.asarray((u >= left - 0.5) & (u < right) & (v >= top - 0.5) & (v < bottom))
 
 
-def overlap_much(first_px: tuple[int, ...], second_px: tuple[int, ...]) -> bool:
-    """Return whether two boxes share over 70 % of the smaller one: an object detected twice.
-
-    Args:
-        first_px: Left, top, right and bottom.
-        second_px: Left, top, right and bottom.
-    """
-    a, b = first_px, second_px
-    width, height = (min(a[i + 2], b[i + 2]) - max(a[i], b[i]) for i in range(2))
-    smaller = min((box[2] - box[0]) * (box[3] - box[1]) for box in (a, b))
-    return max(width, 0) * max(height, 0) > _DOUBLE_SHARE * smaller
-
-
-def is_confusable(first: str, second: str) -> bool:
-    """Return whether two classes are the same, or detectors confuse them."""
-    return first == second or any({first, second} <= group for group in _CONFUSABLE_CLASSES)
-
-
 def missed_rows(segment: Segment, visibility: Visibility, view: ObjectView) -> IntArray:
     """Return the rows (M,) of visible voxels that a segment shows not to belong to its object.
 
     They are outside the box of the detection, or at pixels of the box that show other things, such
     as a plane that was removed.
-
-    Args:
-        segment: The segment that was associated with the object.
-        visibility: What the image shows of the object's voxels.
-        view: The image.
     """
     left, top, right, bottom = segment.box_px
     du, dv = _MISS_MARGIN * (right - left) + 1, _MISS_MARGIN * (bottom - top) + 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,48 +20,58 @@ from hoid_common.values import (
     ObjectState,
 )
 from hoid_scene.objects.mapped_object import MappedObject
-from hoid_scene.objects.place import Place
 from hoid_scene.objects.voxel_set import VoxelSet
+from hoid_scene.place import Place
 
 CLASS_BYTES = 64  # chosen: the longest name of COCO has 14
-# Columns with the same name in `MappedObject`.
-_COPIED = (
-    'object_id', 'num_sightings', 'num_visible', 'num_through', 'first_ns', 'last_ns', 'left_ns',
-    'probability', 'evidence', 'direction_m', 'distance_m', 'holder_id', 'moved_ns',
+# Columns with the same name in the parts of a `MappedObject`.
+_OF_OBJECT = ('object_id', 'left_ns', 'holder_id', 'moved_ns')
+_OF_EVIDENCE = (
+    'num_sightings', 'num_visible', 'num_through', 'first_ns', 'last_ns', 'probability', 'weight',
 )  # fmt: skip
+_OF_SURFACE = ('num_looks', 'direction_m', 'distance_m')
 _OF_VOXELS = ('means_m', 'readings', 'hits', 'misses')
-_CLASSES, _VOXELS = ('class_name', 'class_score'), ('key', *_OF_VOXELS)
+# Columns with several rows for an object, by the column that has their number.
+_PARTS = {
+    'num_classes': ('class_name', 'class_score'),
+    'num_views': ('view', 'view_count'),
+    'num_voxels': ('key', *_OF_VOXELS),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class ObjectMapState(Record):
-    """The object map in a file: O objects, C sums of scores and V voxels, both sorted by object.
+    """The object map in a file: O objects, with classes, views and voxels sorted by object.
 
-    Columns without a comment are those of `MappedObject` and `VoxelSet`.
+    Columns without a comment are those of `MappedObject`, its parts and `VoxelSet`.
     """
 
     object_id: Annotated[IntArray, column('i8', 'objects')]
     anchor: Annotated[NDArray[np.int32], column('i4', 'objects')]  # row of the saved keyframe
     T_anchor_object: Annotated[FloatArray, column('f8', 'objects', 4, 4)]  # anchor: its keyframe
-    state: Annotated[NDArray[np.uint8], column('u1', 'objects')]  # value of a `ObjectState`
+    left_as: Annotated[NDArray[np.uint8], column('u1', 'objects')]  # AT_REST: it is at its place
     num_sightings: Annotated[IntArray, column('i8', 'objects')]
     num_visible: Annotated[IntArray, column('i8', 'objects')]
     num_through: Annotated[IntArray, column('i8', 'objects')]
+    num_looks: Annotated[IntArray, column('i8', 'objects')]
     first_ns: Annotated[IntArray, column('i8', 'objects')]
     last_ns: Annotated[IntArray, column('i8', 'objects')]
     left_ns: Annotated[IntArray, column('i8', 'objects')]
     probability: Annotated[FloatArray, column('f8', 'objects')]
-    evidence: Annotated[FloatArray, column('f8', 'objects')]
+    weight: Annotated[FloatArray, column('f8', 'objects')]
     direction_m: Annotated[FloatArray, column('f8', 'objects', 3)]
     distance_m: Annotated[FloatArray, column('f8', 'objects')]
     holder_id: Annotated[IntArray, column('i8', 'objects')]
     was_moved: Annotated[BoolArray, column('?', 'objects')]  # False: `moved_from_m` means None
     moved_from_m: Annotated[FloatArray, column('f8', 'objects', 3)]  # object frame
     moved_ns: Annotated[IntArray, column('i8', 'objects')]
-    num_classes: Annotated[NDArray[np.int32], column('i4', 'objects')]  # how many of the C
-    num_voxels: Annotated[NDArray[np.int32], column('i4', 'objects')]  # how many of the V
+    num_classes: Annotated[NDArray[np.int32], column('i4', 'objects')]
+    num_views: Annotated[NDArray[np.int32], column('i4', 'objects')]
+    num_voxels: Annotated[NDArray[np.int32], column('i4', 'objects')]
     class_name: Annotated[ByteArray, column('u1', 'classes', CLASS_BYTES)]  # UTF-8, then zeros
     class_score: Annotated[FloatArray, column('f8', 'classes')]
+    view: Annotated[FloatArray, column('f8', 'views', 3)]  # unit vector, object frame
+    view_count: Annotated[IntArray, column('i8', 'views')]
     key: Annotated[NDArray[np.int32], column('i4', 'voxels')]
     means_m: Annotated[Float32Array, column('f4', 'voxels', 3)]
     readings: Annotated[Float32Array, column('f4', 'voxels')]
@@ -82,44 +92,42 @@ class ObjectMapState(Record):
         apart: Iterable[tuple[int, int]] = (),
         next_id: int = 1,
     ) -> ObjectMapState:
-        """Return the record of the objects whose anchors are saved.
-
-        Args:
-            objects: The objects.
-            keyframe_uids: (K,) ascending uids of the saved keyframes.
-            apart: Pairs of ids that one image showed as two objects.
-            next_id: Number of the next new object.
-        """
+        """Return the record of the objects whose anchors are saved."""
         saved = set(keyframe_uids.tolist())
-        kept = [item for item in objects if item.place.uid in saved]
-        classes = [pair for item in kept for pair in item.scores.items()]
-        moved_from = [item.moved_from_m for item in kept]
-        uids = np.array([item.place.uid for item in kept], np.int64)
+        kept = [item for item in objects if item.surface.place.uid in saved]
+        surfaces, evidence = [item.surface for item in kept], [item.evidence for item in kept]
+        classes = [pair for seen in evidence for pair in seen.scores.items()]
+        voxels = [VoxelSet(), *(surface.voxels for surface in surfaces)]
+        uids = np.array([surface.place.uid for surface in surfaces], np.int64)
         columns: dict[str, Any] = {
-            name: [getattr(item, name) for item in kept] for name in _COPIED
+            name: [getattr(part, name) for part in parts]
+            for names, parts in (
+                (_OF_OBJECT, kept), (_OF_EVIDENCE, evidence), (_OF_SURFACE, surfaces),
+            )
+            for name in names
+        }  # fmt: skip
+        columns |= {
+            name: np.concatenate([getattr(v, name) for v in voxels]) for name in _OF_VOXELS
         }
-        for name in _OF_VOXELS:
-            empty = getattr(VoxelSet(), name)
-            columns[name] = np.concatenate([empty, *(getattr(i.voxels, name) for i in kept)])
         columns |= {
             'anchor': np.searchsorted(keyframe_uids, uids),
-            'T_anchor_object': [item.place.T_anchor_object for item in kept],
-            'state': [item.state.value for item in kept],
-            'was_moved': [place is not None for place in moved_from],
-            'moved_from_m': [np.zeros(3) if place is None else place for place in moved_from],
-            'num_classes': [len(item.scores) for item in kept],
-            'num_voxels': [len(item.voxels) for item in kept],
+            'T_anchor_object': [surface.place.T_anchor_place for surface in surfaces],
+            'left_as': [(item.left_as or ObjectState.AT_REST).value for item in kept],
+            'was_moved': [item.moved_from_m is not None for item in kept],
+            'moved_from_m': [
+                np.zeros(3) if item.moved_from_m is None else item.moved_from_m for item in kept
+            ],
+            'num_classes': [len(seen.scores) for seen in evidence],
+            'num_views': [len(seen.views) for seen in evidence],
+            'num_voxels': [len(surface.voxels) for surface in surfaces],
             'class_name': [_encoded(name) for name, _ in classes],
             'class_score': [score for _, score in classes],
-            'key': np.concatenate([np.empty(0, np.int64), *(item.voxels.keys for item in kept)]),
+            'view': [direction for seen in evidence for direction in seen.views.directions],
+            'view_count': [count for seen in evidence for count in seen.views.counts],
+            'key': np.concatenate([each.keys for each in voxels]),
             'apart': sorted(apart),
             'next_id': [next_id],
         }
-        return cls._of_lists(columns)
-
-    @classmethod
-    def _of_lists(cls, columns: dict[str, Any]) -> ObjectMapState:
-        """Return the record of columns, given by name as lists that may be empty, or as arrays."""
         shapes = {
             name: (-1, *(axis for axis in column.axes[1:] if isinstance(axis, int)))
             for name, column in cls.columns().items()
@@ -128,65 +136,53 @@ class ObjectMapState(Record):
 
     def with_anchors(self, anchor: IntArray) -> ObjectMapState:
         """Return the objects with other anchors (O,); those with the anchor -1 are left out."""
-        kept = anchor >= 0
-        of_class, of_voxel = (
-            np.repeat(kept, count) for count in (self.num_classes, self.num_voxels)
-        )
-        out: dict[str, Array] = {'anchor': anchor[kept], 'next_id': self.next_id}
+        kept, out = anchor >= 0, self.arrays()
+        of_parts = {name: count for count, names in _PARTS.items() for name in names}
         for name, array in self.arrays().items():
-            if name in _CLASSES:
-                out[name] = array[of_class]
-            elif name in _VOXELS:
-                out[name] = array[of_voxel]
-            elif name not in out:
-                out[name] = array if name == 'apart' else array[kept]
-        return self.of(out)
+            if name in of_parts:
+                out[name] = array[np.repeat(kept, getattr(self, of_parts[name]))]
+            elif name not in ('apart', 'next_id'):
+                out[name] = array[kept]
+        return self.of({**out, 'anchor': anchor[kept]})
 
     def objects(self, keyframes: KeyframePoses, keyframe_uids: IntArray) -> list[MappedObject]:
         """Return the saved objects, placed by the present poses of their anchor keyframes.
 
         An object whose anchor keyframe has been removed since the map was loaded is left out.
-
-        Args:
-            keyframes: The present poses of all keyframes.
-            keyframe_uids: (K,) present uids of the keyframes, in the order of the saved map.
         """
-        classes = np.split(np.arange(len(self.class_score)), np.cumsum(self.num_classes)[:-1])
-        voxels = np.split(np.arange(len(self.key)), np.cumsum(self.num_voxels)[:-1])
+        parts = {
+            name: np.split(getattr(self, name), np.cumsum(getattr(self, count))[:-1])
+            for count, names in _PARTS.items()
+            for name in names
+        }
         out = []
         for o in range(len(self)):  # some tens
             uid = int(keyframe_uids[self.anchor[o]])
-            at = keyframes.row_of(uid)
-            if at is not None:
-                T = self.T_anchor_object[o]
-                place = Place(keyframes.T_map_camera[at] @ T, T, uid, int(keyframes.map_ids[at]))
-                out.append(self._object(_Rows(o, classes[o], voxels[o]), place))
+            place = Place.saved(self.T_anchor_object[o], uid, keyframes)
+            if place is not None:
+                own = {name: arrays[o] for name, arrays in parts.items()}
+                out.append(self._object(o, own, place))
         return out
 
-    def _object(self, rows: _Rows, place: Place) -> MappedObject:
-        o = rows.row
+    def _object(self, o: int, own: dict[str, Array], place: Place) -> MappedObject:
         item = MappedObject(int(self.object_id[o]), place, int(self.first_ns[o]))
-        for name in _COPIED:
-            value = getattr(self, name)[o]
-            setattr(item, name, value.copy() if value.ndim else value.item())
-        item.state, item.is_cut = ObjectState(int(self.state[o])), False
+        surface, evidence = item.surface, item.evidence
+        for names, part in ((_OF_OBJECT, item), (_OF_EVIDENCE, evidence), (_OF_SURFACE, surface)):
+            for name in names:
+                value = getattr(self, name)[o]
+                setattr(part, name, value.copy() if value.ndim else value.item())
+        left_as, surface.is_cut = ObjectState(int(self.left_as[o])), False
+        item.left_as = None if left_as is ObjectState.AT_REST else left_as
         item.moved_from_m = self.moved_from_m[o].copy() if self.was_moved[o] else None
-        item.scores = {
-            decoded(self.class_name[c]): float(self.class_score[c]) for c in rows.classes
-        }
-        item.voxels.keys = self.key[rows.voxels].astype(np.int64)
-        item.voxels.means_m = self.means_m[rows.voxels].astype(np.float64)
+        classes = map(decoded, own['class_name'])
+        evidence.scores = dict(zip(classes, own['class_score'].tolist(), strict=True))
+        evidence.views.directions = own['view'].copy()
+        evidence.views.counts = own['view_count'].tolist()
+        surface.voxels.keys = own['key'].astype(np.int64)
+        surface.voxels.means_m = own['means_m'].astype(np.float64)
         for name in _OF_VOXELS[1:]:
-            setattr(item.voxels, name, getattr(self, name)[rows.voxels].copy())
+            setattr(surface.voxels, name, own[name].copy())
         return item
-
-
-class _Rows(NamedTuple):
-    """The rows of one object in a record."""
-
-    row: int  # among the O objects
-    classes: IntArray  # rows among the C sums of scores
-    voxels: IntArray  # rows among the V voxels
 
 
 def _encoded(name: str) -> ByteArray:

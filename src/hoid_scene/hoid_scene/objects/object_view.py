@@ -38,42 +38,10 @@ _FRAME_M = 0.03
 STRIDE = 4  # step between the pixels used [px]: 2.3 cm at 3 m, about a voxel; not tuned
 # Standard deviation of depth at 1 m [m], which grows with the square of the depth (as in
 # `depth_view`, after Khoshelham and Elberink, Sensors 2012).
-_SAME_VIEW = np.cos(np.deg2rad(10.0))  # chosen: 17 cm to the side at a distance of 1 m
-_PER_VIEW, _MAX_VIEWS = 3, 64  # chosen: detections that count fully from a direction; bound
 NOISE_PER_M2 = 0.003
 # A measured surface contains a point if their depths differ by at most this length plus two
 # standard deviations.
 _SURFACE_M = 0.06
-
-
-class Views:
-    """The directions from which an object was detected.
-
-    Detections from one direction are not independent: a detector repeats its errors on images that
-    are alike.
-    """
-
-    def __init__(self) -> None:
-        self._directions: FloatArray = np.empty((0, 3))
-        self._counts: list[int] = []
-
-    def __len__(self) -> int:
-        return len(self._counts)
-
-    def weight(self, direction: FloatArray) -> float:
-        """Count a detection from a direction (3,), a unit vector; return how much it counts.
-
-        The first three from a direction count 1, each later one half as much as the one before.
-        Two directions are the same if they differ by less than 10 degrees.
-        """
-        cosine = self._directions @ direction
-        if len(cosine) == 0 or (cosine.max() < _SAME_VIEW and len(cosine) < _MAX_VIEWS):
-            self._directions = np.concatenate([self._directions, direction[None]])
-            self._counts.append(1)
-            return 1.0
-        nearest = int(np.argmax(cosine))
-        self._counts[nearest] += 1
-        return float(0.5 ** max(0, self._counts[nearest] - _PER_VIEW))
 
 
 class ObjectView:
@@ -97,7 +65,6 @@ class ObjectView:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Return the height and the width in strided pixels."""
         height, width = self.depth_m.shape
         return height, width
 
@@ -107,11 +74,6 @@ class ObjectView:
         return STRIDE / self._camera.model.fx_px
 
     def pixels_of(self, box_xyxy_px: tuple[float, ...]) -> tuple[int, int, int, int]:
-        """Return left, top, right and bottom of a box in strided pixels, cut at the border.
-
-        Args:
-            box_xyxy_px: Left, top, right and bottom in pixels of the full image.
-        """
         height, width = self.depth_m.shape
         x1, y1, x2, y2 = box_xyxy_px
         left = min(max(math.floor(x1 / STRIDE), 0), width)
@@ -131,10 +93,6 @@ class ObjectView:
 
         Depth cameras see the frame of a dark screen, but not the screen itself. Boxes with few
         holes, or with too few readings around them, stay as they are.
-
-        Args:
-            depth_m: (H, W) depth image of this view; 0: no reading.
-            detections: The detections; those of classes with screens are used.
         """
         for item in detections:
             if item.class_name not in _SCREENS:
@@ -212,6 +170,11 @@ class ObjectCamera:
         return ObjectView(self, depth_m, T_map_camera)
 
 
+def edge_m(depth_m: Float32Array) -> Float32Array:
+    """Return the difference (..) from a neighboring depth from which on there is an edge."""
+    return _EDGE_SLOPE * depth_m + _EDGE_NOISE * NOISE_PER_M2 * depth_m * depth_m
+
+
 def _reliable(depth_m: Float32Array) -> Float32Array:
     """Return the strided depth (h, w) of a full depth image; 0 at depth edges and out of range."""
     depth = depth_m[::STRIDE, ::STRIDE]
@@ -222,8 +185,7 @@ def _reliable(depth_m: Float32Array) -> Float32Array:
         part = padded[dy::STRIDE, dx::STRIDE][:height, :width]
         np.minimum(near, part, out=near)
         np.maximum(far, part, out=far)
-    limit = _EDGE_SLOPE * depth + _EDGE_NOISE * NOISE_PER_M2 * depth * depth
-    good = (far - near < limit) & (depth > _MIN_RANGE_M) & (depth < _MAX_RANGE_M)
+    good = (far - near < edge_m(depth)) & (depth > _MIN_RANGE_M) & (depth < _MAX_RANGE_M)
     return np.ascontiguousarray(np.where(good, depth, np.float32(0)))
 
 

@@ -1,9 +1,10 @@
-"""Segments the surfaces of objects from the depth readings inside their boxes.
+"""Segments the surfaces of objects from the depth inside their boxes.
 
 The box of an object also shows what the object stands on or leans against, and what hides a part
 of it. `hoid_native.object_surfaces` removes the former as planes that continue around the box, and
 the latter where its surface fits the box of another object better, or where the place of the
-object is known.
+object is known. What else stands in the box is left out if a depth edge divides it from the object
+and its surface goes on beyond the box.
 """
 
 from __future__ import annotations
@@ -11,12 +12,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.values import PERSON, DynamicObject, FloatArray, IntArray
+from hoid_common.values import PERSON, BoolArray, DynamicObject, Float32Array, FloatArray, IntArray
 from hoid_native import object_surfaces
-from hoid_scene.objects.object_view import ObjectView
+from hoid_scene.objects.object_view import ObjectView, edge_m
+
+# Not tuned. A part of a segment goes on beyond its box if it has so many pixels, and this ratio of
+# those in the box, in the outer part of a margin around it: detected boxes are a few pixels off.
+_MARGIN_PX, _INNER_MARGIN_PX, _MIN_BEYOND, _BEYOND_RATIO = 4, 1, 6, 0.1
 
 BoxPx = tuple[int, int, int, int]
 """Left, top, right and bottom in strided pixels; right and bottom are excluded."""
@@ -65,11 +71,6 @@ def segment_all(
     Where two boxes claim the same surface, it belongs to the box that it fills better, or of two
     boxes that are filled to the smaller one. The other object is segmented again from the
     remaining pixels, and left out if they are too few; a person keeps its pixels.
-
-    Args:
-        detections: The detections.
-        view: The image.
-        prior: What the map knows of the objects.
     """
     boxes = [view.pixels_of(item.box_xyxy_px) for item in detections]
     sides = np.array([item.box_xyxy_px for item in detections], np.float64).reshape(-1, 4)
@@ -89,22 +90,65 @@ def segment_all(
     out = []
     first = first_other = 0
     ends = zip(found.pixels_end.tolist(), found.others_end.tolist(), strict=True)
-    for s, (d, (end, end_other)) in enumerate(zip(found.detection.tolist(), ends, strict=True)):
+    for d, (end, end_other) in zip(found.detection.tolist(), ends, strict=True):
+        pixels = found.pixels[first:end]
+        is_own = _is_own(pixels, boxes[d], view)
+        points_m = found.points_map_m[first:end][is_own]
+        others = np.union1d(found.others[first_other:end_other], pixels[~is_own])
         out.append(
             Segment(
                 detections[d],
                 boxes[d],
-                found.pixels[first:end],
-                found.points_map_m[first:end],
-                found.center_map_m[s],
-                found.low_map_m[s],
-                found.high_map_m[s],
-                found.others[first_other:end_other],
+                pixels[is_own],
+                points_m,
+                np.median(points_m, axis=0),
+                points_m.min(axis=0),
+                points_m.max(axis=0),
+                others,
                 view.is_at_border(boxes[d]),
             )
         )
         first, first_other = end, end_other
     return out
+
+
+def _is_own(pixels: IntArray, box_px: BoxPx, view: ObjectView) -> BoolArray:
+    """Return the (M,) mask of the pixels of a segment that show the object.
+
+    Depth edges divide the segment into parts. The largest one is of the object, and so are the
+    others unless their surface goes on beyond the box.
+    """
+    height, width = view.shape
+    left, top = (max(n - _MARGIN_PX, 0) for n in box_px[:2])
+    right, bottom = min(box_px[2] + _MARGIN_PX, width), min(box_px[3] + _MARGIN_PX, height)
+    depth_m = view.depth_m[top:bottom, left:right]
+    v, u = np.divmod(pixels, width)
+    u, v = u - left, v - top
+    is_used = depth_m > 0
+    is_beyond = is_used.copy()
+    for each, spare in ((is_used, 0), (is_beyond, _INNER_MARGIN_PX)):
+        rows = slice(max(box_px[1] - spare - top, 0), box_px[3] + spare - top)
+        each[rows, max(box_px[0] - spare - left, 0) : box_px[2] + spare - left] = False
+    is_used[v, u] = True
+    labels = _parts(depth_m, is_used)
+    inside = np.bincount(labels[v, u], minlength=int(labels.max()) + 1)
+    beyond = np.bincount(labels[is_beyond], minlength=len(inside))
+    goes_on = beyond >= np.maximum(_MIN_BEYOND, _BEYOND_RATIO * inside)
+    goes_on[np.argmax(inside)] = False
+    return np.asarray(~goes_on[labels[v, u]])
+
+
+def _parts(depth_m: Float32Array, is_used: BoolArray) -> NDArray[np.int32]:
+    """Return the (h, w) numbers of the parts of used pixels that no depth edge divides."""
+    links = np.zeros((2 * depth_m.shape[0] - 1, 2 * depth_m.shape[1] - 1), np.uint8)
+    links[::2, ::2] = is_used
+    limit_m = edge_m(depth_m)
+    is_level = np.abs(depth_m[:, 1:] - depth_m[:, :-1]) < limit_m[:, 1:]
+    links[::2, 1::2] = is_level & is_used[:, 1:] & is_used[:, :-1]
+    is_level = np.abs(depth_m[1:] - depth_m[:-1]) < limit_m[1:]
+    links[1::2, ::2] = is_level & is_used[1:] & is_used[:-1]
+    _, labels = cv2.connectedComponents(links, connectivity=4)
+    return np.asarray(labels[::2, ::2])
 
 
 def _known_boxes(

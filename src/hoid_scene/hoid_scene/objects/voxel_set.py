@@ -55,11 +55,9 @@ class VoxelSet:
         self._add(voxels_of(points_m, VOXEL_M, BITS))
 
     def merge(self, other: VoxelSet) -> None:
-        """Add the evidence of other voxels of the same frame."""
         self._add(other.arrays())
 
     def arrays(self) -> Voxels:
-        """Return the voxels as the kernels take them."""
         return Voxels(self.keys, self.means_m, self.readings, self.hits, self.misses)
 
     def _add(self, others: Voxels) -> None:
@@ -76,9 +74,6 @@ class VoxelSet:
         Args:
             num_looks: Number of looks at the object so far; if these are few, a voxel needs
                 fewer hits.
-            cell_m: Side of the cells whose voxels are counted together, because the noise of
-                depth spreads the hits of a distant surface over several voxels. Cells smaller than
-                a voxel have no effect.
         """
         least = min(_SOLID_HITS, math.ceil(num_looks / 3))
         cells_m = cell_m if cell_m > VOXEL_M else None
@@ -89,9 +84,6 @@ class VoxelSet:
 
         Where several voxels fall into one, their largest hits and misses are kept. Voxels beyond
         12.8 m from the origin of the other frame along an axis are left out.
-
-        Args:
-            T_new_old: (4, 4) pose of the present frame in the other one.
         """
         out = VoxelSet()
         points = self.means_m @ T_new_old[:3, :3].T + T_new_old[:3, 3]

@@ -11,7 +11,7 @@ from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.export import write_ply
 from hoid_scene.grid.floor import NO_FLOOR
 from hoid_scene.grid.grid import Grid, write_map_server
-from hoid_scene.objects.object_text import objects_yaml
+from hoid_scene.objects.object_list import objects_yaml
 from hoid_scene.scene_mapper import SceneMapper
 
 
@@ -34,9 +34,7 @@ def save_grid(
     """Write the grid in the format of Nav2's map server; return a message for the user.
 
     Args:
-        scene: The scene mapper; None if there is none.
         grid_of: Returns the grid of a cloud of the scene, or None if no floor is known.
-        path: Path of the YAML file; the image beside it has the same name with another extension.
 
     Raises:
         InputError: There is no dense map, no floor or no cell is known, or a file cannot be
@@ -57,11 +55,6 @@ def save_objects(scene: SceneMapper | None, path: Path, frame: str) -> str:
 
     Without a scene mapper, the list is empty.
 
-    Args:
-        scene: The scene mapper; None if there is none.
-        path: The file.
-        frame: Name of the map frame.
-
     Raises:
         InputError: The file cannot be written.
     """
@@ -72,6 +65,6 @@ def save_objects(scene: SceneMapper | None, path: Path, frame: str) -> str:
 
 
 def _require_map(scene: SceneMapper | None) -> SceneMapper:
-    if scene is None or scene.num_voxels == 0:
+    if scene is None or len(scene.dense) == 0:
         raise InputError('no image has been fused yet: there is no dense map to save')
     return scene

@@ -27,20 +27,16 @@ from hoid_common.ros import qos
 from hoid_common.ros.conversions import detections_to_msg, header_to_msg
 from hoid_common.values import Detections, FloatArray
 from hoid_scene.config.scene_config import SceneConfig
+from hoid_scene.dense.cloud_labels import CloudLabels
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.grid.steady_grid import GridPatch, SteadyGrid
 from hoid_scene.navigation_masks import Mask, MaskExtent, NavigationMasks, changed_cells
-from hoid_scene.objects.cloud_labels import CloudLabels
-from hoid_scene.ros import conversions, object_map_messages
-from hoid_scene.ros.conversions import SceneMaps
-from hoid_scene.ros.mask_messages import (
-    FilterType,
-    filter_info_to_msg,
-    mask_to_msg,
-)
+from hoid_scene.ros import map_messages
+from hoid_scene.ros import object_messages as of_objects
+from hoid_scene.ros.map_messages import FilterType, SceneMaps, filter_info_to_msg, mask_to_msg
 from hoid_scene.scene_mapper import SceneMapper
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.tracks.object_track import TrackedObject
 
 
 class OutputTopic(NamedTuple):
@@ -60,25 +56,29 @@ class OutputTopic(NamedTuple):
 # image, it is called for this table and the next two even without subscribers, with empty values.
 OBJECT_OUTPUTS = (
     OutputTopic(
-        topics.TRACKED_OBJECTS, TrackedObjectArray, qos.OUTPUT, conversions.tracked_objects_to_msg
+        topics.TRACKED_OBJECTS,
+        TrackedObjectArray,
+        qos.OUTPUT,
+        of_objects.tracked_objects_to_msg,
     ),
-    OutputTopic(topics.PEOPLE, People, qos.OUTPUT, conversions.people_to_msg),
+    OutputTopic(topics.PEOPLE, People, qos.OUTPUT, of_objects.people_to_msg),
     OutputTopic(
-        topics.TRACKED_OBJECT_MARKERS, MarkerArray, qos.OUTPUT, conversions.markers_to_msg
+        topics.TRACKED_OBJECT_MARKERS,
+        MarkerArray,
+        qos.OUTPUT,
+        of_objects.track_markers_to_msg,
     ),
 )
 # `to_msg` is called with (objects: tuple[MapObject, ...], header: Header) if the topic has
 # subscribers: after each image that is used for the object map, and after other changes of the map
 # once per `dense.publish_period_s`, or when subscribers join or leave.
 OBJECT_MAP_OUTPUTS = (
-    OutputTopic(
-        topics.OBJECT_MAP, Detection3DArray, qos.LATCHED, object_map_messages.object_map_to_msg
-    ),
+    OutputTopic(topics.OBJECT_MAP, Detection3DArray, qos.LATCHED, of_objects.object_map_to_msg),
     OutputTopic(
         topics.OBJECT_MAP_MARKERS,
         MarkerArray,
         qos.LATCHED,
-        object_map_messages.object_map_markers_to_msg,
+        of_objects.object_map_markers_to_msg,
     ),
 )
 # `to_msg` is called with (expected: Detections, header: Header, image_size_px: tuple[int, int])
@@ -91,12 +91,12 @@ EXPECTED_OUTPUT = OutputTopic(
 # its labels are made only if they have subscribers themselves; all other messages are made if any
 # of the others has some. After each publication, a pause keeps time for images.
 MAP_OUTPUTS = (
-    OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, conversions.serialized_cloud),
-    OutputTopic(topics.CLOUD_LABELS, LabelInfo, qos.LATCHED, conversions.labels_to_msg),
-    OutputTopic(topics.TF_STATIC, TFMessage, qos.TF_STATIC, conversions.level_frame_to_msg),
-    OutputTopic(topics.GRID_MAP, OccupancyGrid, qos.LATCHED, conversions.grid_to_msg),
+    OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, map_messages.serialized_cloud),
+    OutputTopic(topics.CLOUD_LABELS, LabelInfo, qos.LATCHED, map_messages.labels_to_msg),
+    OutputTopic(topics.TF_STATIC, TFMessage, qos.TF_STATIC, map_messages.level_frame_to_msg),
+    OutputTopic(topics.GRID_MAP, OccupancyGrid, qos.LATCHED, map_messages.grid_to_msg),
     OutputTopic(
-        topics.GRID_MAP_UPDATES, OccupancyGridUpdate, qos.OUTPUT, conversions.grid_update_to_msg
+        topics.GRID_MAP_UPDATES, OccupancyGridUpdate, qos.OUTPUT, map_messages.grid_update_to_msg
     ),
 )
 
@@ -145,10 +145,6 @@ class SceneOutputs:
 
     Attributes:
         frame: Name of the map frame.
-
-    Args:
-        make_publisher: Makes the publisher of a topic.
-        config: Decides which topics there are.
     """
 
     def __init__(
@@ -174,9 +170,11 @@ class SceneOutputs:
         self._has_published = False  # since the scene was discarded last
         self._masks: dict[str, Mask] = {}  # as published last, by topic
 
-    def begin(self, *, is_map_level: bool) -> None:
-        """Set whether the map frame of a new scene is level."""
-        self._is_map_level = is_map_level
+    def set_level(self, *, is_map_level: bool) -> None:
+        """Set whether the map frame is level; if this changes, the grid has another frame."""
+        if is_map_level != self._is_map_level:
+            self._is_map_level = is_map_level
+            self._steady.clear()
 
     @property
     def _wanted(self) -> set[str]:
@@ -188,14 +186,12 @@ class SceneOutputs:
         return wanted - {topics.TF_STATIC}
 
     def note_change(self) -> None:
-        """Mark the dense map, the grid and the object map as changed, to be published."""
         self._outdated = {o.name for o in MAP_OUTPUTS if o.name in self._publishers}
         if self._is_map_level:
             self._outdated.discard(topics.TF_STATIC)
         self.note_object_change()
 
     def note_object_change(self) -> None:
-        """Mark the object map as changed, to be published."""
         self._outdated_objects = {output.name for output in OBJECT_MAP_OUTPUTS}
 
     @property
@@ -222,11 +218,6 @@ class SceneOutputs:
         Nothing is published before the first grid, and on topics without subscribers. Nav2 applies
         a keep-out mask only where the costmap is updated: where it has changed, the grid is
         published again as an update, so that what was closed is opened.
-
-        Args:
-            masks: The masks.
-            stamp_ns: Time of the image.
-            resolve: Returns the full name of a topic.
         """
         grid = self._steady.last
         if grid is None or not self._is_map_level:
@@ -248,7 +239,6 @@ class SceneOutputs:
                 self._publish_update(grid, changed_cells(before, mask), header)
 
     def _publish_update(self, grid: Grid, patch: GridPatch | None, header: Header) -> None:
-        """Publish cells of the grid again."""
         if patch is None:
             return
         rows, columns = patch.cells.shape
@@ -259,7 +249,6 @@ class SceneOutputs:
         self._publish([o for o in MAP_OUTPUTS if o.name == topics.GRID_MAP_UPDATES], maps)
 
     def publish_object_map(self, scene: SceneMapper, stamp_ns: int) -> None:
-        """Publish the object map on its topics that have subscribers and are outdated."""
         due = self._outdated_objects & self._wanted
         wanted = [output for output in OBJECT_MAP_OUTPUTS if output.name in due]
         if wanted:
@@ -274,7 +263,6 @@ class SceneOutputs:
         self._publish_wanted((EXPECTED_OUTPUT,), expected, header, image_size_px)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:
-        """Publish the topics that are due: cloud, labels and, once a floor is known, the grid."""
         due = self.due
         self._outdated -= due
         header, cloud = header_to_msg(stamp_ns, self.frame), scene.cloud()
@@ -304,9 +292,6 @@ class SceneOutputs:
         """Publish empty maps and no tracks, because the scene was discarded.
 
         Nothing is published if nothing was published of this scene, which nobody can have then.
-
-        Args:
-            stamp_ns: Stamp of the latest image that was used; 0: none yet.
         """
         self._outdated.clear()
         self._outdated_objects.clear()
@@ -325,7 +310,6 @@ class SceneOutputs:
         self._has_published = False
 
     def _clear_masks(self, stamp_ns: int) -> None:
-        """Publish masks of 0, because nothing is known of people any more."""
         for output in MASK_OUTPUTS:
             if (mask := self._masks.get(output.name)) is not None:
                 empty = Mask(np.zeros_like(mask.cells), mask.extent)

@@ -49,7 +49,6 @@ class SceneImage(NamedTuple):
 
     @property
     def header(self) -> Header:
-        """Return the header of the color image."""
         header: Header = self.color.header
         return header
 
@@ -62,17 +61,7 @@ class _Picked(NamedTuple):
 
 
 class SceneImages:
-    """Selects tracked images for the maps, and joins each with its depth, color and objects.
-
-    Args:
-        node: Node that subscribes.
-        inputs: Makes the subscriptions.
-        config: Parameters of the node.
-        keyframes: Returns session and keyframes of the scene; None while there is no scene.
-        on_image: Called with each image. It may raise HoidError: the image is then counted as
-            refused.
-        diagnostics: Diagnostics of the node.
-    """
+    """Selects tracked images for the maps, and joins each with its depth, color and objects."""
 
     def __init__(
         self,
@@ -108,19 +97,16 @@ class SceneImages:
         )
 
     def reconfigure(self, config: SceneNodeConfig) -> None:
-        """Apply the rates of the maps, which may change at run time."""
         sections = (config.dense, config.objects, config.object_map)
         rates_hz = (part.rate_hz if part.enabled else None for part in sections)
         self._scheduler = SceneScheduler(*rates_hz)
 
     def begin(self, camera: CameraModel | None) -> None:
-        """Drop all messages that wait, because another scene has begun, with this camera."""
         self._camera = self._alignment.aligner.color = camera
         self._matcher.reset()
         self._early.clear()
 
     def note_keyframes(self) -> None:
-        """Use the images whose keyframes have just become known."""
         for _ in range(len(self._early)):
             self._on_pose(self._early.popleft())
 

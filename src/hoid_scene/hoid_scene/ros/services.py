@@ -18,24 +18,16 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_handlers import ServiceHandlers
 from hoid_common.store.map_directory import CLOUD, GRID, OBJECTS, FileKind, path_in
 from hoid_scene.config.scene_config import SceneNodeConfig
-from hoid_scene.objects.object_query import ObjectQuery, find
+from hoid_scene.objects.object_list import ObjectQuery, find
 from hoid_scene.ros.files import save_cloud, save_grid, save_objects
-from hoid_scene.ros.object_map_messages import mapped_object_to_msg
+from hoid_scene.ros.object_messages import mapped_object_to_msg
 from hoid_scene.ros.outputs import SceneOutputs
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_session import SceneSession
 
 
 class SceneServices:
-    """Offers the services, which are executed between two messages.
-
-    Args:
-        node: The node.
-        config: Its parameters.
-        session: The scene.
-        outputs: The outputs of the scene, for the size of the grid and the name of the map frame.
-        diagnostics: Diagnostics of the node.
-    """
+    """Offers the services, which are executed between two messages."""
 
     def __init__(
         self,
@@ -78,7 +70,7 @@ class SceneServices:
         query.check()
         self._require_object_map()
         mapper = self._session.mapper
-        found = [] if mapper is None else find(mapper.mapped_objects(), query)
+        found = [] if mapper is None else find(mapper.mapped_objects(tentative=True), query)
         response.header = conversions.header_to_msg(self._session.stamp_ns, self._outputs.frame)
         response.objects = [mapped_object_to_msg(item) for item in found]
         return f'{len(found)} objects'
@@ -86,7 +78,8 @@ class SceneServices:
     def _forget(self, request: Any) -> str:
         self._require_object_map()
         mapper = self._session.mapper
-        if mapper is None or not mapper.forget_object(request.id):
+        objects = None if mapper is None else mapper.object_map
+        if objects is None or not objects.forget(request.id):
             raise InputError(f'no object {request.id} in the object map; find_objects lists them')
         self._outputs.note_object_change()
         return f'object {request.id} is forgotten'

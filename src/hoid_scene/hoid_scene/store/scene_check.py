@@ -44,17 +44,9 @@ def check_objects(state: ObjectMapState) -> None:
     require(len(np.unique(state.object_id)) == len(state), 'two objects have the same number')
     require((state.anchor >= 0).all(), 'an object has no keyframe')
     require(are_poses(state.T_anchor_object), "an object's pose is invalid")
-    known = [
-        item.value
-        for item in (
-            ObjectState.AT_REST,
-            ObjectState.MOVED,
-            ObjectState.HANDLED,
-            ObjectState.GONE,
-        )
-    ]
-    require(np.isin(state.state, known).all(), "an object's state is unknown")
-    for name in ('num_sightings', 'num_visible'):
+    left = [state.value for state in (ObjectState.AT_REST, ObjectState.HANDLED, ObjectState.GONE)]
+    require(np.isin(state.left_as, left).all(), "an object's state is unknown")
+    for name in ('num_sightings', 'num_visible', 'num_looks'):
         require(within(getattr(state, name), 1, MAX_COUNT), f"an object's {name} is invalid")
     for name in ('first_ns', 'last_ns', 'left_ns', 'moved_ns'):
         require(within(getattr(state, name), 0, END_STAMP_NS), 'a time stamp is out of range')
@@ -64,6 +56,7 @@ def check_objects(state: ObjectMapState) -> None:
     for vectors in (state.direction_m, state.moved_from_m):
         require(within(np.abs(vectors), 0, MAX_POSITION_M), 'an object has an invalid vector')
     _check_classes(state)
+    _check_views(state)
     _check_object_voxels(state)
 
 
@@ -77,6 +70,14 @@ def _check_classes(state: ObjectMapState) -> None:
     except UnicodeDecodeError:
         names = ['']
     require(all(name.isprintable() and name for name in names), 'the name of a class is invalid')
+
+
+def _check_views(state: ObjectMapState) -> None:
+    total = int(state.num_views.sum(dtype=np.int64))
+    is_complete = (state.num_views >= 0).all() and total == len(state.view_count)
+    require(is_complete, 'the numbers of views do not add up')
+    require(within(np.abs(state.view), 0, 1 + _ROUNDING), 'a view is invalid')
+    require(within(state.view_count, 1, MAX_COUNT), 'the count of a view is invalid')
 
 
 def _check_object_voxels(state: ObjectMapState) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,11 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import MapFileError
+from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.store.checks import require
 from hoid_common.store.database import Database
 from hoid_common.store.table import Table
-from hoid_common.values import IntArray
+from hoid_common.values import CameraModel, IntArray
+from hoid_scene.config.dense_config import DenseConfig
+from hoid_scene.config.object_config import ObjectMapConfig, ObjectTrackerConfig
 from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.objects.object_map_state import ObjectMapState
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.store.scene_check import check_objects, check_submaps
@@ -32,7 +38,6 @@ class SavedScene(NamedTuple):
 
     @property
     def summary(self) -> str:
-        """Return the size in words."""
         voxels = 0 if self.dense is None else len(self.dense)
         text = f'{voxels} voxels of the dense map'
         return text if self.objects is None else f'{text}, {len(self.objects)} objects'
@@ -41,10 +46,6 @@ class SavedScene(NamedTuple):
         """Return the scene with other uids of the keyframes.
 
         What is anchored to another keyframe is left out.
-
-        Args:
-            uids: (K,) ascending uids of keyframes.
-            new_uids: (K,) their new uids.
         """
         dense, objects = self.dense, self.objects
         if dense is not None:
@@ -54,8 +55,16 @@ class SavedScene(NamedTuple):
         return SavedScene(dense, objects)
 
 
+class JoinedScenes(NamedTuple):
+    """The scene that `join_scenes` has made of several scenes."""
+
+    scene: SavedScene
+    # For each scene: True if its dense map is in the result, or if it has no dense map. Dense maps
+    # with voxels of another size than the first dense map are left out.
+    keeps_dense: tuple[bool, ...]
+
+
 def _renamed(anchor: NDArray[np.int32], uids: IntArray, new_uids: IntArray) -> IntArray:
-    """Return the new uids of anchors, -1 for those that are not among the uids."""
     rows = np.minimum(np.searchsorted(uids, anchor), len(uids) - 1)
     if len(uids) == 0:
         return np.full(len(anchor), -1)
@@ -65,8 +74,10 @@ def _renamed(anchor: NDArray[np.int32], uids: IntArray, new_uids: IntArray) -> I
 def exported(mapper: SceneMapper, keyframe_uids: IntArray) -> SavedScene:
     """Return the scene that is anchored to saved keyframes with ascending uids (K,)."""
     rows = np.arange(len(keyframe_uids))
-    dense = mapper.dense.export(keyframe_uids)
-    scene = SavedScene(dense if len(dense) else None, mapper.export_objects(keyframe_uids))
+    dense, objects = mapper.dense.export(keyframe_uids), mapper.object_map
+    scene = SavedScene(
+        dense if len(dense) else None, objects.export(keyframe_uids) if objects else None
+    )
     return scene.renamed(rows, keyframe_uids)
 
 
@@ -76,24 +87,58 @@ def load(mapper: SceneMapper, scene: SavedScene) -> None:
     Raises:
         MapFileError: The dense map has voxels of another size; the objects are added.
     """
-    keyframes = mapper.dense.keyframes
-    if scene.objects is not None:
-        mapper.load_objects(scene.objects, keyframes, uids_as_rows(scene.objects.anchor))
+    mapper.correct(mapper.dense.keyframes)
+    if scene.objects is not None and mapper.object_map is not None:
+        mapper.object_map.load(scene.objects, uids_as_rows(scene.objects.anchor))
     if scene.dense is not None:
-        mapper.load(scene.dense, keyframes, uids_as_rows(scene.dense.anchor))
+        mapper.load(scene.dense, mapper.dense.keyframes, uids_as_rows(scene.dense.anchor))
 
 
 def uids_as_rows(anchor: NDArray[np.int32]) -> IntArray:
-    """Return the uids by row with which a record is loaded whose anchors are uids already."""
     return np.arange(1 + int(anchor.max(initial=-1)))
 
 
-def write(database: Database, scene: SavedScene) -> None:
-    """Replace the scene in a database that has the `TABLES`.
+def saved_objects(
+    scene: SavedScene, keyframes: KeyframePoses, camera: CameraModel, *, tentative: bool = False
+) -> tuple[MapObject, ...]:
+    """Return the objects of a saved scene by id, as the node that saved it published them.
 
-    Raises:
-        MapFileError: It cannot be written.
+    If there are several maps, only objects of the main one are returned. The boxes of furniture
+    reach down to the floor of the dense map, if there is one. Tentative objects are left out
+    unless `tentative` is set.
     """
+    dense = None if scene.dense is None else float(scene.dense.voxel_m[0])
+    config = DenseConfig() if dense is None else DenseConfig(voxel_m=dense)
+    mapper = SceneMapper(camera, config, ObjectTrackerConfig(), ObjectMapConfig(enabled=True))
+    mapper.correct(keyframes)
+    load(mapper, scene)
+    mapper.grid(mapper.cloud())  # finds the floor
+    return mapper.mapped_objects(tentative=tentative)
+
+
+def join_scenes(
+    scenes: Sequence[SavedScene], keyframes: KeyframePoses, camera: CameraModel
+) -> JoinedScenes:
+    dense = [scene.dense for scene in scenes if scene.dense is not None]
+    kept = [state for state in dense if state.voxel_m[0] == dense[0].voxel_m[0]]
+    keeps_dense = tuple(
+        scene.dense is None or any(scene.dense is state for state in kept) for scene in scenes
+    )
+    objects = ObjectMap(camera)
+    objects.correct(keyframes)
+    for scene in scenes:
+        if scene.objects is not None:
+            objects.load(scene.objects, uids_as_rows(scene.objects.anchor))
+    objects.join()
+    found = objects.export(keyframes.uids) if objects else None
+    joined = SavedScene(SubmapState.joined(kept) if kept else None)
+    if found is not None:
+        joined = joined._replace(objects=found.with_anchors(keyframes.uids[found.anchor]))
+    return JoinedScenes(joined, keeps_dense)
+
+
+def write(database: Database, scene: SavedScene) -> None:
+    """Replace the scene in a database that has the `TABLES`; MapFileError if it cannot."""
     with database.transaction():
         for table in TABLES:
             database.clear(table)

@@ -36,10 +36,6 @@ class SceneStore:
 
     Its methods raise MapFileError if the database cannot be read or written.
 
-    Args:
-        path: Its file. A damaged one is replaced.
-        owner: Full name of the node.
-
     Raises:
         MapFileError: Another process of this name has the store.
     """
@@ -68,7 +64,6 @@ class SceneStore:
             raise
 
     def views(self) -> ViewStore:
-        """Return the store of the images of the present session."""
         return ViewStore(self._require())
 
     def loaded(self) -> SavedScene:
@@ -76,7 +71,6 @@ class SceneStore:
         return scene_file.read(self._require())
 
     def add_loaded(self, scene: SavedScene, num_loaded: int) -> None:
-        """Store that a scene was loaded, whose anchors are uids of this session."""
         database = self._database
         if database is None:
             return
@@ -88,7 +82,6 @@ class SceneStore:
         self._note(self.session._replace(num_loaded=num_loaded))
 
     def put_objects(self, objects: ObjectMapState | None) -> None:
-        """Store the object map, whose anchors are uids."""
         database = self._database
         if database is None:
             return
@@ -101,11 +94,6 @@ class SceneStore:
         """Make the scene that of another session, which has the keyframes under other uids.
 
         What is anchored to a keyframe that it does not have is removed.
-
-        Args:
-            name: Name of the other session.
-            uids: (K,) ascending uids of keyframes in the present session.
-            new_uids: (K,) their uids in the other session.
         """
         database, scene = self._require(), self.loaded()
         new = dict(zip(uids.tolist(), new_uids.tolist(), strict=True))

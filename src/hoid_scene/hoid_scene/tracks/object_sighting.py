@@ -86,10 +86,6 @@ class DepthImage:
 
         None is returned if this is unknown: there are too few readings, the point is nearer than
         0.3 m, farther than 4 m or out of view, or something occludes it.
-
-        Args:
-            position_map_m: (3,) point in the map frame.
-            margin_m: Difference of depth from which the surface counts as behind or in front.
         """
         point = self._in_camera(position_map_m)
         if not _MIN_RANGE_M < point[2] < _MAX_RANGE_M / 2:  # beyond, depth is too noisy
@@ -113,10 +109,6 @@ class DepthImage:
         """Return the (M,) depths [m] and (M, 2) pixels u, v of the readings in a box.
 
         Readings beyond 8 m are left out.
-
-        Args:
-            box_xyxy_px: Left, top, right and bottom of the box in the full image.
-            cut: Share of the box that is left out on each side.
         """
         x1, y1, x2, y2 = box_xyxy_px
         dx, dy = cut * (x2 - x1), cut * (y2 - y1)
@@ -144,12 +136,9 @@ def measure(
     """Return the place and size of a detected person or object, or None without enough depth.
 
     Args:
-        detection: The detection.
-        image: The depth image.
         known_map_m: (3,) position that the object's track predicts in the map frame; None if it
             has no track. If enough of the box is at this depth, the object is measured there. If
             not, or without a track, it is measured at the nearest layer of depth.
-        floor: The floor that people stand on; None if it is unknown.
     """
     depth, _ = image.readings(detection.box_xyxy_px, _CENTRAL_CUT)
     if len(depth) < _MIN_READINGS:
@@ -188,13 +177,6 @@ def _measure_person(
 
     The person reaches from the top of the box down to the floor, or to the bottom of the box if
     the floor is unknown.
-
-    Args:
-        detection: The detection.
-        image: The depth image.
-        layer_m: Depth of the person in the camera frame.
-        floor: The floor; None if it is unknown.
-        is_at_known_depth: Passed on to the sighting.
     """
     x1, y1, x2, y2 = detection.box_xyxy_px
     depth, uv = image.readings(detection.box_xyxy_px, 0.0)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hoid_common.values import PERSON, S_PER_NS, FloatArray, ObjectState
+from hoid_common.values import NS_PER_S, PERSON, S_PER_NS, FloatArray, ObjectState
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.tracks.object_sighting import Sighting
 
@@ -20,6 +20,10 @@ from hoid_scene.tracks.object_sighting import Sighting
 _START_SPEED_MPS = 1.0  # standard deviation of the velocity of a new track, a walking pace
 _MIN_IMAGES_WITHOUT = 5  # images that must see through an object's place before it counts as gone
 _FADE_S = 0.5  # time constant with which the velocity of an undetected object decays
+FRESH_NS = NS_PER_S // 2  # an object that was not detected for longer may have been taken
+# Distance over the floor up to which a person can handle an object: an arm and a step. A larger
+# value marks more objects near people as handled.
+REACH_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,16 +39,13 @@ class TrackedObject:
     velocity_map_mps: FloatArray  # (3,); zero at rest
     size_m: FloatArray  # (3,), extent along the map's axes
 
+    def distance_over_floor_m(self, other: TrackedObject) -> float:
+        """Return the horizontal distance [m] to another track."""
+        return float(np.linalg.norm((self.position_map_m - other.position_map_m)[:2]))
+
 
 class KalmanTrack:
-    """The Kalman filter of one person or object, and whether it is at rest, handled or taken away.
-
-    Args:
-        track_id: Number of the track.
-        sighting: The first detection, measured in the map.
-        stamp_ns: Time of the first detection.
-        config: Parameters.
-    """
+    """The Kalman filter of one person or object, and whether it is at rest or handled."""
 
     def __init__(
         self, track_id: int, sighting: Sighting, stamp_ns: int, config: ObjectTrackerConfig
@@ -119,7 +120,6 @@ class KalmanTrack:
         self.is_taken = self._num_images_without >= _MIN_IMAGES_WITHOUT
 
     def mark_taken(self) -> None:
-        """Mark the object as taken away, because it was carried out of sight."""
         self.is_taken = True
 
     def is_alive(self, stamp_ns: int) -> bool:
@@ -142,10 +142,6 @@ class KalmanTrack:
         A settled object becomes HANDLED if the detection is dynamic and more than `moved_m` away.
         A handled object that has stayed within `moved_m` of one place for `rest_s` becomes
         settled.
-
-        Args:
-            sighting: The detection, measured in the map.
-            stamp_ns: Time of the image.
         """
         self.num_sightings += 1
         self._num_images_without = 0

@@ -9,6 +9,7 @@ rest, and an object that a person occludes keeps its track unchanged.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,16 +17,16 @@ from hoid_common.values import NS_PER_S, PERSON, S_PER_NS, DynamicObject, FloatA
 from hoid_scene.config.object_config import ObjectTrackerConfig
 from hoid_scene.grid.floor import Floor
 from hoid_scene.tracks.object_sighting import DepthImage, Sighting, measure
-from hoid_scene.tracks.object_track import KalmanTrack, TrackedObject
-
-__all__ = ['ObjectTracker', 'TrackedObject']
+from hoid_scene.tracks.object_track import FRESH_NS, REACH_M, KalmanTrack, TrackedObject
 
 # None of these numbers was tuned.
 _OCCLUDED_M = 0.15  # a surface this far in front of an object's place occludes the object
 _GONE_M = 0.25  # a surface this far behind an object's place shows that the object is gone
 # How far a person may carry an object while it is not detected: speed [m/s] and longest time [s].
 _CARRY_MPS, _CARRY_S = 1.5, 3.0
-_FRESH_NS = NS_PER_S // 2  # an object that was not detected for longer may have been taken
+# An object that is detected within this distance of a handled track, with a person in reach, is in
+# this person's hands.
+_IN_HAND_M = 0.5
 
 
 class ObjectTracker:
@@ -46,12 +47,6 @@ class ObjectTracker:
         """Update the tracks with the detections of one image; return the confirmed tracks by id.
 
         Images must come in order of time.
-
-        Args:
-            objects: The detections, with the filter's verdict which of them are dynamic.
-            image: The depth image with its pose, in a map frame whose z axis points up.
-            stamp_ns: Time of the image.
-            floor: The floor that people stand on; None if it is unknown.
         """
         free = [track for track in self._tracks if not track.is_taken]
         people_m: list[FloatArray] = []
@@ -79,29 +74,52 @@ class ObjectTracker:
         confirmed.sort(key=lambda track: track.track_id)
         return tuple(track.value_at(stamp_ns) for track in confirmed)
 
-    def is_at_rest(self, detection: DynamicObject, image: DepthImage, stamp_ns: int) -> bool:
-        """Return whether a detection that the filter calls dynamic shows an object at rest.
+    def judged(
+        self, objects: Sequence[DynamicObject], image: DepthImage, stamp_ns: int
+    ) -> tuple[DynamicObject, ...]:
+        """Return the detections with the states that the tracks give them.
 
-        It does if enough of its box is at the depth of the place of a track of its class that is
-        settled and was detected lately.
-
-        Args:
-            detection: The detection.
-            image: The depth image.
-            stamp_ns: Time of the image, which is not older than that of the last `update`.
+        The filter knows one image only: it may call an object handled that a person stands in
+        front of, or that was put down, and at rest that a person holds still. A detection is at
+        rest if enough of its box is at the depth of the place of a settled track of its class that
+        was detected lately. It is HANDLED near a handled track of its class that was detected
+        lately, if a person is within reach. Otherwise it keeps the filter's verdict.
         """
-        if detection.class_name == PERSON or not _is_measured(detection):
-            return False
-        settled = [
+        fresh = [
             track
             for track in self._tracks
-            if track.is_settled and track.is_confirmed and stamp_ns - track.stamp_ns < _FRESH_NS
+            if track.is_confirmed and stamp_ns - track.stamp_ns < FRESH_NS
         ]
-        known = self._track_in_box(detection, image, settled, stamp_ns)
-        if known is None:
-            return False
-        sighting = measure(detection, image, known.position_at_m(stamp_ns), None)
-        return sighting is not None and sighting.is_at_known_depth
+        return tuple(
+            replace(item, state=self._state_of(item, image, fresh, stamp_ns)) for item in objects
+        )
+
+    def _state_of(
+        self, item: DynamicObject, image: DepthImage, fresh: list[KalmanTrack], stamp_ns: int
+    ) -> ObjectState:
+        if item.class_name == PERSON or not _is_measured(item):
+            return item.state
+        if item.is_dynamic:
+            settled = [track for track in fresh if track.is_settled]
+            known = self._track_in_box(item, image, settled, stamp_ns)
+            known_m = None if known is None else known.position_at_m(stamp_ns)
+            seen = None if known_m is None else measure(item, image, known_m, None)
+            is_there = seen is not None and seen.is_at_known_depth
+            return known.state if known is not None and is_there else item.state
+        handled = [
+            track
+            for track in fresh
+            if track.state is ObjectState.HANDLED and track.class_name == item.class_name
+        ]
+        seen = measure(item, image, None, None) if handled else None
+        if seen is None:
+            return item.state
+        people_m = [
+            track.position_at_m(stamp_ns) for track in fresh if track.state is ObjectState.PERSON
+        ]
+        gaps_m = [track.position_at_m(stamp_ns) - seen.position_map_m for track in handled]
+        is_near = min(float(np.linalg.norm(gap_m)) for gap_m in gaps_m) < _IN_HAND_M
+        return ObjectState.HANDLED if is_near and _in_reach(seen, people_m) else item.state
 
     def _track_in_box(
         self, detection: DynamicObject, image: DepthImage, free: list[KalmanTrack], stamp_ns: int
@@ -137,13 +155,6 @@ class ObjectTracker:
 
         A handled object out of every person's reach starts no track. If an object of the same
         class was taken away, its track is continued instead of starting a new one.
-
-        Args:
-            sighting: The detection, measured in the map.
-            free: The tracks that have no detection in this image yet; the updated one is removed.
-            people_m: Positions (3,) in the map frame of the people in this image.
-            image: The depth image.
-            stamp_ns: Time of the image.
         """
         match = self._carried_here(sighting, free, image, stamp_ns)
         match = match or self._nearest(sighting, free, stamp_ns)
@@ -152,7 +163,7 @@ class ObjectTracker:
             match.correct(sighting, stamp_ns)
             return
         detection = sighting.detection
-        if _is_handled(detection) and not self._in_reach(sighting, people_m):
+        if _is_handled(detection) and not _in_reach(sighting, people_m):
             return  # its box overlaps a person's box, but no person can reach it
         taken = self._last_taken(detection.class_name)
         if taken is not None:
@@ -198,18 +209,11 @@ class ObjectTracker:
                 best, best_m = track, distance_m
         return best
 
-    def _in_reach(self, sighting: Sighting, people_m: list[FloatArray]) -> bool:
-        return any(
-            np.linalg.norm((person_m - sighting.position_map_m)[:2]) < self._config.reach_m
-            for person_m in people_m
-        )
-
     def _last_taken(self, class_name: str) -> KalmanTrack | None:
         taken = [t for t in self._tracks if t.is_taken and t.class_name == class_name]
         return max(taken, key=lambda track: track.stamp_ns, default=None)
 
     def _mark_gone(self, unseen: list[KalmanTrack], image: DepthImage) -> None:
-        """Count this image for the objects at rest whose places it shows to be empty."""
         for track in unseen:
             if track.is_settled and image.sees_through(track.position_at_m(0), _GONE_M):
                 track.count_seen_through()
@@ -223,6 +227,12 @@ class ObjectTracker:
         alive = [track for track in self._tracks if track.is_alive(stamp_ns)]
         alive.sort(key=lambda track: track.stamp_ns)
         return alive[-self._config.max_objects :]
+
+
+def _in_reach(sighting: Sighting, people_m: list[FloatArray]) -> bool:
+    return any(
+        np.linalg.norm((person_m - sighting.position_map_m)[:2]) < REACH_M for person_m in people_m
+    )
 
 
 def _is_measured(item: DynamicObject) -> bool:
@@ -250,13 +260,7 @@ def _priority(item: DynamicObject) -> tuple[bool, bool]:
 
 
 def _is_occluded(sighting: Sighting, image: DepthImage, known_m: FloatArray | None) -> bool:
-    """Return whether a sighting is over 0.15 m nearer to the camera than the object's known place.
-
-    Args:
-        sighting: The detection, measured in the map.
-        image: The depth image.
-        known_m: (3,) predicted position of the object in the map frame; None: it is not known.
-    """
+    """Return whether a sighting is over 0.15 m nearer to the camera than the known place."""
     if known_m is None:
         return False
     layer_m = image.depth_of_m(sighting.position_map_m)

@@ -104,7 +104,7 @@ class KeyframeOutputs:
         return SessionKeyframes(
             slam_map.session,
             session.camera,
-            bool(self._frames.base),
+            slam_map.frames.is_level,
             slam_map.keyframes(),
             self._loaded,
             slam_map.frames.T_camera_base if self._frames.base else None,

@@ -1,40 +1,40 @@
-"""Converts the scene to messages: dense map, grid, tracked objects, people and markers."""
+"""Converts maps to messages: the dense map, the grid, and the masks of Nav2's costmap filters."""
 
 from __future__ import annotations
 
 from array import array
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose
-from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
-from hoid_msgs.msg import TrackedObjectArray
+from geometry_msgs.msg import Pose
 from map_msgs.msg import OccupancyGridUpdate
+from nav2_msgs.msg import CostmapFilterInfo
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from numpy.typing import NDArray
-from people_msgs.msg import People, Person
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import LabelInfo, VisionClass
-from visualization_msgs.msg import MarkerArray
 
 from hoid_common.ros import conversions
 from hoid_common.ros.large_messages.serialized import cloud_to_cdr
-from hoid_common.values import ByteArray, FloatArray, ObjectState
+from hoid_common.values import ByteArray, FloatArray
+from hoid_scene.dense.cloud_labels import CloudLabels
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.grid.steady_grid import GridPatch
-from hoid_scene.objects.cloud_labels import CloudLabels
-from hoid_scene.ros.markers import LabeledBox, markers_of, vector_to_msg
-from hoid_scene.tracks.object_tracker import TrackedObject
+from hoid_scene.navigation_masks import Mask
 
-_COLORS = {
-    ObjectState.PERSON: ColorRGBA(r=0.9, g=0.2, b=0.2, a=0.5),
-    ObjectState.HANDLED: ColorRGBA(r=1.0, g=0.6, b=0.1, a=0.7),
-    ObjectState.AT_REST: ColorRGBA(r=0.5, g=0.5, b=0.5, a=0.3),
-    ObjectState.MOVED: ColorRGBA(r=0.2, g=0.6, b=1.0, a=0.7),
-    ObjectState.MOVING: ColorRGBA(r=0.9, g=0.9, b=0.0, a=0.5),
-}
+
+class FilterType(IntEnum):
+    """The kinds of costmap filters (nav2_costmap_2d/costmap_filters/filter_values.hpp)."""
+
+    KEEP_OUT = 0
+    SPEED_PERCENT = 1
+
+
+# Base and multiplier: a cell of the speed mask is the percentage by which to go more slowly.
+_BASES = {FilterType.KEEP_OUT: (0.0, 1.0), FilterType.SPEED_PERCENT: (100.0, -1.0)}
 
 
 class SceneMaps(NamedTuple):
@@ -55,7 +55,6 @@ class SceneMaps(NamedTuple):
 
 
 def serialized_cloud(maps: SceneMaps) -> ByteArray:
-    """Return the serialized sensor_msgs/PointCloud2 of the dense map."""
     labels = None if maps.labels is None else maps.labels.labels
     cloud = conversions.Cloud(maps.cloud.points_m, maps.cloud.colors_bgr, labels)
     return cloud_to_cdr(cloud, maps.header)
@@ -71,6 +70,7 @@ def labels_to_msg(maps: SceneMaps) -> LabelInfo | None:
     classes = [
         VisionClass(class_id=i + 1, class_name=name)
         for i, name in enumerate(maps.labels.class_names)
+        if name
     ]
     return LabelInfo(header=maps.header, class_map=classes)
 
@@ -105,9 +105,7 @@ def occupancy_to_msg(
 
     Args:
         cells: The values; row 0 is at the smallest y.
-        cell_m: Width of a cell.
         origin_m: Position of the corner of cell (0, 0) in the frame of the header.
-        header: Frame and stamp.
     """
     height, width = cells.shape
     origin = Pose()  # without rotation: Nav2 ignores it
@@ -137,52 +135,22 @@ def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
     )
 
 
-def tracked_objects_to_msg(
-    objects: tuple[TrackedObject, ...], header: Header
-) -> TrackedObjectArray:
-    """Return the message of the tracks, in the frame of the header."""
-    return TrackedObjectArray(header=header, objects=[_object_to_msg(item) for item in objects])
+def mask_to_msg(mask: Mask, header: Header) -> OccupancyGrid:
+    (x, y), _, cell_m = mask.extent
+    return occupancy_to_msg(mask.cells, cell_m, (x * cell_m, y * cell_m, 0.0), header)
 
 
-def people_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> People:
-    """Return the message of the tracked people, in the frame of the header."""
-    people = [_person_to_msg(item) for item in objects if item.state is ObjectState.PERSON]
-    return People(header=header, people=people)
+def filter_info_to_msg(kind: FilterType, mask_topic: str, header: Header) -> CostmapFilterInfo:
+    """Return the message that tells Nav2 the topic of a mask and how to scale its values.
 
-
-def markers_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> MarkerArray:
-    """Return markers that replace all earlier ones: a box and a label per object."""
-    return markers_of([_labeled_box(item) for item in objects], header)
-
-
-def _object_to_msg(item: TrackedObject) -> TrackedObjectMsg:
-    return TrackedObjectMsg(
-        id=item.track_id,
-        class_name=item.class_name,
-        state=item.state.value,
-        score=float(item.score),
-        position=_point(item),
-        velocity=vector_to_msg(item.velocity_map_mps),
-        size=vector_to_msg(item.size_m),
+    Args:
+        mask_topic: Full name of the topic of the mask: Nav2's nodes have namespaces of their own.
+    """
+    base, multiplier = _BASES[kind]
+    return CostmapFilterInfo(
+        header=header,
+        type=int(kind),
+        filter_mask_topic=mask_topic,
+        base=base,
+        multiplier=multiplier,
     )
-
-
-def _person_to_msg(item: TrackedObject) -> Person:
-    x, y, z = item.velocity_map_mps.tolist()
-    return Person(
-        name=str(item.track_id),
-        position=_point(item),
-        velocity=Point(x=x, y=y, z=z),
-        reliability=float(item.score),
-    )
-
-
-def _labeled_box(item: TrackedObject) -> LabeledBox:
-    text = f'{item.class_name} {item.track_id}: {item.state.name.lower()}'
-    pose = Pose(position=_point(item))
-    return LabeledBox(item.track_id, pose, item.size_m, text, _COLORS[item.state])
-
-
-def _point(item: TrackedObject) -> Point:
-    x, y, z = item.position_map_m.tolist()
-    return Point(x=x, y=y, z=z)

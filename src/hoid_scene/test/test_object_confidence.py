@@ -1,0 +1,137 @@
+"""Which objects of the map are sure, and which are forgotten."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hoid_common.se3 import T_BODY_OPTICAL
+from hoid_common.values import DynamicObject, ObjectState
+from hoid_scene.objects import object_map
+from hoid_scene.objects.object_list import ObjectQuery, find
+from hoid_scene.scene_scheduler import SceneRequest
+
+from .object_world import LOOK_NS, Box, ObjectWorld, rendered
+from .test_object_map import BEAR, BOOK, CUP, TABLE, at, only
+
+TV = Box('tv', (2.0, -0.4, -0.3), (2.1, 0.4, 0.3))
+FOOT = Box('cell phone', (1.98, -0.06, -0.3), (2.1, 0.06, -0.2))
+LOOKS_PER_HOUR = 7200
+
+
+def test_an_object_that_is_no_longer_likely_there_is_tentative() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, BEAR, times=6)
+    assert [item.class_name for item in world.look(TABLE, BEAR, times=2)] == ['teddy bear']
+    cup = only(world.map.objects(tentative=True), 'cup')
+    assert cup.state is ObjectState.TENTATIVE
+    assert cup.probability < 0.5
+    assert only(world.look(TABLE, CUP, BEAR), 'cup').state is ObjectState.AT_REST
+
+
+def test_tentative_objects_are_found_if_they_are_asked_for() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, times=2)
+    assert world.map.objects() == ()
+    objects = world.map.objects(tentative=True)
+    assert find(objects, ObjectQuery(state='any')) == []
+    (cup,) = find(objects, ObjectQuery(state='tentative'))
+    assert (cup.class_name, cup.num_sightings, cup.num_views) == ('cup', 2, 1)
+    assert cup.score == pytest.approx(0.9)
+
+
+def test_the_number_of_views_is_kept_with_the_map() -> None:
+    world = ObjectWorld()
+    for y_m in (0.0, 0.5, 1.0, 1.0, 1.0):
+        objects = world.look(TABLE, BEAR, T_map_body=at(0.0, y_m, -0.4 * y_m))
+    before = only(objects, 'teddy bear')
+    assert before.num_views == 3
+    other = ObjectWorld()
+    other.stamp_ns = world.stamp_ns
+    other.map.correct(other.keyframes)
+    other.map.load(world.map.export(np.array([0])), np.array([0]))
+    assert only(other.map.objects(), 'teddy bear').num_views == 3
+    again = only(other.look(TABLE, BEAR, T_map_body=at(0.0, 1.0, -0.4)), 'teddy bear')
+    assert again.num_views == 3
+
+
+def test_a_part_of_a_thing_that_is_called_something_else_is_no_object() -> None:
+    """Such as the foot of a monitor that a detector calls a phone."""
+    world = ObjectWorld()
+    world.look(TV, FOOT._replace(class_name=''), times=4)
+    part = FOOT._replace(high_m=(2.1, 0.06, -0.21))
+    for _ in range(6):
+        objects = world.look(TV._replace(class_name=''), part)
+        world.look(TV, part._replace(class_name=''))
+    assert [item.class_name for item in objects] == ['tv']
+
+
+def test_what_stands_on_a_large_thing_stays_an_object() -> None:
+    table = TABLE._replace(class_name='dining table')
+    objects = ObjectWorld().look(table, CUP, BOOK, times=8)
+    assert sorted(item.class_name for item in objects) == ['book', 'cup', 'dining table']
+
+
+def test_what_no_detector_names_any_more_is_forgotten() -> None:
+    world = ObjectWorld()
+    for n in range(12):
+        x_m, y_m = 1.7 + 0.25 * (n % 3), -0.7 + 0.17 * (n // 3)
+        low_m, high_m = (x_m, y_m, -0.45), (x_m + 0.1, y_m + 0.1, -0.3)
+        world.look(TABLE, Box(f'ghost {n}', low_m, high_m), BEAR, times=4)
+        world.look(TABLE, BEAR, times=6)
+    gone = [item for item in world.map.objects() if item.state is ObjectState.GONE]
+    assert len(gone) > 5
+    world.stamp_ns += 600 * 10**9
+    found = world.look(TABLE, BEAR, times=4)
+    assert [item.class_name for item in found] == ['teddy bear']
+    assert len(world.map) == 1
+
+
+def test_an_object_that_is_gone_stays_while_its_class_is_named() -> None:
+    world = ObjectWorld()
+    second = Box('cup', (1.9, -0.7, -0.45), (2.0, -0.6, -0.3))
+    world.look(TABLE, CUP, second, times=6)
+    world.look(TABLE, second, times=6)
+    world.stamp_ns += 500 * 10**9
+    world.look(TABLE, second, times=2)
+    world.stamp_ns += 500 * 10**9
+    assert [item.state.name for item in world.look(TABLE, second, times=2)] == ['GONE', 'AT_REST']
+
+
+def test_the_names_of_one_object_are_bounded() -> None:
+    world = ObjectWorld()
+    world.look(TABLE, BEAR, times=6)
+    for n in range(60):
+        objects = world.look(TABLE, BEAR._replace(class_name=f'ghost {n}', score=0.2))
+    bear = only(objects, 'teddy bear')
+    assert len(bear.class_scores) <= 8
+
+
+def test_the_number_of_voxels_of_all_objects_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = ObjectWorld()
+    world.look(TABLE, CUP, BOOK, BEAR, times=4)
+    limit = world.map.num_voxels - 1
+    monkeypatch.setattr(object_map, '_MAX_VOXELS', limit)
+    world.look(TABLE, CUP, BEAR, times=4)
+    assert 0 < world.map.num_voxels <= limit
+    assert [item.class_name for item in world.map.objects()] == ['cup', 'teddy bear']
+
+
+@pytest.mark.slow
+def test_an_hour_of_a_flickering_detector_keeps_few_objects() -> None:
+    """The detector misses half of the things, and invents others anywhere in the image."""
+    world, rng = ObjectWorld(), np.random.default_rng(1)
+    depth_m, seen = rendered((TABLE, CUP, BOOK, BEAR), T_BODY_OPTICAL)
+    counts = []
+    for n in range(LOOKS_PER_HOUR):
+        left, top = rng.uniform(0, 560), rng.uniform(0, 420)
+        box = left, top, left + rng.uniform(20, 80), top + rng.uniform(20, 60)
+        ghost = DynamicObject(f'ghost {n % 1000}', box, 0.4, -1, ObjectState.AT_REST)
+        world.stamp_ns += LOOK_NS
+        request = SceneRequest(world.stamp_ns, T_BODY_OPTICAL, 0, world.keyframes, True, True)
+        world.map.update(request, depth_m, [ghost, *(o for o in seen if rng.random() < 0.5)])
+        counts.append(len(world.map))
+    assert max(counts) < 60
+    assert np.mean(counts[-1000:]) < 1.2 * np.mean(counts[500:1500])
+    assert world.map.num_voxels < 100_000
+    assert only(world.map.objects(), 'teddy bear').state is ObjectState.AT_REST
