@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hoid_common.values import Detections
-from hoid_filter.detections.tracks import BoxTracker, TrackLimits
+from hoid_filter.config import FilterConfig
+from hoid_filter.detections.tracks import BoxTracker
 
 from .helpers import BoxTuple, detections
 
@@ -15,7 +16,7 @@ CHAIR: BoxTuple = (60.0, 60.0, 100.0, 110.0)
 
 
 def tracker() -> BoxTracker:
-    return BoxTracker(TrackLimits(silent_s=0.5, coast_s=0.4, rest_s=1.0, hits_to_confirm=4))
+    return BoxTracker(FilterConfig())
 
 
 def observe(boxes: BoxTracker, found: Detections) -> None:

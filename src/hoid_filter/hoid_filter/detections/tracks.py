@@ -9,6 +9,7 @@ from itertools import count
 import numpy as np
 
 from hoid_common.values import PERSON, S_PER_NS, BoolArray, Detections, FloatArray
+from hoid_filter.config import FilterConfig
 from hoid_filter.detections.prediction import match_greedily
 from hoid_filter.detections.sanitize import areas_px2, clip_boxes
 from hoid_native import intersections_over_union
@@ -81,21 +82,11 @@ class BoxTrack:
         self.is_missed = False
 
 
-@dataclass(frozen=True)
-class TrackLimits:
-    """How long tracks are kept without a detection, and when a doubtful track is confirmed."""
-
-    silent_s: float  # longest prediction while the detector sends no message
-    coast_s: float  # longest prediction of a track that is missing from the newest detections
-    rest_s: float  # time after which an object that nobody handles any more counts as static
-    hits_to_confirm: int  # doubtful detections in a row that confirm a track
-
-
 class BoxTracker:
     """Associates detections with tracks by overlap, and predicts tracks that were not detected."""
 
-    def __init__(self, limits: TrackLimits) -> None:
-        self._limits = limits
+    def __init__(self, config: FilterConfig) -> None:
+        self._plus, self._silent_s = config.plus, config.prediction_limit_s
         self._tracks: list[BoxTrack] = []
         self._next_id = 0
         self._newest_ns: int | None = None  # stamp of the last detections
@@ -124,7 +115,7 @@ class BoxTracker:
             track.observe(box_rows[at], expected_rows[at_track], names[at], scores[at], stamp_ns)
             track.hits_to_confirm *= bool(is_unsure[at])
         for at in sorted(set(range(len(names))) - set(k.tolist())):
-            needed = self._limits.hits_to_confirm * bool(is_unsure[at])
+            needed = self._plus.doubt_detections * bool(is_unsure[at])
             self._tracks.append(
                 BoxTrack(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, needed)
             )
@@ -177,12 +168,12 @@ class BoxTracker:
 
     def _limit_s(self, track: BoxTrack) -> float:
         if not track.is_missed:
-            return self._limits.silent_s
+            return self._silent_s
         ratio = 1.0 if track.is_established else _NEW_TRACK_COAST_RATIO
-        return ratio * self._limits.coast_s
+        return ratio * self._plus.coast_s
 
     def _is_active(self, track: BoxTrack) -> bool:
-        was_handled = track.is_established and track.untouched_s < self._limits.rest_s
+        was_handled = track.is_established and track.untouched_s < self._plus.rest_s
         return not track.is_missed or track.is_person or was_handled
 
 

@@ -12,7 +12,7 @@ from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray, Ob
 from hoid_filter.config import PlusConfig
 from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.strategies.interaction import TrackSnapshot
-from hoid_filter.strategy import FilterInput
+from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 from hoid_native import segment_objects
 
 STRIDE_PX = 4
@@ -47,25 +47,23 @@ def _subsampled_boxes(boxes_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> I
     return np.maximum(covering, 0).astype(np.int32)
 
 
-class Mask(NamedTuple):
-    """The dynamic pixels of an image, and which of its K corners lie outside of them."""
-
-    is_dynamic: BoolArray  # (h, w) at low resolution, including the margin
-    static_area_px: int  # unmasked area of the image at full resolution
-    kept: IntArray | None  # ascending indices of the unmasked corners; None = all K
-
-
-def dilate_mask(is_dynamic: BoolArray, image: FilterInput) -> Mask:
-    """Return the mask of an image: its dynamic pixels (h, w), grown by a margin of 8 px."""
+def masked(
+    is_dynamic: BoolArray,
+    image: FilterInput,
+    objects: ObjectVerdicts,
+    detected_mask: BoolArray | None = None,
+) -> Verdict:
+    """Return the verdict that masks dynamic pixels (h, w), grown by a margin of 8 px."""
     size_px = image.depth_m.size
     if not is_dynamic.any():
-        return Mask(is_dynamic, size_px, None)
+        return Verdict(objects, size_px, None, is_dynamic, detected_mask)
     dilated = cv2.dilate(is_dynamic.view(np.uint8), _MARGIN_KERNEL)
     grid = _upsampling(image.depth_m.shape, dilated.shape)
     is_dynamic = dilated > 0
     is_masked = is_dynamic.take(grid.cell_of_pixel.take(image.corner_pixels))
     static_area_px = size_px - int(grid.areas_px[is_dynamic].sum())
-    return Mask(is_dynamic, static_area_px, np.flatnonzero(~is_masked))
+    kept = np.flatnonzero(~is_masked)
+    return Verdict(objects, static_area_px, kept, is_dynamic, detected_mask)
 
 
 class _Upsampling(NamedTuple):

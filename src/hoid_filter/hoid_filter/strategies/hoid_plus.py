@@ -7,12 +7,12 @@ import numpy as np
 from hoid_common.values import PERSON, BoolArray, ByteArray, Detections, Float32Array, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.sanitize import areas_px2
-from hoid_filter.detections.tracks import BoxTracker, TrackLimits
+from hoid_filter.detections.tracks import BoxTracker
 from hoid_filter.motion.moving_regions import MovingRegions
 from hoid_filter.strategies.dynamic_mask import (
     STRIDE_PX,
-    dilate_mask,
     mask_objects,
+    masked,
     subsample,
     subsampled_pixels,
 )
@@ -41,12 +41,7 @@ class HoidPlus:
     def __init__(self, config: FilterConfig) -> None:
         self._config = config
         self.senses_motion = config.motion.enabled
-        plus = config.plus
-        self._tracker = BoxTracker(
-            TrackLimits(
-                config.prediction_limit_s, plus.coast_s, plus.rest_s, plus.doubt_detections
-            )
-        )
+        self._tracker = BoxTracker(config)
 
     def classify(self, image: FilterInput) -> Verdict:
         plus = self._config.plus
@@ -60,15 +55,9 @@ class HoidPlus:
         found = classify_interactions(snapshot, self._config)
         detected_mask = mask_objects(snapshot, found.reasons, low_depth_m, plus)
         label = image.moving_regions.label_at(subsampled_pixels(image.depth_m.shape))
-        mask = dilate_mask(detected_mask | (label > 0), image)
         undetected = _undetected(image.moving_regions, label, detected_mask)
-        return Verdict(
-            objects=_tracked_objects(snapshot, found).joined(moving_objects(undetected)),
-            static_area_px=mask.static_area_px,
-            kept=mask.kept,
-            dynamic_mask=mask.is_dynamic,
-            detected_mask=detected_mask,
-        )
+        objects = _tracked_objects(snapshot, found).joined(moving_objects(undetected))
+        return masked(detected_mask | (label > 0), image, objects, detected_mask)
 
     def _unsure(
         self, detections: Detections, image_area_px2: int, *, are_blurred: bool

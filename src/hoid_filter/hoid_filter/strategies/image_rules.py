@@ -5,16 +5,16 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from hoid_common.values import PERSON, ByteArray, Detections, ObjectState
+from hoid_common.values import PERSON, Detections, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.detections.prediction import BoxPredictor
 from hoid_filter.detections.sanitize import sanitize
 from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
-from hoid_native import box_center_depths_m, classify_boxes
+from hoid_native import classify_boxes
 from hoid_native.boxes import MAY_BE_HANDLED as ROLE_CANDIDATE
 from hoid_native.boxes import PERSON as ROLE_PERSON
 
@@ -45,17 +45,11 @@ class Rule(NamedTuple):
     reach_px: float = math.nan
 
 
-class AlignedDetections(NamedTuple):
-    """Boxes at the stamp of an image: detected in it, or predicted from other images."""
-
-    detections: Detections  # with the image's stamp, clipped to the image
-    is_detected: bool  # False: the boxes are predicted from detections of older or later images
-
-
 class ImageRule(ABC):
     """Base of strategies that classify each image alone: people and handled objects move."""
 
     needs_detections, senses_motion = True, False
+    person_role: ClassVar[int] = ROLE_PERSON
 
     def __init__(self, config: FilterConfig) -> None:
         self.config = config
@@ -67,9 +61,9 @@ class ImageRule(ABC):
         """Return the condition under which a person handles an object."""
 
     def classify(self, image: FilterInput) -> Verdict:
-        aligned = align_detections(image, self._predictor)
-        found = aligned.detections
+        found = self._boxes_at(image)
         names = found.class_names
+        state_of = _DETECTED if found is image.detections else _PREDICTED
         judged = classify_boxes(
             image.depth_m,
             image.corner_pixels,
@@ -82,7 +76,7 @@ class ImageRule(ABC):
             found.boxes_xyxy_px,
             names,
             found.scores,
-            _reasons(judged.moves, aligned.is_detected),
+            tuple([state_of[role] for role in judged.moves.tolist()]),
             overlap_ratios=judged.overlap,
             depths_m=judged.depth_m,
             depth_gaps_m=judged.gap_m,
@@ -90,31 +84,21 @@ class ImageRule(ABC):
         kept = None if judged.area_px == image.depth_m.size else judged.outside
         return Verdict(objects, judged.area_px, kept)
 
+    def _boxes_at(self, image: FilterInput) -> Detections:
+        """Return the boxes at the stamp of an image, detected in it or else predicted."""
+        detections = image.detections
+        if detections is not None:
+            self._predictor.observe(detections)
+            if detections.stamp_ns == image.stamp_ns:
+                return detections
+        height, width = image.depth_m.shape
+        predicted = self._predictor.predict(image.stamp_ns)
+        return sanitize(predicted, width, height, len(predicted)).detections
+
     def _role(self, class_name: str) -> int:
         if class_name == PERSON:
-            return ROLE_PERSON
+            return self.person_role
         return ROLE_CANDIDATE if self.config.may_be_handled(class_name) else 0
-
-
-class NoFilter:
-    """Keeps all features, also those on people."""
-
-    needs_detections, senses_motion = False, False
-
-    def __init__(self, config: FilterConfig) -> None:
-        self._predictor = BoxPredictor(config.prediction_limit_s)
-        self._sample_box_px = config.sample_box_px
-
-    def classify(self, image: FilterInput) -> Verdict:
-        found = align_detections(image, self._predictor).detections
-        objects = ObjectVerdicts.of(
-            found.boxes_xyxy_px,
-            found.class_names,
-            found.scores,
-            (ObjectState.AT_REST,) * len(found),
-            depths_m=box_center_depths_m(image.depth_m, found.boxes_xyxy_px, self._sample_box_px),
-        )
-        return Verdict(objects, image.depth_m.size, None)
 
 
 class PersonOnly(ImageRule):
@@ -122,6 +106,12 @@ class PersonOnly(ImageRule):
 
     def rule(self) -> Rule:
         return Rule(math.inf, math.inf)
+
+
+class NoFilter(PersonOnly):
+    """Keeps all features, also those on people."""
+
+    needs_detections, person_role = False, 0
 
 
 class Hoid2d(ImageRule):
@@ -151,21 +141,3 @@ class Descriptor(ImageRule):
 
     def rule(self) -> Rule:
         return Rule(math.inf, math.nextafter(_MAX_DEPTH_GAP_M, math.inf), _WINDOW_PX / 2)
-
-
-def align_detections(image: FilterInput, predictor: BoxPredictor) -> AlignedDetections:
-    """Return the boxes at the stamp of an image, detected in it or else predicted."""
-    detections = image.detections
-    is_detected = detections is not None and detections.stamp_ns == image.stamp_ns
-    if detections is not None:
-        predictor.observe(detections)
-    if detections is None or not is_detected:
-        height, width = image.depth_m.shape
-        predicted = predictor.predict(image.stamp_ns)
-        detections = sanitize(predicted, width, height, len(predicted)).detections
-    return AlignedDetections(detections, is_detected)
-
-
-def _reasons(dynamic_roles: ByteArray, is_detected: bool) -> tuple[ObjectState, ...]:
-    reason_of = _DETECTED if is_detected else _PREDICTED
-    return tuple([reason_of[role] for role in dynamic_roles.tolist()])

@@ -7,7 +7,7 @@ import numpy as np
 from hoid_common.values import UNKNOWN, ObjectState
 from hoid_filter.config import FilterConfig
 from hoid_filter.motion.moving_regions import MovingRegions
-from hoid_filter.strategies.dynamic_mask import dilate_mask, subsampled_pixels
+from hoid_filter.strategies.dynamic_mask import masked, subsampled_pixels
 from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 
 
@@ -21,8 +21,7 @@ class MotionOnly:
     def classify(self, image: FilterInput) -> Verdict:
         regions = image.moving_regions
         is_moving = regions.label_at(subsampled_pixels(image.depth_m.shape)) > 0
-        mask = dilate_mask(is_moving, image)
-        return Verdict(moving_objects(regions), mask.static_area_px, mask.kept, mask.is_dynamic)
+        return masked(is_moving, image, moving_objects(regions))
 
 
 def moving_objects(regions: MovingRegions) -> ObjectVerdicts:
