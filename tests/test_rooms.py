@@ -43,7 +43,7 @@ from hoid_scene.tracks.object_track import TrackedObject
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
-from rgbd_slam.slam_map import SlamStats
+from rgbd_slam.mapping.slam_map import SlamStats
 
 pytestmark = pytest.mark.thorough
 

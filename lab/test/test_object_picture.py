@@ -14,7 +14,7 @@ from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import CameraModel, FloatArray, ObjectState, RgbdFrame, Trajectory
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.objects.mapped_object import MapObject
-from rgbd_slam.slam_map import SlamStats
+from rgbd_slam.mapping.slam_map import SlamStats
 
 CAMERA = CameraModel(320, 240, 250.0, 250.0, 160.0, 120.0)
 

@@ -23,7 +23,7 @@ from hoid_common.values import ObjectState, Trajectory
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_synth.config import SceneConfig
-from rgbd_slam.slam_map import SlamStats
+from rgbd_slam.mapping.slam_map import SlamStats
 
 SIDE_M = 0.3
 

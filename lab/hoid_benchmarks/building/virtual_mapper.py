@@ -20,10 +20,10 @@ from hoid_common.process.child_process import ChildTimeoutError
 from hoid_common.values import NS_PER_S
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops import global_adjustment
-from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper_process import MapperProcess
+from rgbd_slam.mapping.mapper_worker import MapperReport, MapperServer, Ready, Request
 from rgbd_slam.model.frame import StereoCamera
-from rgbd_slam.processes.mapper_process import MapperProcess
-from rgbd_slam.processes.mapper_worker import MapperReport, MapperServer, Ready, Request
 from rgbd_slam.session import SlamSession
 
 _NEVER_S = math.inf

@@ -23,9 +23,9 @@ from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
 from hoid_scene.store import scene_file
 from hoid_scene.tracks.object_track import TrackedObject
+from rgbd_slam.mapping.slam_map import SlamStats
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
-from rgbd_slam.slam_map import SlamStats
 from rgbd_slam.store import map_file
 
 Tracks = dict[int, tuple[TrackedObject, ...]]

@@ -13,14 +13,14 @@ from hoid_common.slam_status import SlamState
 from hoid_common.values import CameraModel, Features
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper import KeyframeRequest
+from rgbd_slam.mapping.slam_map import SlamMap, SlamStats
 from rgbd_slam.model.frame import Frame, check_octaves
 from rgbd_slam.model.points import PointTallies
 from rgbd_slam.model.tracked_frame import tracked_keyframe
 from rgbd_slam.optimize.measured_noise import NoiseEstimator
 from rgbd_slam.places.pose_hint import PoseHint
 from rgbd_slam.robot_frames import RobotFrames
-from rgbd_slam.slam_map import SlamMap, SlamStats
 from rgbd_slam.tracking.image_stream import RepeatedImages, Repetition
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy

@@ -10,14 +10,14 @@ import pytest
 from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.local_mapping.retraction import retract_observations
-from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.mapping.map_loading import MapLoading
+from rgbd_slam.mapping.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper_process import MapperProcess
+from rgbd_slam.mapping.mapper_worker import Start
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_state import MapState, snapshot
-from rgbd_slam.processes.map_loading import MapLoading
-from rgbd_slam.processes.mapper_process import MapperProcess
-from rgbd_slam.processes.mapper_worker import Start
 from rgbd_slam.records.soa_table import SoaTable
 from rgbd_slam.slam import RgbdSlam
 

@@ -9,8 +9,8 @@ import pytest
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops import loop_closer
 from rgbd_slam.loops.global_adjustment import GlobalAdjuster
-from rgbd_slam.processes import mapper_worker
-from rgbd_slam.processes.mapper_worker import MapperServer, Settle, run_mapper
+from rgbd_slam.mapping import mapper_worker
+from rgbd_slam.mapping.mapper_worker import MapperServer, Settle, run_mapper
 
 from .ring_world import CAMERA
 

@@ -12,7 +12,9 @@ from hoid_common import se3
 from hoid_common.process.child_process import ChildTimeoutError
 from hoid_common.values import FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.mapper import KeyframeRequest, Mapper
+from rgbd_slam.mapping.mapper import KeyframeRequest, Mapper
+from rgbd_slam.mapping.mapper_process import MapperProcess
+from rgbd_slam.mapping.mapper_worker import MapperReport, Ready, Request
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.map_change import Move
@@ -20,8 +22,6 @@ from rgbd_slam.model.points import PointCounts
 from rgbd_slam.model.pose_guard import PoseGuard
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.model.trajectory import TrajectoryRecorder
-from rgbd_slam.processes.mapper_process import MapperProcess
-from rgbd_slam.processes.mapper_worker import MapperReport, Ready, Request
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.session import SlamSession
 

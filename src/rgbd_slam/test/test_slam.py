@@ -14,11 +14,11 @@ import pytest
 from hoid_common.errors import MessageError
 from hoid_common.slam_status import SlamState
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper_process import MapperProcess, MapperStoppedError
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
-from rgbd_slam.processes.mapper_process import MapperProcess, MapperStoppedError
 from rgbd_slam.slam import RgbdSlam
 from rgbd_slam.tracking.keyframe_policy import KeyframePolicy
 
@@ -138,7 +138,7 @@ def test_a_mapper_that_cannot_start_is_reported_at_once() -> None:
 def test_a_mapper_that_starts_too_slowly_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('rgbd_slam.processes.mapper_process._START_S', 0.001)
+    monkeypatch.setattr('rgbd_slam.mapping.mapper_process._START_S', 0.001)
     with pytest.raises(MapperStoppedError, match=r'did not start within 0\.001 s .* too busy'):
         RgbdSlam(CAMERA, SlamConfig(), background=True)
 
@@ -180,7 +180,7 @@ def test_the_mapper_dies_with_a_killed_tracker() -> None:
         'from rgbd_slam.config.slam_config import SlamConfig\n'
         'from rgbd_slam.model.frame import StereoCamera\n'
         'from rgbd_slam.model.atlas import Atlas\n'
-        'from rgbd_slam.processes.mapper_process import MapperProcess\n'
+        'from rgbd_slam.mapping.mapper_process import MapperProcess\n'
         'camera = StereoCamera(500.0, 500.0, 320.0, 240.0, 40.0, 0.3, 0.0, (0.0,) * 4)\n'
         'if __name__ == "__main__":\n'
         '    mapper = MapperProcess(camera, Atlas(1.2, 8), SlamConfig())\n'

@@ -7,10 +7,10 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import CameraModel, Features, FloatArray, IntArray, Trajectory
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.mapping.map_loading import MapLoading
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.model.tracked_frame import TrackedFrame
-from rgbd_slam.processes.map_loading import MapLoading
 from rgbd_slam.slam import RgbdSlam
 
 CAMERA = CameraModel(640, 480, 520.0, 520.0, 320.0, 240.0)

@@ -15,7 +15,7 @@ from rclpy.node import Node
 
 from hoid_common.errors import HoidError, InputError
 from hoid_common.values import IntArray
-from rgbd_slam.processes.map_loading import MapLoading
+from rgbd_slam.mapping.map_loading import MapLoading
 from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession

@@ -31,9 +31,9 @@ from hoid_common.ros.large_messages.serialized import (
 )
 from hoid_common.values import ByteArray, Float32Array
 from rgbd_slam.config.node_config import SlamNodeConfig
+from rgbd_slam.mapping.slam_map import MapPoses, SlamMap
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
-from rgbd_slam.slam_map import MapPoses, SlamMap
 
 # Chosen: largest share of one core for making and publishing map_points, path and keyframes, so
 # that they are sent less often for large maps. Those for 10,000 keyframes with 1.7 million points

@@ -20,7 +20,7 @@ from hoid_common.store.map_directory import MAP, existing_map, path_in
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.node_config import SlamNodeConfig
 from rgbd_slam.inertial.imu import Imu
-from rgbd_slam.processes.mapper_process import MapperStoppedError
+from rgbd_slam.mapping.mapper_process import MapperStoppedError
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.ros.checkpoints import Checkpoints
 from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs

@@ -14,13 +14,13 @@ import numpy as np
 
 from hoid_common.values import CameraModel, IntArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.mapping.mapper_worker import Load
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import MapState, restore
 from rgbd_slam.places.place_finder import PlaceFinder
 from rgbd_slam.places.place_index import PlaceIndex
-from rgbd_slam.processes.mapper_worker import Load
 from rgbd_slam.records.shared_record import SharedRecord
 
 

@@ -23,12 +23,9 @@ from hoid_common.process.child_process import ChildEndedError, ChildTimeoutError
 from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closer import LoopCounts
-from rgbd_slam.mapper import KeyframeRequest
-from rgbd_slam.model.atlas import Atlas
-from rgbd_slam.model.frame import Frame, StereoCamera
-from rgbd_slam.model.map_change import Redirect
-from rgbd_slam.processes.map_loading import MapLoading
-from rgbd_slam.processes.mapper_worker import (
+from rgbd_slam.mapping.map_loading import MapLoading
+from rgbd_slam.mapping.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper_worker import (
     Load,
     Loaded,
     MapperReport,
@@ -39,6 +36,9 @@ from rgbd_slam.processes.mapper_worker import (
     Start,
     run_mapper,
 )
+from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame, StereoCamera
+from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.records.soa_table import DEAD
 
 # Chosen: time limits of many times the usual durations, so that they expire only on a machine that

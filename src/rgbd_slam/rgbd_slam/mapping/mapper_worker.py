@@ -13,7 +13,7 @@ from typing import NamedTuple
 from hoid_common.values import FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.loop_closer import LoopCounts
-from rgbd_slam.mapper import KeyframeRequest, Mapper
+from rgbd_slam.mapping.mapper import KeyframeRequest, Mapper
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.loop_edge import LoopEdge

@@ -21,16 +21,16 @@ from hoid_common.values import (
     Trajectory,
 )
 from rgbd_slam.config.slam_config import SlamConfig
-from rgbd_slam.mapper import KeyframeRequest
+from rgbd_slam.mapping.inline_mapper import InlineMapper
+from rgbd_slam.mapping.map_loading import MapLoading
+from rgbd_slam.mapping.mapper import KeyframeRequest
+from rgbd_slam.mapping.mapper_process import MapperProcess
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.loop_edge import renumbered
 from rgbd_slam.model.map_state import snapshot
 from rgbd_slam.model.trajectory import TrajectoryRecorder, current_pass, keyframe_poses, main_map
 from rgbd_slam.places.place_finder import PlaceFinder
-from rgbd_slam.processes.inline_mapper import InlineMapper
-from rgbd_slam.processes.map_loading import MapLoading
-from rgbd_slam.processes.mapper_process import MapperProcess
 from rgbd_slam.records.soa_table import DEAD
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.store.map_file import MapFile, check_extendable

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from rgbd_slam.mapper import Mapper
-from rgbd_slam.processes.map_loading import MapLoading
+from rgbd_slam.mapping.map_loading import MapLoading
+from rgbd_slam.mapping.mapper import Mapper
 
 
 class InlineMapper(Mapper):

@@ -1,0 +1,4 @@
+"""The map of the running SLAM, and the mapper that extends it, in this process or its own.
+
+Steps of mapping are in `local_mapping` and `loops`.
+"""
