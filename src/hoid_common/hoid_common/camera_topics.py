@@ -18,7 +18,7 @@ class CameraTopics(NamedTuple):
     camera_info: str
 
     def remappings(self, namespace: str = '') -> list[tuple[str, str]]:
-        """Return remaps (from, to) of the suite's topics to the driver's in a namespace."""
+        """Return the remaps (from, to) of the suite's topics to those of the driver."""
         return topics.camera_remappings(*self.topics(namespace))
 
     def topics(self, namespace: str = '') -> tuple[str, ...]:

@@ -76,7 +76,7 @@ def section(config: type[C], *, expert: bool = False) -> C:
 
 @dataclass(frozen=True)
 class Config:
-    """Base of all configurations, whose constructor checks every value (or ConfigError)."""
+    """Base of all configurations, whose constructor raises ConfigError for an invalid value."""
 
     def __post_init__(self) -> None:
         for f in fields(self):

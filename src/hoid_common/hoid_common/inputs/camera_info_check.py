@@ -80,7 +80,10 @@ class CameraInfoCheck:
         return scaled, f'{mismatch}; it is scaled to them, which is wrong if they are cut out'
 
     def check_image(self, size_px: tuple[int, int]) -> bool:
-        """Count an image; return whether a calibration was scaled to it, or MessageError."""
+        """Count an image, and return whether the calibration was just scaled to its size.
+
+        MessageError if the calibration in use has another size.
+        """
         self._image_size_px = size_px
         camera, scaling = self._scaled(self.camera) if self.camera is not None else (None, '')
         is_scaled = camera is not None and bool(scaling) and not self._num_images

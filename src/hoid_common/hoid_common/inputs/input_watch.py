@@ -20,7 +20,7 @@ _GRACE_S = 5.0  # chosen: the nodes of a launch start within this time, and then
 
 @dataclass
 class InputWatch:
-    """Reception of one topic: time of the newest message, and counts; times are steady."""
+    """Reception of one topic: the time of the newest message, and counts of messages."""
 
     what: str  # the messages in the plural, such as "depth images"
     topic: str  # full name

@@ -38,7 +38,7 @@ def is_reading(depth_m: Float32Array) -> BoolArray:
 
 
 def readings_m(depth_m: Float32Array) -> Float32Array:
-    """Return depth (H, W) in m, 0 = no measurement; itself if nothing changes."""
+    """Return depth (H, W) in m with 0 where there is no measurement; a copy if needed."""
     # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
     # inf, NaN and all negative numbers. Subtracting 1 makes 0 the largest number, so that it never
     # is the minimum.

@@ -138,7 +138,7 @@ def compressed_depth_of_png(png: bytes) -> bytes:
 
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
-    """Return the JPEG of a (H, W, 3) uint8 BGR image; MessageError if it has none."""
+    """Return the JPEG of a (H, W, 3) uint8 BGR image; MessageError if it cannot be encoded."""
     _require_pixels(image_bgr, 'image')
     ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not ok:
@@ -163,7 +163,7 @@ def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
 def _pixels(
     image: RawImage, dtype: np.dtype[Any], channels: int, chroma_rows: int = 0
 ) -> NDArray[Any]:
-    """Return the pixels (H, W) or (H, W, C) in the machine's byte order, or MessageError."""
+    """Return the pixels (H, W) or (H, W, C) in native byte order; MessageError if invalid."""
     height, width, step = image.height + chroma_rows, image.width, image.step
     row_bytes = width * channels * dtype.itemsize
     if height <= 0 or width <= 0:

@@ -41,7 +41,7 @@ class Record:
 
     @classmethod
     def of(cls, arrays: Mapping[str, Array]) -> Self:
-        """Return the record of arrays by field name, in the declared types; KeyError for none."""
+        """Return the record of arrays by field name, in its types; KeyError if one is missing."""
         return cls(
             **{
                 name: np.ascontiguousarray(arrays[name], column.dtype)

@@ -59,7 +59,7 @@ class StaticFrames:
         return None
 
     def _ancestors(self, frame: str) -> Iterator[tuple[str, FloatArray]]:
-        """Yield the frame and its ancestors, each with T_ancestor_frame; at most 64 in a cycle."""
+        """Yield the frame and its ancestors, at most 64, each with T_ancestor_frame."""
         T = np.eye(4)
         for _ in range(_MAX_DEPTH):
             yield frame, T

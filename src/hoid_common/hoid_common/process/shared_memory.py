@@ -34,7 +34,7 @@ def uses_fast_dds() -> bool:
 
 
 def check_shared_memory(num_processes: int) -> None:
-    """Raise InputError if /dev/shm is too small for more processes, once it has been cleaned."""
+    """Raise InputError if /dev/shm, cleaned if necessary, is too small for some processes."""
     each_mb = _FILE_SIZE_RATIO * _segment_mb()
     if _free_mb() < num_processes * each_mb:
         clean_shared_memory()

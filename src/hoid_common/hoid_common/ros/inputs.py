@@ -73,7 +73,11 @@ class Inputs:
         )
 
     def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
-        """Subscribe to the camera_info of the color images, whose topic names rectified ones."""
+        """Subscribe to the camera_info of the color images.
+
+        The name of the images' topic decides whether they are rectified; if that is doubtful,
+        there is a problem.
+        """
 
         def on_camera_info(msg: CameraInfo) -> None:
             topic = self._image_topic(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE))
@@ -290,7 +294,7 @@ def checked_callback(
 
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
-    """Return the message in serialized bytes (a `ReceivedImage` for Image) or MessageError."""
+    """Return the message in bytes (a `ReceivedImage` for Image); MessageError if they are none."""
     if len(data) > _MAX_BYTES and type_ not in _LARGE:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')
     try:

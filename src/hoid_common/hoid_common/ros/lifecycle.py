@@ -46,7 +46,10 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         """Drop all waiting messages."""
 
     def begin(self, *, autostart: bool) -> None:
-        """Configure and activate the node (or HoidError), or wait for a lifecycle manager."""
+        """Configure and activate the node, or wait for a lifecycle manager; called last.
+
+        HoidError if `configure` fails with autostart; the node is then destroyed.
+        """
         self._autostart = autostart
         if not autostart:
             self.get_logger().info('waiting for a lifecycle manager (autostart is off)')

@@ -61,7 +61,7 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
 
 
 def existing_map(directory: str, name: str) -> Path:
-    """Return the path of a saved map; InputError, with the names of all maps, if it is none."""
+    """Return the path of a saved map; InputError, which lists the maps, if there is none."""
     path = path_in(directory, name, MAP)
     if not path.exists():
         raise InputError(f'{path}: there is no such file; {_maps_in(path.parent)}')

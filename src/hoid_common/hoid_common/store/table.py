@@ -35,7 +35,7 @@ class Table:
 
     @property
     def sql(self) -> str:
-        """Return the statement that creates the table, of the form of `foreign.PLAIN_TABLE`."""
+        """Return the statement that creates the table, of the form of `checks.PLAIN_TABLE`."""
         columns = ''.join(
             f', {name} {_SQL_TYPES.get(kind, "BLOB")} NOT NULL'
             for name, kind in self.columns.items()

@@ -28,7 +28,7 @@ def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | Non
 
 
 def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[str, ...]:
-    """Return the names of classes, with `person` for every synonym; ModelError without any."""
+    """Return the names with `person` for every synonym; ModelError if no class is of people."""
     synonyms = {name.casefold() for name in person_names}
     found = tuple(PERSON if name.strip().casefold() in synonyms else name for name in names)
     if synonyms and PERSON not in found:

@@ -154,7 +154,7 @@ class TableFormat(NamedTuple):
         return f'columns {"_".join(self.order)}, class ids {self.ids.name}'
 
     def candidates(self, table: Float32Array, threshold: float) -> Candidates:
-        """Return the boxes in a table (N, C) of an id and a score of at least the threshold."""
+        """Return the boxes in a table (N, C) with a class and a score from the threshold on."""
         found = columns(table, self.order)
         keep = (found.scores >= threshold) & (found.scores > 0) & (found.ids >= 0)
         index = self.ids.index_of_id[np.rint(found.ids[keep]).astype(np.int64)]
@@ -187,7 +187,7 @@ class FinishedDecoder:
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude formats that do not fit a table (ModelError: all), find the unit of boxes."""
+        """Exclude the formats that do not fit a table; ModelError if none is left."""
         orders = dict.fromkeys(table_format.order for table_format in self.formats)
         plausible = {
             order: found

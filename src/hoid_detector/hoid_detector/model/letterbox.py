@@ -125,7 +125,7 @@ def placement(image_wh: tuple[int, int], network_wh: tuple[int, int], mode: str)
 
 
 def open_size(image_wh: tuple[int, int], longest_px: int, stride_px: int = 32) -> tuple[int, int]:
-    """Return the input size (width, height) of an open model, in multiples of its stride."""
+    """Return the input size (width, height) for a model that accepts any size."""
     scale = longest_px / max(image_wh)
     width, height = (max(1, -(-round(side * scale) // stride_px)) * stride_px for side in image_wh)
     return width, height

@@ -219,7 +219,7 @@ class MotionSegmentation:
     def _velocities_mps(
         self, regions: LabeledRegions, tracked: SegmentedPoints, now_s: float
     ) -> FloatArray:
-        """Return the velocities (R, 3) of regions in the world, along camera axes; or NaN."""
+        """Return the velocities (R, 3) of regions in the world, along camera axes, or NaN."""
         velocities_mps = np.full((regions.num_regions, 3), np.nan)
         if not len(self._tracks):
             return velocities_mps

@@ -125,7 +125,7 @@ def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
 
 
 def camera_frame(header: Header, default: str) -> str:
-    """Return the frame of a header, or else the default, or MessageError; no leading slash."""
+    """Return a header's frame or else the default, without slash; MessageError if both are ''."""
     frame: str = header.frame_id.lstrip('/') or default
     if not frame:
         raise MessageError(

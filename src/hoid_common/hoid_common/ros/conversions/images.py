@@ -83,7 +83,7 @@ def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:
 
 
 def compressed_depth_to_msg(depth_m: Float32Array, header: Header) -> CompressedImage:
-    """Return the compressedDepth message of (H, W) depth in m; MessageError unless in whole mm."""
+    """Return the compressedDepth message of depth (H, W) in m; MessageError if not whole mm."""
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:
         raise MessageError('depth is not in whole millimeters; send it raw to keep it exact')

@@ -205,7 +205,7 @@ def _field(kind: str, values: NDArray[np.generic]) -> array[int]:
 
 
 def _transforms(rows: FloatArray) -> FloatArray:
-    """Return transforms (N, 4, 4) of their first three rows (12 N); raise MessageError."""
+    """Return the transforms (N, 4, 4) with these first rows; MessageError if not finite."""
     if not np.isfinite(rows).all():
         raise MessageError('a pose has numbers that are not finite')
     T = np.tile(np.eye(4), (len(rows) // _ROWS, 1, 1))
