@@ -18,7 +18,7 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import BoolArray, CameraModel
 from hoid_filter.config import ExtractionConfig, MotionConfig
 from hoid_filter.extraction.extractor import OrbExtractor
-from hoid_filter.motion.downscaled_view import MotionView
+from hoid_filter.motion.downscaled_camera import MotionView
 from hoid_filter.motion.motion_segmentation import MotionDetector
 
 _OUTLINES = Path(__file__).with_name('pairs.yaml')

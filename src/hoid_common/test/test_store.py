@@ -19,8 +19,7 @@ import pytest
 
 from hoid_common.errors import MapFileError
 from hoid_common.io.records import Record, column
-from hoid_common.store.database import SUFFIX, Database, kept, replaced, side_files
-from hoid_common.store.owner_lock import OwnerLock
+from hoid_common.store.database import SUFFIX, Database, OwnerLock, kept, replaced, side_files
 from hoid_common.store.table import Table, pack, sealed, unpack
 from hoid_common.values import BoolArray, ByteArray, FloatArray
 
@@ -225,7 +224,7 @@ def test_a_database_has_one_owner_until_its_process_ends(tmp_path: Path) -> None
     lock = tmp_path / 'maps' / '.running.lock'
     code = (
         'import sys, time; from pathlib import Path\n'
-        'from hoid_common.store.owner_lock import OwnerLock\n'
+        'from hoid_common.store.database import OwnerLock\n'
         'lock = OwnerLock(Path(sys.argv[1]), "/a/rgbd_slam")\n'
         'print("locked", flush=True); time.sleep(100)\n'
     )

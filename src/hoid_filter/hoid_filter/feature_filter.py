@@ -28,7 +28,7 @@ from hoid_filter.config import FilterConfig
 from hoid_filter.detections.sanitize import sanitize
 from hoid_filter.extraction.extractor import OrbExtractor
 from hoid_filter.extraction.pyramid import Corners
-from hoid_filter.motion.downscaled_view import MotionView
+from hoid_filter.motion.downscaled_camera import MotionView
 from hoid_filter.motion.motion_segmentation import MotionDetector
 from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS
 from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict, make_strategy

@@ -8,8 +8,7 @@ import pytest
 from hoid_common import se3
 from hoid_common.values import CameraModel, FloatArray
 from hoid_filter.motion.depth_history import DepthHistory, widened
-from hoid_filter.motion.downscaled_camera import DownscaledCamera
-from hoid_filter.motion.downscaled_view import DownscaledView
+from hoid_filter.motion.downscaled_camera import DownscaledCamera, DownscaledView
 from hoid_filter.motion.ego_motion import EgoMotion, PointObservations
 from hoid_native import depth_segments
 

@@ -25,10 +25,9 @@ from hoid_common.values import (
 )
 from hoid_filter.config import FilterConfig, MotionConfig
 from hoid_filter.feature_filter import FeatureFilter
-from hoid_filter.motion.downscaled_camera import DownscaledCamera
-from hoid_filter.motion.downscaled_view import DownscaledView
-from hoid_filter.motion.motion_log_odds import MotionLogOdds
+from hoid_filter.motion.downscaled_camera import DownscaledCamera, DownscaledView
 from hoid_filter.motion.motion_segmentation import strongest_per_cell
+from hoid_filter.motion.moving_regions import MotionLogOdds
 from hoid_native import depth_segments
 
 CAMERA = CameraModel(320, 240, 260.0, 260.0, 159.5, 119.5)

@@ -1,4 +1,4 @@
-"""A map as an SQLite database: created, opened by its owner, or read after a check.
+"""A map as an SQLite database: created, opened by its only owner, or read after a check.
 
 A database in use (`start`) is in WAL mode, so that each transaction is in the file completely or
 not at all, whenever a process or computer dies. A finished one is a single file.
@@ -6,7 +6,9 @@ not at all, whenever a process or computer dies. A finished one is a single file
 
 from __future__ import annotations
 
+import fcntl
 import os
+import socket
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -33,6 +35,7 @@ _REMEDIES = {
     'SQLITE_NOMEM': 'does not fit into memory',
     'SQLITE_TOOBIG': 'is damaged: a value is larger than the file',
 }
+_MAX_BYTES = 500  # chosen: more than the text of an owner has
 
 
 class Database:
@@ -306,3 +309,46 @@ def _described(path: Path) -> Iterator[None]:
         if remedy is None and name.startswith('SQLITE_IOERR'):
             remedy = f'cannot be read or written ({name[7:]}): check the disk and its free space'
         raise MapFileError(f'{path}: {remedy or f"is damaged: {error}"}') from error
+
+
+class OwnerLock:
+    """Makes this process the only owner of a database, until `release` or until it ends.
+
+    The lock is on a file of its own, which stays, because SQLite locks the database itself for
+    each access. The kernel releases it when the process ends. Nothing is locked if the file cannot
+    be opened, or if its file system has no locks. MapFileError if another process owns the
+    database; `owner` is the full name of the node.
+    """
+
+    def __init__(self, path: Path, owner: str) -> None:
+        self._descriptor: int | None = None
+        with suppress(OSError):  # the database cannot be written either, which its writer reports
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # Only read, so that the disk can be made read-only meanwhile.
+            flags = os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC
+            self._descriptor = os.open(path, flags, 0o644)
+            self._lock(self._descriptor, path.parent, owner)
+            path.write_text(f'process {os.getpid()} on {socket.gethostname()}\n')
+
+    def release(self) -> None:
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def _lock(self, descriptor: int, folder: Path, owner: str) -> None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            other = os.pread(descriptor, _MAX_BYTES, 0).decode(errors='replace').strip()
+            self.release()
+            raise MapFileError(
+                f'another {owner} runs already: {other or "its process is just starting"}; it '
+                f'stores its map in {folder}. End it, or give this node another namespace, '
+                'ROS_DOMAIN_ID or map_directory'
+            ) from None

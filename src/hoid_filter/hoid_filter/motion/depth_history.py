@@ -10,8 +10,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import Float32Array, FloatArray
-from hoid_filter.motion.downscaled_camera import DownscaledCamera, rays_of
-from hoid_filter.motion.downscaled_view import DownscaledView
+from hoid_filter.motion.downscaled_camera import DownscaledCamera, DownscaledView, rays_of
 from hoid_native import occlusion_log_odds
 
 # Chosen, least time between stored images: every image of a 30 Hz camera is stored, and every

@@ -1,18 +1,23 @@
-"""A low-resolution pinhole camera, and the mapping between its images and full images."""
+"""The low-resolution images in which motion is segmented, and their mapping to full images."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from hoid_common.values import (
+    S_PER_NS,
+    BoolArray,
     ByteArray,
     CameraModel,
     Float32Array,
     FloatArray,
     IntArray,
 )
-from hoid_native import Pinhole
+from hoid_native import Pinhole, depth_segments
+from hoid_native.results import Segments
 
 # Chosen: a quarter of the width of VGA is enough for depth segments. Points, which are tracked to
 # a tenth of a pixel, need half the width of VGA.
@@ -22,6 +27,9 @@ GRAY_WIDTH_PX = 320
 _BOX_POINTS = np.stack(np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]), axis=-1).reshape(-1, 2)
 # Baseline of the virtual right camera (decision 002); structured-light cameras have 7.5 cm.
 _BASELINE_M = 0.075
+# Chosen, 1/8 of the image: side of the grid cells at whose borders segments are cut. Static
+# surface that touches a moving object is then masked with it in one cell at most.
+_SEGMENT_CELL_PX = 20
 
 
 class DownscaledCamera:
@@ -157,3 +165,43 @@ def _pinhole(camera: CameraModel, width_px: int) -> Pinhole:
         (camera.cx_px + 0.5) * scale - 0.5,
         (camera.cy_px + 0.5) * scale - 0.5,
     )
+
+
+class MotionView(NamedTuple):
+    """A full-resolution gray and depth image with its corners, for motion segmentation."""
+
+    stamp_ns: int
+    camera: CameraModel
+    image_gray: ByteArray  # (H, W)
+    depth_m: Float32Array  # (H, W); 0 = no depth
+    corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
+    corner_scores: ByteArray  # (K,) strength of each corner
+    # (h, w), at any resolution: dynamic objects that a detector has found in this image or in the
+    # one before. None: there are none.
+    detected_mask: BoolArray | None = None
+
+    def is_detected(self, pixels: IntArray) -> BoolArray:
+        """Return flags (N,): whether each pixel (flat index) lies on a detected dynamic object."""
+        if self.detected_mask is None:
+            return np.zeros(len(pixels), np.bool_)
+        (height, width), (mask_height, mask_width) = self.depth_m.shape, self.detected_mask.shape
+        rows = pixels // width * mask_height // height
+        columns = pixels % width * mask_width // width
+        flags: BoolArray = self.detected_mask[rows, columns]
+        return flags
+
+
+class DownscaledView(NamedTuple):
+    """The low-resolution gray and depth images of a view, and its depth segments."""
+
+    stamp_s: float
+    gray: ByteArray  # about (2h, 2w), as its resolution is twice that of the depth image
+    depth_m: Float32Array  # (h, w); 0 = no depth
+    segments: Segments  # S pieces of smooth depth, cut along depth edges and a grid
+
+
+def downscale(view: MotionView, camera: DownscaledCamera) -> DownscaledView:
+    depth_m = camera.depth(view.depth_m)
+    segments = depth_segments(depth_m, _SEGMENT_CELL_PX)
+    gray = camera.gray(view.image_gray)
+    return DownscaledView(view.stamp_ns * S_PER_NS, gray, depth_m, segments)

@@ -24,11 +24,22 @@ from hoid_common.values import (
 from hoid_filter.config import MotionConfig
 from hoid_filter.extraction.pyramid import Int32Array
 from hoid_filter.motion.depth_history import DepthHistory, shift_px
-from hoid_filter.motion.downscaled_camera import DownscaledCamera, depths_at, nearest_pixels
-from hoid_filter.motion.downscaled_view import DownscaledView, MotionView, downscale
+from hoid_filter.motion.downscaled_camera import (
+    DownscaledCamera,
+    DownscaledView,
+    MotionView,
+    depths_at,
+    downscale,
+    nearest_pixels,
+)
 from hoid_filter.motion.ego_motion import MIN_POINTS, EgoMotion, PointObservations
-from hoid_filter.motion.motion_log_odds import LabeledRegions, MotionLogOdds, dilate_labels
-from hoid_filter.motion.moving_regions import NO_MOVING_REGIONS, MovingRegions
+from hoid_filter.motion.moving_regions import (
+    NO_MOVING_REGIONS,
+    LabeledRegions,
+    MotionLogOdds,
+    MovingRegions,
+    dilate_labels,
+)
 from hoid_filter.motion.point_tracks import PointTracks, predict_px, track
 
 _MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hoid_common.errors import HoidError, MapFileError
-from hoid_common.store.database import Database, side_files
-from hoid_common.store.owner_lock import OwnerLock
+from hoid_common.store.database import Database, OwnerLock, side_files
 from hoid_common.store.table import Table
 from hoid_common.values import IntArray
 from hoid_scene.dense.view_store import IMAGES, VIEWS, ViewStore

@@ -12,8 +12,7 @@ from time import strftime
 
 from hoid_common.errors import MapFileError
 from hoid_common.io.untrusted import expand_home
-from hoid_common.store.database import SUFFIX, Database, kept, side_files
-from hoid_common.store.owner_lock import OwnerLock
+from hoid_common.store.database import SUFFIX, Database, OwnerLock, kept, side_files
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.store import map_file
 from rgbd_slam.store.map_file import MapFile
