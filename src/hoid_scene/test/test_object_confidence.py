@@ -66,6 +66,17 @@ def test_a_part_of_a_thing_that_is_called_something_else_is_no_object() -> None:
     assert [item.class_name for item in objects] == ['tv']
 
 
+@pytest.mark.parametrize(('class_name', 'is_sure'), [('tv', True), ('mouse', False)])
+def test_what_is_too_large_for_its_class_is_tentative(class_name: str, is_sure: bool) -> None:
+    screen = TV._replace(class_name=class_name)
+    world = ObjectWorld()
+    for y_m in (-0.4, 0.0, 0.4, 0.8):
+        objects = world.look(screen, T_map_body=at(0.0, y_m, -0.3 * y_m))
+    assert [item.class_name for item in objects] == ['tv'] * is_sure
+    (item,) = world.map.objects(tentative=True)
+    assert item.num_sightings == 4
+
+
 def test_what_stands_on_a_large_thing_stays_an_object() -> None:
     table = TABLE._replace(class_name='dining table')
     objects = ObjectWorld().look(table, CUP, BOOK, times=8)

@@ -84,8 +84,8 @@ def test_what_was_seen_five_times_is_not_called_new_yet() -> None:
 
 def test_what_is_much_larger_is_not_what_is_gone() -> None:
     world = ObjectWorld()
-    world.look(TABLE, CUP, times=6)
-    large = Box('cup', (1.8, -0.5, -0.45), (2.1, -0.1, 0.1))
+    world.look(TABLE, CUP._replace(class_name='vase'), times=6)
+    large = Box('vase', (1.8, -0.5, -0.45), (2.1, -0.1, 0.1))
     after = next_session(world.map.export(UIDS)).look(TABLE, large, times=10)
     assert sorted(item.state.name for item in after) == ['AT_REST', 'GONE']
 

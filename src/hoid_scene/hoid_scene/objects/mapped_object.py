@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from hoid_common import se3
 from hoid_common.values import FloatArray, ObjectState
 from hoid_scene.grid.floor import Floor
@@ -15,6 +17,18 @@ from hoid_scene.place import Place
 
 # Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
+# Smallest and largest diagonal [m] of the box of what was seen of a sure object, by class. Chosen
+# from what shops sell, with half of it hidden; other classes have any size.
+_DIAGONALS_M = {
+    'tv': (0.38, 1.65), 'laptop': (0.2, 0.7), 'keyboard': (0.2, 0.8), 'mouse': (0.05, 0.25),
+    'cell phone': (0.08, 0.3), 'remote': (0.08, 0.4), 'book': (0.1, 0.7), 'cup': (0.05, 0.35),
+    'wine glass': (0.08, 0.4), 'bottle': (0.08, 0.7), 'bowl': (0.08, 0.6), 'vase': (0.08, 1.2),
+    'clock': (0.08, 1.0), 'scissors': (0.08, 0.4), 'sports ball': (0.05, 0.7),
+    'teddy bear': (0.1, 1.6), 'backpack': (0.2, 1.2), 'handbag': (0.15, 1.0),
+    'suitcase': (0.25, 1.6), 'potted plant': (0.1, 3.0), 'chair': (0.25, 2.0),
+    'couch': (0.5, 4.0), 'bed': (0.7, 4.0), 'dining table': (0.4, 4.5), 'toilet': (0.3, 1.4),
+    'sink': (0.25, 1.6), 'microwave': (0.3, 1.2), 'oven': (0.4, 1.8), 'refrigerator': (0.5, 2.8),
+}  # fmt: skip
 # Chosen: an object at rest is listed if it is still there with at least this probability.
 _LIKELY = 0.5
 
@@ -91,7 +105,8 @@ class MappedObject:
     @property
     def is_confirmed(self) -> bool:
         """Return whether there is surely such an object."""
-        return self.evidence.is_sufficient
+        low_m, high_m = _DIAGONALS_M.get(self.class_name, (0.0, np.inf))
+        return self.evidence.is_sufficient and low_m <= 2 * self.surface.radius_m() <= high_m
 
     @property
     def is_present(self) -> bool:
