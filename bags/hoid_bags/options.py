@@ -23,9 +23,10 @@ C = TypeVar('C', bound=Config)
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options `--calibration` and `--depth-factor` (depth units) of a recording."""
+    """Declare the options for calibration, also as `--camera`, and depth units of a recording."""
     parser.add_argument(
         '--calibration',
+        '--camera',
         metavar='fr1|fr2|fr3|bonn|YAML',
         help='calibration of the camera: a published one, or a camera_info YAML (default: by the '
         'name of the folder, or the camera_info of the bag)',
@@ -151,4 +152,7 @@ def _is_of_driver(topic: str, driver: str) -> bool:
 
 def chosen_camera(args: argparse.Namespace) -> CameraModel | None:
     """Return the camera that `--calibration` names (see `find_camera`); None without it."""
+    if args.calibration in CAMERA_TOPICS:
+        name = args.calibration
+        raise ConfigError(f'--camera {name}: the driver that recorded a bag is --driver {name}')
     return find_camera(args.calibration) if args.calibration else None

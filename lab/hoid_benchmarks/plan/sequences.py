@@ -117,6 +117,7 @@ class Store:
 
     def _paste_people(self, name: str, path: Path) -> None:
         recording = name.removesuffix(PEOPLE_SUFFIX)
+        found = self.find(recording)
         tool = self.shared / _MAKE_PEOPLE
         if not tool.is_file():
             raise InputError(f'sequence {name} is missing, as is its script {_MAKE_PEOPLE}')
@@ -127,13 +128,13 @@ class Store:
             # The object that is carried is pasted in the depth units of TUM only.
             share = _OF_OWN_CAMERA[recording] / TUM_DEPTH_UNITS_PER_M
             options = ['--no-object', '--depth-scale', str(_PEOPLE_DEPTH_SCALE * share)]
-            base = self.shared / 'data' / recording
-            _call([*paste, str(base), str(unfinished), *options])
+            folder = self.shared / 'data' / recording
+            _call([*paste, str(folder), str(unfinished), *options])
             convert = self._conversion(recording, unfinished, path)
             _call([sys.executable, '-m', 'hoid_bringup', *convert])
             shutil.rmtree(unfinished)
         else:
-            _call([*paste, str(self.find(recording)), str(unfinished)])
+            _call([*paste, str(found), str(unfinished)])
             unfinished.rename(path)
 
 

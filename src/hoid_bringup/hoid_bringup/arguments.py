@@ -10,8 +10,6 @@ from typing import Any, NoReturn
 from hoid_common.config import did_you_mean
 
 _CHOICE = re.compile(r"invalid choice: '?([^']*?)'? \(choose from (.*)\)")
-_MOVED = {'--camera': '--driver, the driver that recorded a bag, or --calibration'}
-"""Options that had another name, with the present one."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -41,8 +39,6 @@ class Parser(argparse.ArgumentParser):
     def suggested_option(self, word: str) -> str:
         """Return the end of an error line: the option that was probably meant, or nothing."""
         name = word.partition('=')[0]
-        if name in _MOVED:
-            return f'; use {_MOVED[name]}'
         return did_you_mean(name, self._option_string_actions)
 
     def error(self, message: str) -> NoReturn:

@@ -34,13 +34,32 @@ DETECTOR_HELP = (
 _DEFAULT = RunConfig()
 _SLOP = 'filter.sync_slop_s'
 # Name of the parameter that each option sets.
-_SHORTCUTS = {**SHORT_NAMES, 'detector': 'detector.model'}
+_SHORTCUTS = {
+    **SHORT_NAMES,
+    'detector': 'detector.model',
+    'min_interaction_area': 'filter.min_interaction_area',
+    'depth_limit': 'filter.depth_limit_m',
+}
 
 
 def add_method_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for strategy, detector, seed and any other parameter."""
+    """Declare the options for strategy, detector, interaction, seed and any other parameter."""
     add_strategy_argument(parser)
     parser.add_argument('--detector', metavar='MODEL', help=DETECTOR_HELP)
+    parser.add_argument(
+        '--min-interaction-area',
+        type=float,
+        metavar='A',
+        help="share of an object's box, from 0 to 1, that a person must cover for the object to "
+        f'count as handled (default: {_DEFAULT.filter.min_interaction_area:g})',
+    )
+    parser.add_argument(
+        '--depth-limit',
+        type=float,
+        metavar='M',
+        help='largest depth difference between a person and a handled object in m '
+        f'(3-D rule) (default: {_DEFAULT.filter.depth_limit_m:g})',
+    )
     parser.add_argument(
         '--seed',
         type=int,
