@@ -22,10 +22,11 @@ auto give_array(const std::array<double, kSize>& values)
 }
 
 optimize::PoseProblem pose_problem(
-  const RealRows3& points_m, const RealRows3& measured_px, const RealArray<-1>& inv_sigma2)
+  const StereoParams& camera, const Gates& gates, const RealRows3& points_m,
+  const RealRows3& measured_px, const RealArray<-1>& inv_sigma2)
 {
   require_lengths(inv_sigma2.size(), "points_m", points_m, "measured_px", measured_px);
-  return {points_m, measured_px, inv_sigma2};
+  return {camera, gates, points_m, measured_px, inv_sigma2};
 }
 
 std::optional<optimize::PosePrior> pose_prior(
@@ -55,11 +56,10 @@ void bind_optimize(nb::module_& module)
       const RealRows3& measured_px, const RealArray<-1>& inv_sigma2, const Matrix& T_camera_map,
       const std::optional<Matrix>& prior_T_camera_map,
       const std::optional<RealArray<6, 6>>& prior_information) {
-      const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
+      const auto problem = pose_problem(camera, gates, points_m, measured_px, inv_sigma2);
       const auto prior = pose_prior(prior_T_camera_map, prior_information);
       auto fit = unlocked([&] {
-        return optimize::optimize_pose(
-          camera, gates, problem, T_camera_map, prior ? &*prior : nullptr);
+        return optimize::optimize_pose(problem, T_camera_map, prior ? &*prior : nullptr);
       });
       return make<PoseFit>(
         give_array<4, 4>(fit.T_camera_map), give_flags(std::move(fit.inliers)),
@@ -93,10 +93,9 @@ Args:
     [](
       const StereoParams& camera, const Gates& gates, const RealRows3& points_m,
       const RealRows3& measured_px, const RealArray<-1>& inv_sigma2, const Matrix& T_camera_map) {
-      const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
-      auto evaluation = unlocked([&] {
-        return optimize::evaluate_matches(camera, gates, problem, T_camera_map);
-      });
+      const auto problem = pose_problem(camera, gates, points_m, measured_px, inv_sigma2);
+      auto evaluation =
+        unlocked([&] { return optimize::evaluate_matches(problem, T_camera_map); });
       return make<MatchEvaluation>(
         std::move(evaluation.cost), give_flags(std::move(evaluation.inliers)));
     },
@@ -115,11 +114,9 @@ Points, measurements and `inv_sigma2` are those of `optimize_pose`.)");
       const StereoParams& camera, const Gates& gates, const RealRows3& points_m,
       const RealRows3& measured_px, const RealArray<-1>& inv_sigma2, const Matrix& T_camera_map,
       double noise_scale) {
-      const auto problem = pose_problem(points_m, measured_px, inv_sigma2);
-      auto region = unlocked([&] {
-        return optimize::most_biasing_region(
-          camera, gates, problem, T_camera_map, noise_scale);
-      });
+      const auto problem = pose_problem(camera, gates, points_m, measured_px, inv_sigma2);
+      auto region = unlocked(
+        [&] { return optimize::most_biasing_region(problem, T_camera_map, noise_scale); });
       return make<BiasingRegion>(
         give_flags(std::move(region.mask)), give_array<3>(region.low),
         give_array<3>(region.high), region.gain);

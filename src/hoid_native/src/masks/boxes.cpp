@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "common/multiversion.hpp"
+#include "common/pixel_box.hpp"
 #include "masks/masks.hpp"
 
 namespace hoid::masks {
@@ -42,31 +43,17 @@ void each_pair(const Boxes& boxes, const Boxes& others, Visit visit)
   }
 }
 
-// The pixels of an image with their center in a box, which may extend beyond the image.
-struct PixelBox
+// Return the pixels of an image with their center in a box, which may extend beyond the image.
+PixelBox pixels_in(const double* box, const Image<float>& image)
 {
-  int left, top, right, bottom;
-
-  PixelBox(const double* box, const Image<float>& image)
-  : left(first_from(box[0], image.width)),
-    top(first_from(box[1], image.height)),
-    right(first_from(box[2], image.width)),
-    bottom(first_from(box[3], image.height))
-  {
-  }
-
-  bool has(int64_t column, int64_t row) const
-  {
-    return column >= left && column < right && row >= top && row < bottom;
-  }
-
-private:
-  // Return the first row or column with its center at or after a position.
-  static int first_from(double place_px, int size)
-  {
+  // The first row or column with its center at or after a position.
+  const auto first_from = [](double place_px, int size) {
     return static_cast<int>(std::clamp(std::ceil(place_px), 0.0, static_cast<double>(size)));
-  }
-};
+  };
+  return {
+    first_from(box[0], image.width), first_from(box[1], image.height),
+    first_from(box[2], image.width), first_from(box[3], image.height)};
+}
 
 // Tests whether a person's box touches an object's box, by share or by reach (see HandlingRule).
 struct TouchTest
@@ -85,9 +72,9 @@ struct TouchTest
       std::max(object[1], person[1] - rule.reach_px),
       std::min(object[2], person[2] + rule.reach_px),
       std::min(object[3], person[3] + rule.reach_px)};
-    const PixelBox area(within_reach, image);
+    const PixelBox area = pixels_in(within_reach, image);
     return std::any_of(pixels.begin(), pixels.end(), [&](int64_t pixel) {
-      return area.has(pixel % image.width, pixel / image.width);
+      return area.contains(pixel % image.width, pixel / image.width);
     });
   }
 };
@@ -166,11 +153,8 @@ ClassifiedBoxes classify_boxes(
     }
     if (is_person || (found.handled && roles[n] == kMayBeHandled)) {
       out.moves[n] = roles[n];
-      const PixelBox area(boxes[n], depth_m);
-      for (int v = area.top; v < area.bottom && area.left < area.right; ++v) {
-        const std::ptrdiff_t first = static_cast<std::ptrdiff_t>(v) * depth_m.width + area.left;
-        std::fill_n(is_moving.begin() + first, area.right - area.left, uint8_t{1});
-      }
+      pixels_in(boxes[n], depth_m)
+        .each_pixel(depth_m.width, [&](int64_t pixel) { is_moving[pixel] = 1; });
     }
   }
   out.area_px = std::count(is_moving.begin(), is_moving.end(), 0);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/pixel_box.hpp"
 #include "masks/masks.hpp"
 #include "masks/regions.hpp"
 
@@ -21,18 +22,9 @@ constexpr double kMaxBeyondShare = 0.1;
 // Chosen: gaps without measurements belong to the object up to this many pixels from its regions.
 constexpr int kGapReachPx = 5;
 
-// A rectangle of an image: columns [x1, x2), rows [y1, y2).
-struct Area
-{
-  int x1, y1, x2, y2;
-
-  int width() const { return std::max(x2 - x1, 0); }
-  int height() const { return std::max(y2 - y1, 0); }
-};
-
 // Set the pixels without measurements that have a set pixel within reach along rows and columns.
 // `pixels` are those of the area, row by row.
-void fill_gaps(const Image<float>& depth_m, const Area& area, std::vector<uint8_t>& pixels)
+void fill_gaps(const Image<float>& depth_m, const PixelBox& area, std::vector<uint8_t>& pixels)
 {
   const int width = area.width(), height = area.height();
   std::vector<uint8_t> beside(pixels.size());  // a set pixel is within reach in the row
@@ -58,7 +50,7 @@ void fill_gaps(const Image<float>& depth_m, const Area& area, std::vector<uint8_
       near[x] -= beside[(y - kGapReachPx - 1) * width + x];
     }
     for (int x = 0; x < width && y >= 0; ++x) {
-      const bool has_reading = depth_m.row(area.y1 + y)[area.x1 + x] > 0;
+      const bool has_reading = depth_m.row(area.top + y)[area.left + x] > 0;
       pixels[y * width + x] |= static_cast<uint8_t>((near[x] > 0) & !has_reading);
     }
   }
@@ -67,7 +59,7 @@ void fill_gaps(const Image<float>& depth_m, const Area& area, std::vector<uint8_
 // One dynamic object (see Objects).
 struct Object
 {
-  Area area;
+  PixelBox area;
   double depth_m, reach_m;
   bool seen;  // detected in this image, not predicted
 };
@@ -86,7 +78,7 @@ public:
 
   void add(const Object& object)
   {
-    const Area& area = object.area;
+    const PixelBox& area = object.area;
     const bool whole = std::isnan(object.depth_m);
     pixels_.assign(
       static_cast<std::size_t>(area.width()) * area.height(), static_cast<uint8_t>(whole));
@@ -97,21 +89,18 @@ public:
       }
       fill_gaps(depth_m_, area, pixels_);
     }
-    for (int y = area.y1, k = 0; y < area.y2; ++y) {
-      for (int x = area.x1; x < area.x2; ++x, ++k) {
-        dynamic_[y * depth_m_.width + x] |= pixels_[k];
-      }
-    }
+    auto is_set = pixels_.begin();
+    area.each_pixel(depth_m_.width, [&](int64_t pixel) { dynamic_[pixel] |= *is_set++; });
   }
 
 private:
   template <typename Visit>
-  void each_run(const Area& area, Visit visit) const
+  void each_run(const PixelBox& area, Visit visit) const
   {
-    for (int y = area.y1; y < area.y2; ++y) {
-      for (const Run* run = regions_.begin(y); run != regions_.end(y) && run->first < area.x2;
+    for (int y = area.top; y < area.bottom; ++y) {
+      for (const Run* run = regions_.begin(y); run != regions_.end(y) && run->first < area.right;
            ++run) {
-        if (run->last > area.x1) {
+        if (run->last > area.left) {
           visit(y, *run);
         }
       }
@@ -119,25 +108,25 @@ private:
   }
 
   // Return the area with a margin for the parts of the object that its box misses.
-  Area grown(const Area& area) const
+  PixelBox grown(const PixelBox& area) const
   {
     const auto x = static_cast<int>(std::lround(kMaxBeyondShare * area.width()));
     const auto y = static_cast<int>(std::lround(kMaxBeyondShare * area.height()));
     return {
-      std::max(area.x1 - x, 0), std::max(area.y1 - y, 0), std::min(area.x2 + x, depth_m_.width),
-      std::min(area.y2 + y, depth_m_.height)};
+      std::max(area.left - x, 0), std::max(area.top - y, 0), std::min(area.right + x, depth_m_.width),
+      std::min(area.bottom + y, depth_m_.height)};
   }
 
   // Set the pixels of the regions that belong to an object; return the size of these regions.
   int64_t add_regions(const Object& object)
   {
-    const Area& area = object.area;
+    const PixelBox& area = object.area;
     touched_.clear();
     each_run(area, [&](int, const Run& run) {
       if (inside_[run.region] == 0) {
         touched_.push_back(run.region);
       }
-      inside_[run.region] += run.overlap(area.x1, area.x2);
+      inside_[run.region] += run.overlap(area.left, area.right);
     });
     int64_t size = 0;
     for (const int r : touched_) {
@@ -148,15 +137,15 @@ private:
     }
     each_run(area, [&](int y, const Run& run) {
       if (inside_[run.region] != 0) {
-        const int first = std::max(run.first, area.x1) - area.x1;
-        uint8_t* row = pixels_.data() + static_cast<std::ptrdiff_t>(y - area.y1) * area.width();
-        std::fill_n(row + first, run.overlap(area.x1, area.x2), uint8_t{1});
+        const int first = std::max(run.first, area.left) - area.left;
+        uint8_t* row = pixels_.data() + static_cast<std::ptrdiff_t>(y - area.top) * area.width();
+        std::fill_n(row + first, run.overlap(area.left, area.right), uint8_t{1});
       }
     });
-    const Area wide = grown(area);
+    const PixelBox wide = grown(area);
     each_run(wide, [&](int y, const Run& run) {
-      const int last = inside_[run.region] != 0 ? std::min(run.last, wide.x2) : 0;
-      for (int x = std::max(run.first, wide.x1); x < last; ++x) {
+      const int last = inside_[run.region] != 0 ? std::min(run.last, wide.right) : 0;
+      for (int x = std::max(run.first, wide.left); x < last; ++x) {
         dynamic_[y * depth_m_.width + x] = 1;
       }
     });
@@ -171,12 +160,10 @@ private:
   {
     const auto middle_m = static_cast<float>(object.depth_m),
                reach_m = static_cast<float>(object.reach_m);
-    for (int y = object.area.y1, k = 0; y < object.area.y2; ++y) {
-      for (int x = object.area.x1; x < object.area.x2; ++x, ++k) {
-        pixels_[k] |=
-          static_cast<uint8_t>(std::abs(depth_m_.row(y)[x] - middle_m) < reach_m);
-      }
-    }
+    auto is_set = pixels_.begin();
+    object.area.each_pixel(depth_m_.width, [&](int64_t pixel) {
+      *is_set++ |= static_cast<uint8_t>(std::abs(depth_m_.data[pixel] - middle_m) < reach_m);
+    });
   }
 
   const Image<float>& depth_m_;
@@ -196,11 +183,8 @@ void segment_objects(const Image<float>& depth_m, const Objects& objects, uint8_
   const Regions regions(depth_m);
   ObjectSegmentation segmentation(depth_m, regions, dynamic_out);
   for (int n = 0; n < objects.areas.count; ++n) {
-    const int32_t* area = objects.areas[n];
     segmentation.add(
-      {{area[0], area[1], area[2], area[3]},
-       objects.depths_m[n],
-       objects.reaches_m[n],
+      {pixel_box(objects.areas[n]), objects.depths_m[n], objects.reaches_m[n],
        objects.seen[n] != 0});
   }
 }

@@ -6,33 +6,12 @@
 #include <random>
 #include <vector>
 
+#include "common/pixel_box.hpp"
 #include "objects/objects.hpp"
 
 namespace hoid::objects {
 
 using Pixels = std::vector<int64_t>;  // flat indices, ascending
-
-// Pixels of an image; right and bottom are excluded.
-struct Box
-{
-  int left, top, right, bottom;
-
-  explicit Box(const int32_t* box) : left(box[0]), top(box[1]), right(box[2]), bottom(box[3]) {}
-
-  int side() const { return std::max(right - left, bottom - top); }
-  double area() const { return static_cast<double>(right - left) * (bottom - top); }
-
-  template <typename Visit>
-  void each_pixel(int image_width, Visit visit) const
-  {
-    for (int v = top; v < bottom; ++v) {
-      const auto first = static_cast<int64_t>(v) * image_width;
-      for (int64_t pixel = first + left; pixel < first + right; ++pixel) {
-        visit(pixel);
-      }
-    }
-  }
-};
 
 // Return whether a point of the map frame is inside a box, not on its border.
 inline bool is_in_box(

@@ -123,7 +123,7 @@ public:
   }
 
 private:
-  Box box(int d) const { return Box(detections_.boxes_px[d]); }
+  PixelBox box(int d) const { return pixel_box(detections_.boxes_px[d]); }
 
   float depth(int64_t pixel) const { return image_.depth_m.data[pixel]; }
 
@@ -143,7 +143,7 @@ private:
   // Return the segment of a detection in the pixels that are not taken, if they are enough.
   std::optional<Segment> segment(int d)
   {
-    const Box area = box(d);
+    const PixelBox area = box(d);
     Pixels everything, pixels;
     area.each_pixel(image_.depth_m.width, [&](int64_t pixel) {
       if (depth(pixel) != 0) {
@@ -172,7 +172,7 @@ private:
 
   // Return the pixels that are not on a plane around the box; those on a plane are kept if too few
   // others would remain.
-  Pixels without_planes(const Pixels& pixels, const Box& area) const
+  Pixels without_planes(const Pixels& pixels, const PixelBox& area) const
   {
     Pixels rest = pixels, ring = ring_of(area, pixels);
     std::mt19937 random;
@@ -205,7 +205,7 @@ private:
   }
 
   // Return pixels around a box that have about the range of depth of those inside it.
-  Pixels ring_of(const Box& area, const Pixels& inside) const
+  Pixels ring_of(const PixelBox& area, const Pixels& inside) const
   {
     const auto margin = static_cast<int>(
       std::clamp(std::nearbyint(kRingShare * area.side()), kRingLeastPx, kRingMostPx));
@@ -244,7 +244,7 @@ private:
   // Return the pixels of the object: its nearest part, or what is seen of it behind an occluder.
   //
   // The latter are the pixels in the known box, if less than half of the nearest part is among them.
-  Pixels part(const Pixels& pixels, const Box& area, int d)
+  Pixels part(const Pixels& pixels, const PixelBox& area, int d)
   {
     Pixels nearest = nearest_part(image_, pixels, area.side()), at_place;
     const double *low = detections_.known_low_m[d], *high = detections_.known_high_m[d];
@@ -285,7 +285,8 @@ private:
       right = std::max(right, column);
     }
     const auto rows = segment.pixels.back() / width - segment.pixels.front() / width + 1;
-    const double area = box(segment.detection).area();
+    const PixelBox box_px = box(segment.detection);
+    const double area = static_cast<double>(box_px.width()) * box_px.height();
     const double fit = static_cast<double>(rows) * (right - left + 1) / std::max(area, 1.0);
     return fit >= kFilled ? std::pair{true, -area} : std::pair{false, fit};
   }

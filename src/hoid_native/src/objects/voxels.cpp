@@ -210,7 +210,7 @@ std::vector<int64_t> pixels_on_surface(
   const DepthPoints& image, const int32_t* box_px, const SurfaceCells& cells)
 {
   std::vector<int64_t> out;
-  Box(box_px).each_pixel(image.depth_m.width, [&](int64_t pixel) {
+  pixel_box(box_px).each_pixel(image.depth_m.width, [&](int64_t pixel) {
     if (image.depth_m.data[pixel] != 0 && is_cell(cells, image.points_m[pixel])) {
       out.push_back(pixel);
     }

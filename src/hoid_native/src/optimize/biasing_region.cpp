@@ -67,16 +67,17 @@ std::vector<int> sort_into_cells(const std::vector<Location>& locations)
 // Add the normal equations of one match for a left twist. Pixel and disparity count only if they
 // are inliers.
 void add_equations(
-  const StereoParams& camera, const Gates& gates, const Observation& seen, const double* x,
-  double noise_scale, Equations& sums)
+  const PoseProblem& problem, int k, const double* x, double noise_scale, Equations& sums)
 {
+  const StereoParams& camera = problem.camera;
+  const Observation seen = observation(problem, k);
   double e[kRows], J_point[kRows][kPoint], J[kRows][kPose];
   residual<false>(camera, x, seen, e);
   point_jacobian<false>(camera, x, J_point);
   pose_jacobian(x, J_point, J);
   const double pixel = seen.weight / (camera.pixel_noise * camera.pixel_noise * noise_scale);
   const double depth = 1 / (disparity_variance(camera, seen) * noise_scale);
-  const bool is_pixel_inlier = pixel * (e[0] * e[0] + e[1] * e[1]) <= gates.mono;
+  const bool is_pixel_inlier = pixel * (e[0] * e[0] + e[1] * e[1]) <= problem.gates.mono;
   // False without a measurement: its disparity is NaN.
   const bool is_depth_inlier = depth * e[2] * e[2] <= kGateDisparity;
   const double weights[kRows] = {
@@ -99,17 +100,15 @@ double cost_reduction(const Equations& rest)
 
 // Return the normal equations of each cell. Repeated locations (the padding) count once.
 std::vector<Equations> sum_cells(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const std::vector<std::array<double, 3>>& camera_m, const std::vector<int>& order,
-  double noise_scale)
+  const PoseProblem& problem, const std::vector<std::array<double, 3>>& camera_m,
+  const std::vector<int>& order, double noise_scale)
 {
   std::vector<Equations> cells(kCells, Equations::Zero());
   const std::size_t in_cell = order.size() / kCells;
   for (std::size_t n = 0; n < order.size(); ++n) {
     const int k = order[n];
     if (k < problem.count()) {
-      const Observation seen{problem.measured_px[k], problem.inv_sigma2[k]};
-      add_equations(camera, gates, seen, camera_m[k].data(), noise_scale, cells[n / in_cell]);
+      add_equations(problem, k, camera_m[k].data(), noise_scale, cells[n / in_cell]);
     }
   }
   return cells;
@@ -145,8 +144,7 @@ CellRange most_biasing_cells(std::vector<Equations> nodes)
 }  // namespace
 
 BiasingRegion most_biasing_region(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const double* T_camera_map, double noise_scale)
+  const PoseProblem& problem, const double* T_camera_map, double noise_scale)
 {
   std::vector<std::array<double, 3>> camera_m(problem.count());
   std::vector<Location> locations;
@@ -164,7 +162,7 @@ BiasingRegion most_biasing_region(
   }
   const std::vector<int> order = sort_into_cells(locations);
   const CellRange worst =
-    most_biasing_cells(sum_cells(camera, gates, problem, camera_m, order, noise_scale));
+    most_biasing_cells(sum_cells(problem, camera_m, order, noise_scale));
   BiasingRegion out{std::vector<uint8_t>(problem.count()), {}, {}, worst.gain};
   out.low.fill(std::numeric_limits<double>::infinity());
   out.high.fill(-std::numeric_limits<double>::infinity());

@@ -30,8 +30,11 @@ struct Gates
   double mono, stereo;  // without depth and with it
 };
 
+// Matches of map points in one image, and its camera.
 struct PoseProblem
 {
+  StereoParams camera;
+  Gates gates;
   Points points_m;
   Rows<double, 3> measured_px;  // u, v, u_right; NaN u_right: no depth
   Rows<double> inv_sigma2;      // 1 / variance of u, and equally of v, in 1/px^2
@@ -56,8 +59,7 @@ struct PosePrior
 
 // Return the pose that explains the observations, and the prior if there is one, best.
 PoseFit optimize_pose(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const double* start, const PosePrior* prior = nullptr);
+  const PoseProblem& problem, const double* start, const PosePrior* prior = nullptr);
 
 struct MatchEvaluation
 {
@@ -68,9 +70,7 @@ struct MatchEvaluation
 };
 
 // Evaluate how well each observation fits a pose.
-MatchEvaluation evaluate_matches(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const double* T_camera_map);
+MatchEvaluation evaluate_matches(const PoseProblem& problem, const double* T_camera_map);
 
 // A region of the view, and the effect of leaving its matches out.
 struct BiasingRegion
@@ -83,8 +83,7 @@ struct BiasingRegion
 // Return the region without which the other matches fit best. Variances are `noise_scale` times
 // those that camera and `inv_sigma2` state. `joint_noise` has no effect.
 BiasingRegion most_biasing_region(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const double* T_camera_map, double noise_scale);
+  const PoseProblem& problem, const double* T_camera_map, double noise_scale);
 
 // Observations of map points by cameras, in any order; at most one for each pair.
 struct BundleProblem

@@ -20,20 +20,6 @@ constexpr double kConvergedStep = 1e-7;  // chosen: length of a negligible step,
 // four rounds of ten (Optimizer.cc, PoseOptimization).
 constexpr int kRounds[] = {4, 3, 3};
 
-// The observations of one image, the model of its camera, and the prior of its pose or null.
-struct Scene
-{
-  StereoParams camera;
-  Gates gates;
-  PoseProblem seen;
-  const PosePrior* prior;
-
-  ALWAYS_INLINE Observation at(int k) const
-  {
-    return {seen.measured_px[k], seen.inv_sigma2[k]};
-  }
-};
-
 // A row of the normal equations: six coefficients, the right-hand side and padding. They are
 // vectors, because summing them up takes most of the time.
 using Half = double __attribute__((vector_size(4 * sizeof(double))));
@@ -80,22 +66,22 @@ ALWAYS_INLINE void accumulate(
 
 template <bool kJoint>
 ALWAYS_INLINE void sum_equations(
-  const Scene& scene, const double* T, const uint8_t* inliers, Sums& out)
+  const PoseProblem& problem, const double* T, const uint8_t* inliers, Sums& out)
 {
   Sums sums{};
-  for (int k = 0; k < scene.seen.count(); ++k) {
+  for (int k = 0; k < problem.count(); ++k) {
     if (!inliers[k]) {
       continue;
     }
-    const Observation seen = scene.at(k);
+    const Observation seen = observation(problem, k);
     double x[3], e[3], J_point[kRows][kPoint], J[kRows][kPose];
-    transform(T, scene.seen.points_m[k], x);
+    transform(T, problem.points_m[k], x);
     if (x[2] < kMinDepthM) {
       continue;
     }
-    residual<kJoint>(scene.camera, x, seen, e);
-    const Weights weights = weights_of<kJoint>(scene.camera, scene.gates, seen, e);
-    point_jacobian<kJoint>(scene.camera, x, J_point);
+    residual<kJoint>(problem.camera, x, seen, e);
+    const Weights weights = weights_of<kJoint>(problem.camera, problem.gates, seen, e);
+    point_jacobian<kJoint>(problem.camera, x, J_point);
     pose_jacobian(x, J_point, J);
     accumulate<kJoint>(J, e, weights, sums);
   }
@@ -103,12 +89,12 @@ ALWAYS_INLINE void sum_equations(
 }
 
 MULTIVERSION("avx2")
-void normal_equations(const Scene& scene, const double* T, const uint8_t* inliers, Sums& sums)
+void normal_equations(const PoseProblem& problem, const double* T, const uint8_t* inliers, Sums& sums)
 {
-  if (scene.camera.joint_noise) {
-    sum_equations<true>(scene, T, inliers, sums);
+  if (problem.camera.joint_noise) {
+    sum_equations<true>(problem, T, inliers, sums);
   } else {
-    sum_equations<false>(scene, T, inliers, sums);
+    sum_equations<false>(problem, T, inliers, sums);
   }
 }
 
@@ -169,15 +155,16 @@ void add_prior(const PosePrior& prior, const double* T, Matrix6& H, Vector6& g)
 }
 
 void iterate(
-  const Scene& scene, int iterations, const uint8_t* inliers, Pose T, Matrix6& information)
+  const PoseProblem& problem, const PosePrior* prior, int iterations, const uint8_t* inliers,
+  Pose T, Matrix6& information)
 {
   Vector6 g;
   Sums sums;
   for (int n = 0; n < iterations; ++n) {
-    normal_equations(scene, T, inliers, sums);
+    normal_equations(problem, T, inliers, sums);
     unpack(sums, information, g);
-    if (scene.prior != nullptr) {
-      add_prior(*scene.prior, T, information, g);
+    if (prior != nullptr) {
+      add_prior(*prior, T, information, g);
     }
     const Eigen::LLT<Matrix6> factor(information);
     if (factor.info() != Eigen::Success) {
@@ -194,61 +181,57 @@ void iterate(
 // Write which matches are inliers of a pose, and their costs if `costs` is not null; return the
 // number of inliers.
 template <bool kJoint>
-ALWAYS_INLINE int write_fit(const Scene& scene, const double* T, uint8_t* inliers, double* costs)
+ALWAYS_INLINE int write_fit(const PoseProblem& problem, const double* T, uint8_t* inliers, double* costs)
 {
   int num_inliers = 0;
-  for (int k = 0; k < scene.seen.count(); ++k) {
-    const Observation seen = scene.at(k);
+  for (int k = 0; k < problem.count(); ++k) {
+    const Observation seen = observation(problem, k);
     double x[3], e[3];
-    transform(T, scene.seen.points_m[k], x);
-    residual<kJoint>(scene.camera, x, seen, e);
+    transform(T, problem.points_m[k], x);
+    residual<kJoint>(problem.camera, x, seen, e);
     const bool is_ahead = x[2] >= kMinDepthM;
-    inliers[k] = is_ahead && chi2<kJoint>(seen, e) <= gate_of(scene.gates, seen);
+    inliers[k] = is_ahead && chi2<kJoint>(seen, e) <= gate_of(problem.gates, seen);
     num_inliers += inliers[k];
     if (costs != nullptr) {
-      costs[k] = truncated_cost<kJoint>(scene.camera, scene.gates, seen, is_ahead ? e : nullptr);
+      costs[k] = truncated_cost<kJoint>(problem.camera, problem.gates, seen, is_ahead ? e : nullptr);
     }
   }
   return num_inliers;
 }
 
 MULTIVERSION("avx2")
-int evaluate(const Scene& scene, const double* T, uint8_t* inliers, double* costs)
+int evaluate(const PoseProblem& problem, const double* T, uint8_t* inliers, double* costs)
 {
-  return scene.camera.joint_noise ? write_fit<true>(scene, T, inliers, costs)
-                                  : write_fit<false>(scene, T, inliers, costs);
+  return problem.camera.joint_noise ? write_fit<true>(problem, T, inliers, costs)
+                                  : write_fit<false>(problem, T, inliers, costs);
 }
 
 }  // namespace
 
 PoseFit optimize_pose(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const double* start, const PosePrior* prior)
+  const PoseProblem& problem, const double* start, const PosePrior* prior)
 {
-  const Scene scene{camera, gates, problem, prior};
   PoseFit fit{{}, std::vector<uint8_t>(problem.count(), 1), {}};
-  std::copy_n(start, 16, fit.T_camera_map.begin());
+  double* T = fit.T_camera_map.data();
+  std::copy_n(start, 16, T);
   Matrix6 information = Matrix6::Identity();
   int num_inliers = problem.count();
   for (const int iterations : kRounds) {
     if (num_inliers < kMinMatches && prior == nullptr) {
       break;
     }
-    iterate(scene, iterations, fit.inliers.data(), fit.T_camera_map.data(), information);
-    num_inliers = evaluate(scene, fit.T_camera_map.data(), fit.inliers.data(), nullptr);
+    iterate(problem, prior, iterations, fit.inliers.data(), T, information);
+    num_inliers = evaluate(problem, T, fit.inliers.data(), nullptr);
   }
   Eigen::Map<Matrix6>(fit.information.data()) = information;
   return fit;
 }
 
-MatchEvaluation evaluate_matches(
-  const StereoParams& camera, const Gates& gates, const PoseProblem& problem,
-  const double* T_camera_map)
+MatchEvaluation evaluate_matches(const PoseProblem& problem, const double* T_camera_map)
 {
-  const Scene scene{camera, gates, problem, nullptr};
   MatchEvaluation out{
     std::vector<double>(problem.count()), std::vector<uint8_t>(problem.count())};
-  evaluate(scene, T_camera_map, out.inliers.data(), out.cost.data());
+  evaluate(problem, T_camera_map, out.inliers.data(), out.cost.data());
   return out;
 }
 

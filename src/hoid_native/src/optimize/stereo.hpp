@@ -50,6 +50,11 @@ struct Observation
   ALWAYS_INLINE double disparity() const { return measured[0] - measured[2]; }
 };
 
+ALWAYS_INLINE Observation observation(const PoseProblem& problem, int k)
+{
+  return {problem.measured_px[k], problem.inv_sigma2[k]};
+}
+
 ALWAYS_INLINE double gate_of(const Gates& gates, const Observation& seen)
 {
   return seen.has_depth() ? gates.stereo : gates.mono;
