@@ -166,8 +166,9 @@ def test_a_robot_is_never_inside_of_a_closed_area() -> None:
     assert value_at(mask, 1.45, 2.0) == 100
 
 
-def test_speed_falls_with_the_number_of_crossings() -> None:
-    config = NavigationConfig(enabled=True, busy_crossings=4, busy_speed_percent=40.0)
+def test_speed_falls_with_the_number_of_crossings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(NavigationConfig, 'busy_crossings', 4)
+    config = NavigationConfig(enabled=True, busy_speed_percent=40.0)
     masks = NavigationMasks(config)
     for crossing in range(6):
         for step in range(20):
@@ -213,9 +214,12 @@ def test_masks_need_tracks() -> None:
         SceneNodeConfig().updated(values | {'objects.enabled': False})
 
 
-def test_what_a_person_closed_is_open_in_nav2_after_the_person_has_left() -> None:
+def test_what_a_person_closed_is_open_in_nav2_after_the_person_has_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A robot crosses, waits and leaves; only what the outputs publish reaches the costmap."""
-    config = NavigationConfig(enabled=True, busy_crossings=1, busy_speed_percent=50.0)
+    monkeypatch.setattr(NavigationConfig, 'busy_crossings', 1)
+    config = NavigationConfig(enabled=True, busy_speed_percent=50.0)
     costmap, outputs = Costmap(), Outputs(config)
     costmap.on_map(outputs.message('grid_map'))
     costmap.cycle(-3.0, 0.0)

@@ -53,22 +53,16 @@ class NavigationConfig(Config):
         'all classes have one.',
         expert=True,
     )
-    busy_crossings: int = param(
-        5,  # chosen: a place that a family crosses five times in a session
-        'Number of times that people must have crossed a cell of speed_mask for the full '
-        'reduction to navigation.busy_speed_percent to hold there. After fewer crossings, the '
-        'speed is reduced by proportionally less.',
-        limits=(1, 1000),
-        expert=True,
-    )
     busy_speed_percent: float = param(
         50.0,  # chosen: halves the distance in which a robot stops, or more
         'Speed limit where people often walk, relative to the largest speed of the robot (%); '
-        'with 100, the robot is nowhere slowed down. The parameter navigation.busy_crossings '
-        'says where that is.',
+        'with 100, the robot is nowhere slowed down. It holds where people have crossed a cell of '
+        'speed_mask five times; after fewer crossings, the reduction is proportionally less.',
         limits=(1.0, 100.0),
         expert=True,
     )
+    # Chosen, as of a family in a session: crossings of a cell for the full reduction of the speed.
+    busy_crossings: ClassVar[int] = 5
     # People who are slower stand, and are not predicted (m/s). Chosen: above the tracker's noise.
     walking_mps: ClassVar[float] = 0.25
     speed_cell_m: ClassVar[float] = 0.25  # chosen: half the width of a person

@@ -78,7 +78,7 @@ class DepthCamera:
 
     def __init__(self, camera: CameraModel, config: DenseConfig) -> None:
         self._camera, self._config = camera, config
-        self._rays = _pixel_rays(camera, config.pixel_stride)
+        self._rays = pixel_rays(camera, config.pixel_stride)
         self._max_slope = float(np.abs(self._rays[..., :2]).max())
 
     def view_of(
@@ -168,7 +168,7 @@ def _halved(image_bgr: ByteArray) -> ByteArray:
     return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def _pixel_rays(camera: CameraModel, stride: int) -> FloatArray:
+def pixel_rays(camera: CameraModel, stride: int) -> FloatArray:
     """Return the (h, w, 3) rays with z = 1 of every n-th pixel, without lens distortion."""
     v, u = np.mgrid[0 : camera.height_px : stride, 0 : camera.width_px : stride]
     uv = camera.undistort_px(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32))

@@ -20,6 +20,7 @@ from hoid_common.values import (
 )
 from hoid_native import seen_voxels
 from hoid_native.results import SeenVoxels
+from hoid_scene.dense.depth_view import pixel_rays
 
 # None of these numbers was tuned.
 _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # farther away, the noise of depth hides small objects
@@ -159,11 +160,7 @@ class ObjectCamera:
 
     def __init__(self, model: CameraModel) -> None:
         self.model = model
-        v, u = np.mgrid[0 : model.height_px : STRIDE, 0 : model.width_px : STRIDE]
-        uv = model.undistort_px(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32))
-        x = (uv[:, 0] - model.cx_px) / model.fx_px
-        y = (uv[:, 1] - model.cy_px) / model.fy_px
-        self.rays: FloatArray = np.stack([x, y, np.ones_like(x)], -1).astype(np.float64)
+        self.rays = pixel_rays(model, STRIDE).reshape(-1, 3)
 
     def view(self, depth_m: Float32Array, T_map_camera: FloatArray) -> ObjectView:
         """Return the view of a depth image (H, W) with its pose (4, 4)."""
