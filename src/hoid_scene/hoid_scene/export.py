@@ -14,11 +14,7 @@ _PLY = np.dtype([('xyz', '<f4', 3), ('rgb', 'u1', 3)])
 
 
 def write_ply(path: Path, cloud: ColoredCloud) -> None:
-    """Write a cloud as a binary little-endian PLY file with x y z [m] and red green blue.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write a cloud as a binary little-endian PLY file with x y z [m] and red green blue."""
     rows = np.empty(len(cloud.points_m), _PLY)
     rows['xyz'], rows['rgb'] = cloud.points_m, cloud.colors_bgr[:, ::-1]
     header = (

@@ -113,6 +113,7 @@ class NavigationMasks:
         return Mask(np.where(is_closed, CLOSED, 0).astype(np.int8), extent)
 
     def speed(self, extent: MaskExtent) -> Mask:
+        """Return by how many percent to go more slowly in each cell."""
         out = np.zeros(extent.shape, np.int8)
         if self._crossings:
             at, counts = np.array(list(self._crossings)), np.array(list(self._crossings.values()))

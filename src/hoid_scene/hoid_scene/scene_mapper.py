@@ -180,10 +180,7 @@ class SceneMapper:
         self.dense.add(request, self.dense.camera.view_of(depth_m, is_dynamic, image_bgr))
 
     def mapped_objects(self, *, tentative: bool = False) -> tuple[MapObject, ...]:
-        """Return the objects of the main map by id; none if the object map is off.
-
-        Tentative objects are left out unless `tentative` is set.
-        """
+        """Return the objects of the main map by id; none if the object map is off."""
         if self.object_map is None:
             return ()
         if self._num_fused > _LEVEL_GROWTH * self._num_leveled:
@@ -200,21 +197,13 @@ class SceneMapper:
         return self.object_map.expected
 
     def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> None:
-        """Apply corrected keyframe poses to the dense map and the object map.
-
-        Args:
-            force: Whether to fuse bent submaps again now (see `DenseMap.correct`).
-        """
+        """Apply corrected keyframe poses to the dense map and the object map."""
         self.dense.correct(keyframes, force=force)
         if self.object_map is not None:
             self.object_map.correct(keyframes)
 
     def load(self, dense: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
-        """Add a saved dense map to the dense map, after the keyframe poses were applied.
-
-        Raises:
-            MapFileError: It was made with another `voxel_m`.
-        """
+        """Add a saved dense map to the dense map, after the keyframe poses were applied."""
         if dense.voxel_m[0] != self._config.voxel_m:
             raise MapFileError('the dense map was made with another dense.voxel_m')
         self.correct(keyframes)

@@ -103,11 +103,7 @@ class SceneScheduler:
     def pick(
         self, image: TrackedImage | None, keyframes: Callable[[], KeyframePoses]
     ) -> SceneRequest | None:
-        """Return the request for an image, or None if no map needs it.
-
-        Args:
-            image: The image; None: its pose is not known.
-        """
+        """Return the request for an image, or None if no map needs it."""
         if image is None:
             return None
         is_due = [rate is not None and rate.take_due(image.stamp_ns) for rate in self._rates]

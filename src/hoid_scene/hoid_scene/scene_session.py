@@ -45,11 +45,7 @@ class SceneSession:
         self.problem = ''
 
     def update(self, known: SessionKeyframes) -> None:
-        """Follow the keyframes of the SLAM node: correct the scene, load a map, or begin anew.
-
-        Raises:
-            MapFileError: The store cannot be read or written any more.
-        """
+        """Follow the keyframes of the SLAM node: correct the scene, load a map, or begin anew."""
         is_other = self.known is None or known.session != self.known.session
         self.known = known
         if is_other:

@@ -12,11 +12,7 @@ from hoid_common.values import REST_S
 
 @dataclass(frozen=True)
 class ObjectTrackerConfig(Config):
-    """Tracking of people and objects in the map frame.
-
-    An object at rest is one that nobody moves. Where no other source is named, the values were
-    chosen for people and objects in rooms and are not tuned.
-    """
+    """Tracking of people and objects in the map frame."""
 
     enabled: bool = param(
         default=True,

@@ -123,10 +123,7 @@ class DenseMap:
         self._fuse(slot, view, image)
 
     def restore(self) -> None:
-        """Fuse the images of the store that an earlier process has filled.
-
-        An image whose keyframe does not exist any more is removed from the store.
-        """
+        """Fuse the images of the store that an earlier process has filled."""
         for slot, view in list(self._store.views()):
             if self._keyframes.row_of(view.keyframe_uid) is None:
                 self._store.discard(slot)
@@ -172,18 +169,10 @@ class DenseMap:
         return is_bent
 
     def fuse_bent(self, region_m: float = _REGION_M) -> bool:
-        """Make the voxels of bent submaps in one region again from their stored images.
+        """Fuse the stored images of the bent submaps in one region again.
 
-        A submap is bent if its images have moved relative to it. The region is around the bent
-        submap that is nearest to the camera, and contains submaps of the same map only.
-
-        Args:
-            region_m: Radius of the region [m]. Submaps near each other are made of nearly the
-                same images, so that few images are read.
-
-        Returns:
-            False if there was no bent submap. After True, bent submaps of other regions may
-            remain.
+        The region, of radius `region_m`, is around the bent submap that is nearest to the camera.
+        Return False if there was no bent submap.
         """
         bent = [submap for submap in self._submaps if submap.is_bent]
         if not bent:
@@ -219,17 +208,11 @@ class DenseMap:
         return ColoredCloud(np.concatenate(points_m), np.concatenate(colors_bgr))
 
     def export(self, keyframe_uids: IntArray) -> SubmapState:
-        """Return the record of the submaps whose anchors are among ascending uids (K,).
-
-        In the record, an anchor is the position of its uid. Submaps without voxels are left out.
-        """
+        """Return the record of the submaps whose anchors are among ascending uids (K,)."""
         return SubmapState.of_submaps(self._submaps, keyframe_uids, self._config)
 
     def load(self, state: SubmapState, keyframe_uids: IntArray) -> None:
-        """Add saved submaps. Their voxels are on disk until an image changes them.
-
-        Submaps without voxels, or whose anchor keyframe has been removed, are left out.
-        """
+        """Add saved submaps. Their voxels are on disk until an image changes them."""
         loaded = [s for s in state.submaps(self._keyframes, keyframe_uids, self._config) if len(s)]
         if loaded:
             move_to_disk(loaded)

@@ -91,10 +91,7 @@ class DepthCamera:
         return DepthView(flagged_mm, _halved(image_bgr[::stride, ::stride]))
 
     def in_view(self, centers_m: FloatArray, radius_m: float) -> BoolArray:
-        """Return the (N,) mask of the spheres (N, 3) in the camera frame that may be in view.
-
-        The view is a square pyramid around the optical axis that ends at the range of the map.
-        """
+        """Return the (N,) mask of the spheres (N, 3) in the camera frame that may be in view."""
         x, y, z = centers_m.T
         slope = self._max_slope
         is_near = (z > -radius_m) & (z < self._config.max_depth_m + radius_m)
@@ -102,10 +99,7 @@ class DepthCamera:
         return np.asarray(is_near & (np.maximum(np.abs(x), np.abs(y)) < spread_m))
 
     def compare(self, points_m: Float32Array, view: DepthView) -> Comparison:
-        """Compare points (N, 3) in the camera frame with the depth at their pixels.
-
-        Points out of range or view, and those at pixels without a reading, are left out.
-        """
+        """Compare points (N, 3) in the camera frame with the depth at their pixels."""
         depth_m, stride, camera = view.depth_m, self._config.pixel_stride, self._camera
         z = points_m[:, 2]
         index = np.flatnonzero((z > MIN_DEPTH_M) & (z < self._config.max_depth_m))
@@ -149,10 +143,7 @@ class DepthCamera:
 
 
 def in_boxes(shape: tuple[int, ...], boxes_xyxy_px: Float32Array, margin_px: int) -> BoolArray:
-    """Return the mask, of the given shape (H, W), of the pixels inside boxes (N, 4).
-
-    The boxes are enlarged by `margin_px` on each side.
-    """
+    """Return the mask, of the given shape (H, W), of the pixels inside boxes (N, 4)."""
     out = np.zeros(shape, np.bool_)
     for x1, y1, x2, y2 in boxes_xyxy_px:  # a handful of dynamic objects
         top, left = max(0, int(y1) - margin_px), max(0, int(x1) - margin_px)

@@ -46,12 +46,7 @@ class Fusion:
     ) -> list[Submap]:
         """Carve the voxels that an image sees through, then add the surface that it measures.
 
-        Args:
-            only: The submaps that may change; None: all. The surface inside the other submaps is
-                discarded and starts no new submap.
-
-        Returns:
-            The submaps that were created.
+        Return the submaps that were created. `only` has the submaps that may change; None: all.
         """
         near = self._in_view(posed, submaps)
         observed = [s for s in near if only is None or s in only]

@@ -126,23 +126,14 @@ class Submap:
         return ColoredCloud(points, mean[:, 3:].round().astype(np.uint8))
 
     def contains(self, points_m: FloatArray) -> BoolArray:
-        """Return the (N,) mask of points (N, 3) inside the cube and its overlap with others.
-
-        The points are in the submap's frame.
-        """
+        """Return the (N,) mask of points (N, 3), submap frame, inside the cube and its overlap."""
         x, y, z = np.floor(points_m / self._config.voxel_m).T
         low, end = -_OVERLAP, SIDE + _OVERLAP
         inside = (x >= low) & (x < end) & (y >= low) & (y < end) & (z >= low) & (z < end)
         return np.asarray(inside)
 
     def update(self, evidence: Evidence, surface: Surface | None) -> None:
-        """Update the voxels with an image: carve those that it sees through, add its surface.
-
-        Args:
-            evidence: What the image shows of the present voxels, in their order.
-            surface: Surface in the submap's frame, all of it inside the cube (see `contains`);
-                None: there is none.
-        """
+        """Update the voxels with an image: carve those that it sees through, add its surface."""
         self._load()
         self.revision += 1
         hits = self.values[:, _HITS]  # a view into the array
@@ -201,14 +192,9 @@ class Submap:
         self.marked.discard(slot)
 
     def bend_m(self, poses: dict[int, FloatArray]) -> float:
-        """Return how far the fused images have moved relative to the submap since fusion.
+        """Return how far [m] a corner of the cube has moved as the fused images see it.
 
-        Args:
-            poses: T_map_camera (4, 4) of all stored images, by slot.
-
-        Returns:
-            The largest displacement [m] of a corner of the cube, as each image would see it now;
-            0 if no fused image is stored.
+        `poses` has the present T_map_camera (4, 4) of all stored images, by slot.
         """
         slots = list(self.fused)
         if not slots:

@@ -78,10 +78,7 @@ class SubmapState(Record):
 
     @classmethod
     def joined(cls, parts: Sequence[SubmapState]) -> SubmapState:
-        """Return one record of the submaps of at least one record, with the same size of voxels.
-
-        The submaps may overlap. See `reanchored` for records of several maps.
-        """
+        """Return one record of the submaps of records with the same size of voxels."""
         columns = [state.arrays() for state in parts]
         together = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
         return cls.of({**together, 'voxel_m': parts[0].voxel_m})
@@ -107,11 +104,7 @@ class SubmapState(Record):
     def submaps(
         self, keyframes: KeyframePoses, keyframe_uids: IntArray, config: DenseConfig
     ) -> list[Submap]:
-        """Return the saved submaps, placed by the present poses of their anchor keyframes.
-
-        A submap whose anchor keyframe has been removed since the map was loaded is left out, so
-        that there may be fewer submaps than in the record. Their voxels are in memory.
-        """
+        """Return the saved submaps, placed by the present poses of their anchor keyframes."""
         center = (self.offset + np.float32(0.5)) / _STEPS
         mean_m = (cells_of_keys(self.key) + center) * self.voxel_m[0]
         weight = self.weight[:, None]

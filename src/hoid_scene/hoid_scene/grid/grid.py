@@ -24,8 +24,8 @@ _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 class Grid:
     """An occupancy grid over the floor; row 0 is at the smallest y, as in nav_msgs/OccupancyGrid.
 
-    The cells are in the level frame. Its x and y are along the floor or those of the map frame,
-    and its z is the height above the floor.
+    The x and y of its level frame are along the floor or those of the map frame; z is the height
+    above the floor.
     """
 
     cells: NDArray[np.int8]  # (H, W): FREE, OCCUPIED or UNKNOWN
@@ -41,10 +41,7 @@ class Grid:
 
     @property
     def T_map_origin(self) -> FloatArray:  # noqa: N802 - a transform's name
-        """Return the transform (4, 4) to the map frame from the outer corner of cell (0, 0).
-
-        It is affine and not rigid if `T_map_level` is.
-        """
+        """Return the transform (4, 4) to the map frame from the outer corner of cell (0, 0)."""
         T_level_origin = np.eye(4)
         T_level_origin[:2, 3] = self.origin_m
         return self.T_map_level @ T_level_origin

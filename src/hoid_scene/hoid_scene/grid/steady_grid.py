@@ -34,12 +34,7 @@ def patch_of(before: NDArray[np.int8], cells: NDArray[np.int8]) -> GridPatch | N
 
 
 class SteadyGrid:
-    """Extends each grid to cover the one before it, so that the published map never shrinks.
-
-    It starts anew after `clear`, and with a grid of another resolution.
-
-    `place` extends a grid, and `take_patch` stores the extended grid as the one to cover next.
-    """
+    """Extends each grid to cover the one before it, so that the published map never shrinks."""
 
     def __init__(self) -> None:
         self._last: Grid | None = None

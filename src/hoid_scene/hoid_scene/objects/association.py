@@ -193,24 +193,14 @@ def expected_boxes(
 
 
 def in_box(uv_px: FloatArray, box_px: tuple[int, int, int, int]) -> BoolArray:
-    """Return the (N,) mask of the strided pixels (N, 2) that are in a box.
-
-    Args:
-        uv_px: (N, 2) u and v, which need not be integers.
-        box_px: Left, top, right and bottom in strided pixels. Positions from `left` - 0.5 and
-            `top` - 0.5 on are inside; `right` and `bottom` are excluded.
-    """
+    """Return the (N,) mask of the strided pixels (N, 2) that are in a box, end excluded."""
     left, top, right, bottom = box_px
     u, v = uv_px.T
     return np.asarray((u >= left - 0.5) & (u < right) & (v >= top - 0.5) & (v < bottom))
 
 
 def missed_rows(segment: Segment, visibility: Visibility, view: ObjectView) -> IntArray:
-    """Return the rows (M,) of visible voxels that a segment shows not to belong to its object.
-
-    They are outside the box of the detection, or at pixels of the box that show other things, such
-    as a plane that was removed.
-    """
+    """Return the rows (M,) of visible voxels that a segment shows not to belong to its object."""
     left, top, right, bottom = segment.box_px
     du, dv = _MISS_MARGIN * (right - left) + 1, _MISS_MARGIN * (bottom - top) + 1
     box = np.array([left - du, top - dv, right + du, bottom + dv])

@@ -88,10 +88,7 @@ class ObjectMap:
     def objects(
         self, floor: Floor | None = None, level: Level = _Z, *, tentative: bool = False
     ) -> tuple[MapObject, ...]:
-        """Return the objects of the main map by id; furniture stands on `floor`.
-
-        Tentative objects are left out unless `tentative` is set.
-        """
+        """Return the objects of the main map by id; furniture stands on `floor`."""
         values = (item.value(level, floor, is_reused=self._is_reused) for item in self._shown())
         return tuple(
             item for item in values if tentative or item.state is not ObjectState.TENTATIVE
@@ -158,10 +155,7 @@ class ObjectMap:
             self._forget(stamp_ns)
 
     def correct(self, keyframes: KeyframePoses) -> None:
-        """Apply corrected keyframe poses: each object moves with its keyframe.
-
-        The objects of a map whose keyframes were all removed are forgotten.
-        """
+        """Apply corrected keyframe poses: each object moves with its keyframe."""
         before, self._keyframes = self._keyframes, keyframes
         self._objects = [
             item for item in self._objects if item.surface.place.follow(before, keyframes)
@@ -174,12 +168,7 @@ class ObjectMap:
         )
 
     def load(self, state: ObjectMapState, keyframe_uids: IntArray) -> None:
-        """Add the objects of a saved map, whose keyframes the last `correct` must have contained.
-
-        They keep their numbers, unless a confirmed object of this map has the same one. Then the
-        saved object gets a new number. An unconfirmed object of this map with the number of a
-        saved one gets a new number.
-        """
+        """Add the objects of a saved map; one whose number another one has gets a new number."""
         loaded = state.objects(self._keyframes, keyframe_uids)
         self._next_id = max(self._next_id, int(state.next_id[0]))
         taken = {item.object_id for item in self._objects if item.is_confirmed}

@@ -146,10 +146,7 @@ class ObjectMapState(Record):
         return self.of({**out, 'anchor': anchor[kept]})
 
     def objects(self, keyframes: KeyframePoses, keyframe_uids: IntArray) -> list[MappedObject]:
-        """Return the saved objects, placed by the present poses of their anchor keyframes.
-
-        An object whose anchor keyframe has been removed since the map was loaded is left out.
-        """
+        """Return the saved objects, placed by the present poses of their anchor keyframes."""
         parts = {
             name: np.split(getattr(self, name), np.cumsum(getattr(self, count))[:-1])
             for count, names in _PARTS.items()

@@ -102,10 +102,7 @@ class ObjectSurface:
         return self._radius_m
 
     def contains(self, points_map_m: FloatArray, margin_m: float) -> float:
-        """Return the ratio of points (N, 3) of the map frame that are in the measured box.
-
-        The box is enlarged by `margin_m` on each side.
-        """
+        """Return the ratio of points (N, 3) of the map frame that are in the measured box."""
         low, high = self.box_m()
         local_m = se3.transform(self.place.T_place_map, points_map_m)
         is_inside = ((local_m > low - margin_m) & (local_m < high + margin_m)).all(axis=1)

@@ -75,6 +75,7 @@ class ObjectView:
         return STRIDE / self._camera.model.fx_px
 
     def pixels_of(self, box_xyxy_px: tuple[float, ...]) -> tuple[int, int, int, int]:
+        """Return left, top, right and bottom of a box in strided pixels, cut at the border."""
         height, width = self.depth_m.shape
         x1, y1, x2, y2 = box_xyxy_px
         left = min(max(math.floor(x1 / STRIDE), 0), width)
@@ -90,11 +91,7 @@ class ObjectView:
         return left == 0 or top == 0 or right == width or bottom == height
 
     def fill_screens(self, depth_m: Float32Array, detections: Sequence[DynamicObject]) -> None:
-        """Give the holes in the boxes of screens the depth of the plane through their frames.
-
-        Depth cameras see the frame of a dark screen, but not the screen itself. Boxes with few
-        holes, or with too few readings around them, stay as they are.
-        """
+        """Give the holes in the boxes of screens the depth of the plane through their frames."""
         for item in detections:
             if item.class_name not in _SCREENS:
                 continue
@@ -151,12 +148,7 @@ class ObjectView:
 
 
 class ObjectCamera:
-    """A camera with the viewing rays of every fourth pixel.
-
-    Attributes:
-        model: The camera.
-        rays: (h * w, 3) points of the rays with z = 1, in the camera frame.
-    """
+    """A camera with the viewing rays of every fourth pixel."""
 
     def __init__(self, model: CameraModel) -> None:
         self.model = model

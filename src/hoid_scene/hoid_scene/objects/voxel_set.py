@@ -48,10 +48,7 @@ class VoxelSet:
         return len(self.keys)
 
     def add_points(self, points_m: FloatArray) -> None:
-        """Count one look that measured points (M, 3) of the object, in the object frame.
-
-        Points beyond 12.8 m from the origin along an axis are ignored.
-        """
+        """Count one look that measured points (M, 3) of the object, in the object frame."""
         self._add(voxels_of(points_m, VOXEL_M, BITS))
 
     def merge(self, other: VoxelSet) -> None:
@@ -69,12 +66,7 @@ class VoxelSet:
         self.misses[rows] += 1
 
     def solid(self, num_looks: int, cell_m: float) -> BoolArray:
-        """Return the (N,) mask of the voxels that belong to the object.
-
-        Args:
-            num_looks: Number of looks at the object so far; if these are few, a voxel needs
-                fewer hits.
-        """
+        """Return the (N,) mask of the voxels that belong to the object."""
         least = min(_SOLID_HITS, math.ceil(num_looks / 3))
         cells_m = cell_m if cell_m > VOXEL_M else None
         return solid_voxels(self.arrays(), least, _SOLID_SHARE, cells_m, BITS)
@@ -104,10 +96,7 @@ class VoxelSet:
 
 
 def trimmed_box(points_m: FloatArray, outer: float) -> tuple[FloatArray, FloatArray]:
-    """Return the corners (3,) of points (N, 3) without a ratio of the outermost ones.
-
-    `outer` is the ratio of the points that is left out on each side of each axis, 0 to 0.5.
-    """
+    """Return the corners (3,) of points (N, 3) without a ratio of the outermost ones."""
     last = len(points_m) - 1
     ends = [round(outer * last), round((1 - outer) * last)]
     low, high = np.partition(points_m, ends, axis=0)[ends]

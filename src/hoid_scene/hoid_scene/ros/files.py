@@ -16,11 +16,7 @@ from hoid_scene.scene_mapper import SceneMapper
 
 
 def save_cloud(scene: SceneMapper | None, path: Path) -> str:
-    """Write the dense map as a PLY file; return a message for the user.
-
-    Raises:
-        InputError: There is no dense map, or it cannot be written.
-    """
+    """Write the dense map as a PLY file; return a message for the user."""
     cloud = _require_map(scene).cloud()
     write_whole(path, lambda aside: write_ply(aside, cloud))
     return f'{len(cloud.points_m)} points written to {path}'
@@ -51,13 +47,7 @@ def save_grid(
 
 
 def save_objects(scene: SceneMapper | None, path: Path, frame: str) -> str:
-    """Write the list of mapped objects as a YAML file; return a message for the user.
-
-    Without a scene mapper, the list is empty.
-
-    Raises:
-        InputError: The file cannot be written.
-    """
+    """Write the list of mapped objects as a YAML file; return a message for the user."""
     objects = () if scene is None else scene.mapped_objects()
     text = objects_yaml(objects, frame)
     write_whole(path, lambda aside: aside.write_text(text, encoding='utf-8'))

@@ -61,10 +61,7 @@ def serialized_cloud(maps: SceneMaps) -> ByteArray:
 
 
 def labels_to_msg(maps: SceneMaps) -> LabelInfo | None:
-    """Return the names of the labels of the cloud; None if it has no labels.
-
-    The label 0 of points without an object has no name.
-    """
+    """Return the names of the labels of the cloud; None if it has no labels."""
     if maps.labels is None:
         return None
     classes = [
@@ -87,10 +84,7 @@ def level_frame_to_msg(maps: SceneMaps) -> TFMessage | None:
 
 
 def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
-    """Return the message of the whole grid; None if no floor is known.
-
-    For a scene that was discarded, it is an empty grid.
-    """
+    """Return the message of the whole grid; None if no floor is known."""
     grid, header = maps.grid, maps.grid_header
     if grid is None or header is None:
         return OccupancyGrid(header=maps.header) if maps.is_discarded else None
@@ -101,12 +95,7 @@ def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
 def occupancy_to_msg(
     cells: NDArray[np.int8], cell_m: float, origin_m: tuple[float, float, float], header: Header
 ) -> OccupancyGrid:
-    """Return the message of the cells (H, W) of a grid.
-
-    Args:
-        cells: The values; row 0 is at the smallest y.
-        origin_m: Position of the corner of cell (0, 0) in the frame of the header.
-    """
+    """Return the message of the cells (H, W) of a grid."""
     height, width = cells.shape
     origin = Pose()  # without rotation: Nav2 ignores it
     origin.position.x, origin.position.y, origin.position.z = origin_m
@@ -117,10 +106,7 @@ def occupancy_to_msg(
 
 
 def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
-    """Return the message of the changed part of the grid.
-
-    None is returned if there is no patch; see `SceneMaps.patch`.
-    """
+    """Return the message of the changed part of the grid."""
     patch = maps.patch
     if patch is None:
         return None

@@ -85,10 +85,7 @@ def object_map_to_msg(objects: tuple[MapObject, ...], header: Header) -> Detecti
 
 
 def object_map_markers_to_msg(objects: tuple[MapObject, ...], header: Header) -> MarkerArray:
-    """Return markers of objects that replace all earlier ones: a box and a label for each.
-
-    Objects that are handled or gone have markers too.
-    """
+    """Return markers of objects that replace all earlier ones: a box and a label for each."""
     boxes = [
         _LabeledBox(
             item.object_id,

@@ -281,18 +281,12 @@ class SceneOutputs:
         self._publish([output for output in MAP_OUTPUTS if output.name in due], maps)
 
     def place_grid(self, scene: SceneMapper, cloud: ColoredCloud) -> Grid | None:
-        """Return the grid of a cloud of the scene, with the size in which it is published.
-
-        None is returned if no floor is known.
-        """
+        """Return the grid of a cloud of the scene, with the size in which it is published."""
         grid = scene.grid(cloud)
         return None if grid is None else self._steady.place(grid)
 
     def clear(self, stamp_ns: int) -> None:
-        """Publish empty maps and no tracks, because the scene was discarded.
-
-        Nothing is published if nothing was published of this scene, which nobody can have then.
-        """
+        """Publish empty maps and no tracks, because the scene was discarded."""
         self._outdated.clear()
         self._outdated_objects.clear()
         if not self._has_published:

@@ -43,10 +43,7 @@ class SavedScene(NamedTuple):
         return text if self.objects is None else f'{text}, {len(self.objects)} objects'
 
     def renamed(self, uids: IntArray, new_uids: IntArray) -> SavedScene:
-        """Return the scene with other uids of the keyframes.
-
-        What is anchored to another keyframe is left out.
-        """
+        """Return the scene with other uids of the keyframes."""
         dense, objects = self.dense, self.objects
         if dense is not None:
             dense = dense.with_anchors(_renamed(dense.anchor, uids, new_uids))
@@ -82,11 +79,7 @@ def exported(mapper: SceneMapper, keyframe_uids: IntArray) -> SavedScene:
 
 
 def load(mapper: SceneMapper, scene: SavedScene) -> None:
-    """Add a scene to another one that has its keyframes.
-
-    Raises:
-        MapFileError: The dense map has voxels of another size; the objects are added.
-    """
+    """Add a scene to another one that has its keyframes."""
     mapper.correct(mapper.dense.keyframes)
     if scene.objects is not None and mapper.object_map is not None:
         mapper.object_map.load(scene.objects, uids_as_rows(scene.objects.anchor))
@@ -159,11 +152,7 @@ def add_to_file(path: Path, scene: SavedScene) -> None:
 
 
 def read(database: Database) -> SavedScene:
-    """Return the scene of a database, which may lack the tables, after checking it.
-
-    Raises:
-        MapFileError: It cannot be read, or breaks a rule.
-    """
+    """Return the checked scene of a database, which may lack the tables; MapFileError."""
     submaps = [row[1] for row in database.rows(SUBMAPS)] if database.has(SUBMAPS) else []
     objects = [row[1] for row in database.rows(OBJECTS)] if database.has(OBJECTS) else []
     try:

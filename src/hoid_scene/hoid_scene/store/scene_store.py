@@ -90,10 +90,7 @@ class SceneStore:
                 database.put(OBJECTS, [(0, objects)])
 
     def rename(self, name: str, uids: IntArray, new_uids: IntArray) -> None:
-        """Make the scene that of another session, which has the keyframes under other uids.
-
-        What is anchored to a keyframe that it does not have is removed.
-        """
+        """Make the scene that of another session, which has the keyframes under other uids."""
         database, scene = self._require(), self.loaded()
         new = dict(zip(uids.tolist(), new_uids.tolist(), strict=True))
         views = list(database.rows(VIEWS))

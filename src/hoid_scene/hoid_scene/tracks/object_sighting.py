@@ -73,10 +73,7 @@ class DepthImage:
         return self.camera.project_px(point[None])[0] if point[2] > _MIN_RANGE_M else None
 
     def has_in_view(self, position_map_m: FloatArray) -> bool:
-        """Return whether a point (3,) of the map frame projects into the image.
-
-        Something may occlude it.
-        """
+        """Return whether a point (3,) of the map frame projects into the image."""
         uv = self.pixel_of(position_map_m)
         size_px = (self.camera.width_px, self.camera.height_px)
         return uv is not None and bool((uv >= 0).all() and (uv < size_px).all())
@@ -106,10 +103,7 @@ class DepthImage:
     def readings(
         self, box_xyxy_px: tuple[float, ...], cut: float
     ) -> tuple[Float32Array, Float32Array]:
-        """Return the (M,) depths [m] and (M, 2) pixels u, v of the readings in a box.
-
-        Readings beyond 8 m are left out.
-        """
+        """Return the (M,) depths [m] and (M, 2) pixels u, v of the readings in a box."""
         x1, y1, x2, y2 = box_xyxy_px
         dx, dy = cut * (x2 - x1), cut * (y2 - y1)
         left, right = max(0, int((x1 + dx) / _STRIDE)), int(np.ceil((x2 - dx) / _STRIDE))

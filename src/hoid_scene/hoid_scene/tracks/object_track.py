@@ -95,11 +95,7 @@ class KalmanTrack:
         return np.asarray(self._position_m + ahead_s * self._velocity_mps)
 
     def value_at(self, stamp_ns: int) -> TrackedObject:
-        """Return the published state, with the position that is predicted for a time.
-
-        Score and stamp are those of the last detection, velocity and size those of the last one
-        that `correct` used.
-        """
+        """Return the published state, with the position that is predicted for a time."""
         return TrackedObject(
             track_id=self.track_id,
             class_name=self.class_name,
@@ -123,11 +119,7 @@ class KalmanTrack:
         self.is_taken = True
 
     def is_alive(self, stamp_ns: int) -> bool:
-        """Return whether the object was detected recently enough for its track to be kept.
-
-        The limits are `forget_resting_s` for objects at rest, `forget_taken_s` for those that were
-        taken away, and `forget_moving_s` for all others and for unconfirmed tracks.
-        """
+        """Return whether the object was detected recently enough for its track to be kept."""
         config = self._config
         limit_s = config.forget_resting_s if self.is_settled else config.forget_moving_s
         if self.num_sightings < config.min_sightings:
@@ -166,10 +158,7 @@ class KalmanTrack:
         self._score, self.stamp_ns = sighting.detection.score, stamp_ns
 
     def put_down(self, sighting: Sighting, stamp_ns: int) -> None:
-        """Restart the filter at the position where an object that was taken away is seen again.
-
-        The object becomes HANDLED.
-        """
+        """Restart the filter at the position where an object that was taken away is seen again."""
         self.is_taken = False
         self.state = ObjectState.HANDLED
         self._position_m = self._still_place_m = sighting.position_map_m
