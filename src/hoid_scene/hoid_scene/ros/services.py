@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,12 @@ from hoid_common.ros import conversions
 from hoid_common.ros.conversions.slam import keyframe_poses_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_handlers import ServiceHandlers
-from hoid_common.store.map_directory import CLOUD, GRID, OBJECTS, FileKind, path_in
+from hoid_common.store.map_directory import CLOUD, GRID, OBJECTS, FileKind, path_in, write_whole
 from hoid_scene.config.scene_config import SceneNodeConfig
-from hoid_scene.objects.object_list import ObjectQuery, find
-from hoid_scene.ros.files import save_cloud, save_grid, save_objects
+from hoid_scene.export import write_ply
+from hoid_scene.grid.floor import NO_FLOOR
+from hoid_scene.grid.grid import write_map_server
+from hoid_scene.objects.object_list import ObjectQuery, find, objects_yaml
 from hoid_scene.ros.object_messages import mapped_object_to_msg
 from hoid_scene.ros.outputs import SceneOutputs
 from hoid_scene.scene_mapper import SceneMapper
@@ -39,31 +40,47 @@ class SceneServices:
     ) -> None:
         self._config, self._session, self._outputs = config, session, outputs
         handlers = ServiceHandlers(node, diagnostics)
-        handlers.add(SaveMap, topics.SAVE_CLOUD, self._of_dense(CLOUD, save_cloud))
-        handlers.add(SaveMap, topics.SAVE_GRID, self._of_dense(GRID, self._save_grid))
+        handlers.add(SaveMap, topics.SAVE_CLOUD, self._save_cloud)
+        handlers.add(SaveMap, topics.SAVE_GRID, self._save_grid)
         handlers.add(SaveMap, topics.SAVE_OBJECTS, self._save_objects)
         handlers.add_with_response(FindObjects, topics.FIND_OBJECTS, self._find)
         handlers.add(ForgetObject, topics.FORGET_OBJECT, self._forget)
         handlers.add(AddToMap, topics.ADD_TO_MAP, self._add_to_map)
 
-    def _of_dense(
-        self, kind: FileKind, save: Callable[[SceneMapper | None, Path], str]
-    ) -> Callable[[SaveMap.Request], str]:
-        def handle(request: SaveMap.Request) -> str:
-            path = path_in(self._config.map_directory, request.name, kind)
-            if not self._config.dense.enabled:
-                raise InputError('the dense map is off here: dense.enabled is false')
-            return save(self._session.mapper, path)
+    def _save_cloud(self, request: SaveMap.Request) -> str:
+        mapper, path = self._dense(request, CLOUD)
+        cloud = mapper.cloud()
+        write_whole(path, lambda aside: write_ply(aside, cloud))
+        return f'{len(cloud.points_m)} points written to {path}'
 
-        return handle
+    def _save_grid(self, request: SaveMap.Request) -> str:
+        mapper, path = self._dense(request, GRID)
+        grid = self._outputs.place_grid(mapper, mapper.cloud())
+        if grid is None:
+            raise InputError(NO_FLOOR)
+        stem = path.with_suffix('')
+        write_whole(stem, lambda aside: write_map_server(grid, aside))
+        height, width = grid.cells.shape
+        return f'{width}x{height} cells written to {stem}.yaml and its picture'
 
-    def _save_grid(self, mapper: SceneMapper | None, path: Path) -> str:
-        return save_grid(mapper, self._outputs.place_grid, path)
+    def _dense(self, request: SaveMap.Request, kind: FileKind) -> tuple[SceneMapper, Path]:
+        """Return the scene, which has a dense map, and the path of a file."""
+        path = path_in(self._config.map_directory, request.name, kind)
+        if not self._config.dense.enabled:
+            raise InputError('the dense map is off here: dense.enabled is false')
+        mapper = self._session.mapper
+        if mapper is None or len(mapper.dense) == 0:
+            raise InputError('no image has been fused yet: there is no dense map to save')
+        return mapper, path
 
     def _save_objects(self, request: SaveMap.Request) -> str:
         path = path_in(self._config.map_directory, request.name, OBJECTS)
         self._require_object_map()
-        return save_objects(self._session.mapper, path, self._outputs.frame)
+        mapper = self._session.mapper
+        objects = () if mapper is None else mapper.mapped_objects()
+        text = objects_yaml(objects, self._outputs.frame)
+        write_whole(path, lambda aside: aside.write_text(text, encoding='utf-8'))
+        return f'{len(objects)} objects written to {path}'
 
     def _find(self, request: Any, response: Any) -> str:
         query = query_from_msg(request)

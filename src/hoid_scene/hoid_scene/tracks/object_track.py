@@ -73,11 +73,6 @@ class KalmanTrack:
         self._restart()
 
     @property
-    def is_settled(self) -> bool:
-        """Return whether the object is at rest."""
-        return self.state.is_at_rest
-
-    @property
     def is_confirmed(self) -> bool:
         """Return whether the track is published: detected often enough, and not taken away."""
         return self.num_sightings >= self._config.min_sightings and not self.is_taken
@@ -88,7 +83,7 @@ class KalmanTrack:
         It is the filtered position if the object is at rest. Any other object moves on with a
         velocity that decays with a time constant of 0.5 s while it is not detected.
         """
-        if self.is_settled:
+        if self.state.is_at_rest:
             return self._position_m
         unseen_s = max(0.0, (stamp_ns - self.stamp_ns) * S_PER_NS)
         ahead_s = _FADE_S * (1 - np.exp(-unseen_s / _FADE_S))
@@ -115,13 +110,10 @@ class KalmanTrack:
         self._num_images_without += 1
         self.is_taken = self._num_images_without >= _MIN_IMAGES_WITHOUT
 
-    def mark_taken(self) -> None:
-        self.is_taken = True
-
     def is_alive(self, stamp_ns: int) -> bool:
         """Return whether the object was detected recently enough for its track to be kept."""
         config = self._config
-        limit_s = config.forget_resting_s if self.is_settled else config.forget_moving_s
+        limit_s = config.forget_resting_s if self.state.is_at_rest else config.forget_moving_s
         if self.num_sightings < config.min_sightings:
             limit_s = config.forget_moving_s
         elif self.is_taken:
@@ -138,7 +130,7 @@ class KalmanTrack:
         self.num_sightings += 1
         self._num_images_without = 0
         self._score, self._size_m = sighting.detection.score, sighting.size_m
-        if self.is_settled and self._is_away(sighting):
+        if self.state.is_at_rest and self._is_away(sighting):
             self.state = ObjectState.HANDLED
             self._still_since_ns = stamp_ns
             self._restart()
@@ -176,7 +168,7 @@ class KalmanTrack:
 
     def _filter(self, position_m: FloatArray, dt: float) -> None:
         predicted = self._position_m + dt * self._velocity_mps
-        if not self.is_settled:
+        if not self.state.is_at_rest:
             F = np.array([[1, dt], [0, 1]])
             q = self._config.acceleration_sigma_mps2**2
             Q = q * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
@@ -184,7 +176,7 @@ class KalmanTrack:
         gain = self._P[:, 0] / (self._P[0, 0] + self._config.measurement_sigma_m**2)
         innovation = position_m - predicted
         self._position_m = predicted + gain[0] * innovation
-        if not self.is_settled:
+        if not self.state.is_at_rest:
             self._velocity_mps = self._velocity_mps + gain[1] * innovation
         self._P = self._P - np.outer(gain, self._P[0])
 

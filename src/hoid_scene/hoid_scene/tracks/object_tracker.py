@@ -58,7 +58,7 @@ class ObjectTracker:
                 continue
             if detection.class_name == PERSON:
                 people_m.append(sighting.position_map_m)
-            elif known is not None and known.is_settled and detection.is_dynamic:
+            elif known is not None and known.state.is_at_rest and detection.is_dynamic:
                 # The filter calls the object dynamic, because its box overlaps the box of a
                 # person. The object may be at rest behind the person nevertheless.
                 if sighting.is_at_known_depth:
@@ -100,7 +100,7 @@ class ObjectTracker:
         if item.class_name == PERSON or not _is_measured(item):
             return item.state
         if item.is_dynamic:
-            settled = [track for track in fresh if track.is_settled]
+            settled = [track for track in fresh if track.state.is_at_rest]
             known = self._track_in_box(item, image, settled, stamp_ns)
             known_m = None if known is None else known.position_at_m(stamp_ns)
             seen = None if known_m is None else measure(item, image, known_m, None)
@@ -181,7 +181,7 @@ class ObjectTracker:
                 continue
             offset = track.position_at_m(stamp_ns) - sighting.position_map_m
             distance_m = float(np.linalg.norm(offset))
-            rests = track.is_settled and not sighting.detection.is_dynamic
+            rests = track.state.is_at_rest and not sighting.detection.is_dynamic
             if distance_m < min(best_m, self._config.rest_gate_m if rests else np.inf):
                 best, best_m = track, distance_m
         return best
@@ -215,7 +215,7 @@ class ObjectTracker:
 
     def _mark_gone(self, unseen: list[KalmanTrack], image: DepthImage) -> None:
         for track in unseen:
-            if track.is_settled and image.sees_through(track.position_at_m(0), _GONE_M):
+            if track.state.is_at_rest and image.sees_through(track.position_at_m(0), _GONE_M):
                 track.count_seen_through()
 
     def _alive(self, stamp_ns: int) -> list[KalmanTrack]:
@@ -223,7 +223,7 @@ class ObjectTracker:
         for track in self._tracks:
             is_late = stamp_ns - track.stamp_ns > limit_ns
             if track.state is ObjectState.HANDLED and is_late and track.was_at_rest:
-                track.mark_taken()
+                track.is_taken = True
         alive = [track for track in self._tracks if track.is_alive(stamp_ns)]
         alive.sort(key=lambda track: track.stamp_ns)
         return alive[-self._config.max_objects :]
