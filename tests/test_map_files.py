@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 from hoid_msgs.msg import SlamStatus
+from hoid_msgs.srv import SaveTrajectory
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
 from hoid_bringup.live.supervisor import Supervisor
+from hoid_common.io.tum_text import read_tum
 from hoid_common.ros import conversions
 from hoid_system_tests.point_world import CAMERA
 from hoid_system_tests.probe import Probe
@@ -198,15 +200,23 @@ def test_faulty_files_leave_the_running_map_unchanged(begin: Begin, folder: Path
     assert map_file.load(folder / 'after.hoidmap').map.digest() == digest
 
 
-def test_a_map_is_saved_once_the_mapper_has_inserted_its_first_keyframe(begin: Begin) -> None:
+@pytest.mark.parametrize('what', ['map', 'keyframes'])
+def test_a_file_is_saved_once_the_mapper_has_inserted_the_first_keyframe(
+    begin: Begin, folder: Path, what: str
+) -> None:
     peer, node = begin()
     mapper = mapper_of(node)
     mapper.suspend()
     peer.send_all((0, 1))
     Timer(1.0, mapper.resume).start()
-    answer = peer.save()
+    if what == 'map':
+        answer = peer.save()
+        assert len(map_file.load(folder / 'map.hoidmap').map) == 1
+    else:
+        request = SaveTrajectory.Request(name='first.txt', kind=what)
+        answer = peer.probe.call(SaveTrajectory, 'rgbd_slam/save_trajectory', request)
+        assert len(read_tum(folder / 'first.txt')) == 1
     assert answer.success, answer.message
-    assert answer.message.startswith('1 keyframes and ')
 
 
 def test_the_map_of_a_very_different_camera_can_only_be_localized_in(

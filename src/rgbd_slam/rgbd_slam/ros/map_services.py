@@ -112,10 +112,7 @@ class MapServices:
     def _save(self, request: SaveMap.Request) -> str:
         path = self._new_path(request.name, MAP)
         session = self._node_thread.call(self._session)
-        atlas = session.map.atlas
-        if len(atlas.keyframes) == 0 and atlas.pending:  # the mapper has not inserted them yet
-            self._is_settled_by(time.monotonic() + _SETTLE_S)
-        if len(atlas.keyframes) == 0:
+        if not self._has_keyframe(session):
             raise InputError('nothing has been mapped yet: there is nothing to save')
         with replaced(path) as aside:
             if not self._copy_stored(aside):
@@ -151,9 +148,18 @@ class MapServices:
         path, note = self._new_path(request.name, TRAJECTORY), ''
         if kind == SaveTrajectory.Request.FINAL and not self._settle():
             note = '; the map was still being adjusted'
+        if kind == SaveTrajectory.Request.KEYFRAMES:
+            self._has_keyframe(self._node_thread.call(self._session))
         parts = self._node_thread.call(lambda: self._session().map.trajectory_parts(kind))
         written = write_whole(path, lambda aside: write_tum_parts(aside, parts))
         return f'{written} written to {path}{note}'
+
+    def _has_keyframe(self, session: SlamSession) -> bool:
+        """Return whether the map has a keyframe; wait for one that the mapper is inserting."""
+        atlas = session.map.atlas
+        if len(atlas.keyframes) == 0 and atlas.pending:
+            self._is_settled_by(time.monotonic() + _SETTLE_S)
+        return len(atlas.keyframes) > 0
 
     def _settle(self) -> bool:
         """Wait for the mapper's requests and a final adjustment; return whether both ended."""
