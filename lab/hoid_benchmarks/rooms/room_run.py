@@ -96,10 +96,10 @@ def map_room(
             continue
         if request.track_objects:
             tracks[frame.stamp_ns] = scene.track_objects(request, frame.depth_m, filtered.objects)
-        if request.is_for_object_map:
+        if request.map_objects:
             scene.map_objects(request, frame.depth_m, filtered.objects)
             history[frame.stamp_ns] = scene.mapped_objects()
-        if request.is_for_dense_map:
+        if request.fuse:
             scene.fuse(request, frame.depth_m, frame.image_bgr, filtered.objects)
             for observer in observers:
                 observer.fuse(request, frame, filtered.objects)

@@ -135,13 +135,13 @@ class SceneNode(ManagedNode):
             tracks = mapper.track_objects(request, image.depth_m, image.objects)
             self._outputs.publish_objects(tracks, request.stamp_ns)
             self._update_masks(tracks, request)
-        if request.is_for_object_map:
+        if request.map_objects:
             mapper.map_objects(request, image.depth_m, image.objects)
             self._outputs.note_object_change()
             self._outputs.publish_object_map(mapper, self._session.stamp_ns)
             if (expected := mapper.expected_objects()) is not None:
                 self._outputs.publish_expected(expected, image.header, mapper.camera.size_px)
-        if request.is_for_dense_map:
+        if request.fuse:
             mapper.fuse(request, image.depth_m, self._images.color_of(image), image.objects)
             self._outputs.note_change()
             self._num_fused += 1

@@ -129,9 +129,9 @@ class SceneMapper:
         """Use an image for the maps that it was requested for; see the next three methods."""
         if request.track_objects:
             self.track_objects(request, depth_m, objects)
-        if request.is_for_object_map:
+        if request.map_objects:
             self.map_objects(request, depth_m, objects)
-        if request.is_for_dense_map:
+        if request.fuse:
             self.fuse(request, depth_m, image_bgr, objects)
 
     def track_objects(

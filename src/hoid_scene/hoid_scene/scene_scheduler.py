@@ -38,16 +38,6 @@ class SceneRequest(NamedTuple):
             return None
         return se3.inverse(self.keyframes.T_map_camera[row]) @ self.T_map_camera
 
-    @property
-    def is_for_dense_map(self) -> bool:
-        """Return whether the image is for the dense map and has the keyframes that it needs."""
-        return self.fuse and self.keyframes is not None
-
-    @property
-    def is_for_object_map(self) -> bool:
-        """Return whether the image is for the object map and has the keyframes that it needs."""
-        return self.map_objects and self.keyframes is not None
-
 
 class Rate:
     """Selects stamps at a given average rate, which need not divide the frame rate."""

@@ -73,8 +73,8 @@ class SceneSession:
 
     def store_objects(self) -> None:
         if self.mapper is not None and self._config.object_map.enabled:
-            scene = scene_file.exported(self.mapper, self.mapper.dense.keyframes.uids)
-            self._store.put_objects(scene.objects)
+            uids = self.mapper.dense.keyframes.uids
+            self._store.put_objects(scene_file.exported_objects(self.mapper, uids))
 
     def _begin(self, known: SessionKeyframes) -> None:
         self.mapper, self.problem = None, ''

@@ -44,8 +44,8 @@ def test_the_object_map_has_a_rate_of_its_own_and_needs_keyframes() -> None:
     offered = [scheduler.pick(image(i), lambda: NO_KEYFRAMES) for i in range(90)]
     requests = [request for request in offered if request is not None]
     assert len(requests) == 6
-    assert all(request.is_for_object_map for request in requests)
-    assert not any(request.is_for_dense_map or request.track_objects for request in requests)
+    assert all(request.map_objects for request in requests)
+    assert not any(request.fuse or request.track_objects for request in requests)
 
 
 def test_nothing_is_selected_while_all_maps_are_off() -> None:
@@ -61,9 +61,9 @@ def test_an_image_without_a_pose_is_for_no_map_and_takes_no_turn() -> None:
 def test_in_localization_objects_are_tracked_and_nothing_is_fused() -> None:
     request = SceneScheduler(30.0, 30.0, 30.0).pick(image(is_growing=False), lambda: NO_KEYFRAMES)
     assert request is not None
-    assert not request.is_for_dense_map
+    assert not request.fuse
     assert request.track_objects
-    assert request.is_for_object_map
+    assert request.map_objects
 
 
 def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() -> None:
@@ -71,7 +71,7 @@ def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() ->
         image(is_in_main_map=False), lambda: NO_KEYFRAMES
     )
     assert request is not None
-    assert request.is_for_dense_map
+    assert request.fuse
     assert not request.track_objects
     aside = image(is_in_main_map=False, is_growing=False)
     assert SceneScheduler(30.0, 30.0, 30.0).pick(aside, lambda: NO_KEYFRAMES) is None

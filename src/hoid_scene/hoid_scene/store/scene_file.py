@@ -70,12 +70,17 @@ def _renamed(anchor: NDArray[np.int32], uids: IntArray, new_uids: IntArray) -> I
 
 def exported(mapper: SceneMapper, keyframe_uids: IntArray) -> SavedScene:
     """Return the scene that is anchored to saved keyframes with ascending uids (K,)."""
-    rows = np.arange(len(keyframe_uids))
-    dense, objects = mapper.dense.export(keyframe_uids), mapper.object_map
-    scene = SavedScene(
-        dense if len(dense) else None, objects.export(keyframe_uids) if objects else None
-    )
-    return scene.renamed(rows, keyframe_uids)
+    dense = mapper.dense.export(keyframe_uids)
+    anchored = dense.with_anchors(keyframe_uids[dense.anchor]) if len(dense) else None
+    return SavedScene(anchored, exported_objects(mapper, keyframe_uids))
+
+
+def exported_objects(mapper: SceneMapper, keyframe_uids: IntArray) -> ObjectMapState | None:
+    """Return the objects that are anchored to saved keyframes with ascending uids (K,)."""
+    if not mapper.object_map:
+        return None
+    objects = mapper.object_map.export(keyframe_uids)
+    return objects.with_anchors(keyframe_uids[objects.anchor])
 
 
 def load(mapper: SceneMapper, scene: SavedScene) -> None:
