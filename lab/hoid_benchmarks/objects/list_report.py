@@ -2,7 +2,7 @@
 
 Each recording is mapped with each detector. The pictures show the boxes of the map, with numbers,
 classes and states, in the images of the list: green is right, orange double, red wrong, gray
-unsure; dashed boxes are listed objects, yellow if they were not found.
+unsure; plain rectangles are listed objects, yellow if they were not found.
 """
 
 from __future__ import annotations
