@@ -32,7 +32,7 @@ PHONE_DEPTH_MM = (1000 + 7 * np.arange(48 * 64) % 1500).reshape(48, 64).astype(n
 PHONE = CameraModel(480, 360, 450.0, 451.0, 239.5, 179.5)
 # The same view at three times the size of depth: 192 / 480 = 144 / 360 = 0.4.
 PHONE_SHRUNK = CameraModel(192, 144, 180.0, 180.4, 95.5, 71.5)
-ICL_DEPTH_M = (1.0 + 0.001 * (np.arange(480 * 640) % 1500)).reshape(480, 640)
+ICL_DEPTH_M: NDArray[np.floating] = (1.0 + 0.001 * (np.arange(480 * 640) % 1500)).reshape(480, 640)
 STAMPS_S = 100 + np.arange(NUM) / 60
 
 
@@ -43,7 +43,8 @@ def color(i: int, size_px: tuple[int, int]) -> NDArray[np.uint8]:
 def quaternion_rows(poses: FloatArray) -> list[list[float]]:
     """Return the rows qx qy qz qw tx ty tz of poses."""
     rotations = se3.quat_xyzw_from_rotation(poses[:, :3, :3])
-    return np.hstack([rotations, poses[:, :3, 3]]).tolist()
+    rows: list[list[float]] = np.hstack([rotations, poses[:, :3, 3]]).tolist()
+    return rows
 
 
 def write(path: Path, pixels: NDArray[Any]) -> None:

@@ -41,7 +41,7 @@ class Capture(NamedTuple):
     write: Callable[[Path], None]
     told: str  # of what was taken for what
     camera: CameraModel
-    depth_m: NDArray[np.float64]
+    depth_m: NDArray[np.floating]
     stamps_s: tuple[float, ...]
     poses: tuple[int, ...] = (0, 1, 2, 3)  # those that are known
     imu: tuple[tuple[float, ...] | None, tuple[float, ...] | None] = (None, None)
