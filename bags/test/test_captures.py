@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import struct
+import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ from hoid_bags.imu_recording import read_own_imu
 from hoid_bags.sequence import open_sequence
 from hoid_bags.tum.exr import decode_exr
 from hoid_bags.tum.layouts import LAYOUTS
+from hoid_bags.tum.sens import SensFile
 from hoid_common.errors import InputError
 from hoid_common.values import CameraModel
 
@@ -235,6 +237,36 @@ def test_damaged_exr_images_are_refused() -> None:
             assert decode_exr(bytes(damaged), 'x').size <= 50_000_000
 
 
+def test_exr_blocks_beside_the_image_are_refused_without_being_unpacked() -> None:
+    data = made.exr(np.ones((16, 50), np.float32), 3)
+    at = next(k for k in range(8, len(data)) if data[k - 8 : k] == k.to_bytes(8, 'little'))
+    first_row = struct.unpack_from('<i', data, at)[0]
+    bomb = zlib.compress(bytes(1_000_000))
+    beside = data[:at] + struct.pack('<iI', first_row + 16, len(bomb)) + bomb
+    far = data[: at - 8] + b'\xff' * 8 + data[at:]
+    for damaged in (beside, far):
+        with pytest.raises(InputError, match='damaged EXR image'):
+            decode_exr(damaged, 'x')
+
+
+def test_a_sens_file_with_an_impossible_stamp_has_those_of_its_rate(tmp_path: Path) -> None:
+    made.sens(tmp_path)
+    path = tmp_path / 'scene0000_00.sens'
+    first = SensFile(path).frames[0]
+    data = bytearray(path.read_bytes())
+    data[first.color_at - 32 : first.color_at - 24] = (2**62).to_bytes(8, 'little')
+    path.write_bytes(data[: first.color_at + first.color_bytes + first.depth_bytes])
+    assert [frame.stamp_ns for frame in open_sequence(path)] == [10**9]
+
+
+def test_other_text_files_beside_the_poses_of_icl_nuim_are_ignored(tmp_path: Path) -> None:
+    made.icl_scene(tmp_path)
+    (tmp_path / 'scene_readme.txt').write_text('about the scene')
+    truth = open_sequence(tmp_path).ground_truth
+    assert truth is not None
+    assert len(truth) == NUM
+
+
 def test_captures_that_cannot_be_read_are_refused_in_one_line(tmp_path: Path) -> None:
     made.record3d(tmp_path)
     (tmp_path / 'depth/2.exr').write_bytes(made.exr(np.ones((48, 64), np.float32), 3)[:-30])
@@ -243,6 +275,8 @@ def test_captures_that_cannot_be_read_are_refused_in_one_line(tmp_path: Path) ->
     assert 'lacks image 2 of metadata.json' in refused(tmp_path)
     (tmp_path / 'metadata.json').write_text('{"poses": []}')
     assert 'w must be a number, got None' in refused(tmp_path)
+    (tmp_path / 'metadata.json').write_text(f'{{"w": {10**400}}}')
+    assert 'w is too large a number' in refused(tmp_path)
 
 
 def test_a_number_of_an_image_has_an_end(tmp_path: Path) -> None:

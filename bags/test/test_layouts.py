@@ -160,6 +160,12 @@ def test_the_truth_of_openloris_is_moved_to_the_camera(
             'has no d400_color_optical_frame',
         ),
         ('{', 'is no YAML file of OpenCV'),
+        ('%YAML:1.0\ntrans_matrix: 5\n', 'has no d400_color_optical_frame'),
+        ('%YAML:1.0\ntrans_matrix: [1, 2]\n', 'has no d400_color_optical_frame'),
+        (
+            '%YAML:1.0\ntrans_matrix:\n   - { matrix: [1, 0, 0] }\n',
+            'has no d400_color_optical_frame',
+        ),
     ):
         (tmp_path / 'trans_matrix.yaml').write_text(text)
         assert open_sequence(tmp_path).ground_truth is None

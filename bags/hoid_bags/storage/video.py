@@ -110,9 +110,9 @@ class VideoFile:
         self.path = path
         self._next = 0
         self._open()
-        stream = self._container.streams.video[0]
-        self.size_px: tuple[int, int] = stream.codec_context.width, stream.codec_context.height
-        self.num_images: int = stream.frames  # 0: unknown
+        codec = self._stream.codec_context
+        self.size_px: tuple[int, int] = codec.width, codec.height
+        self.num_images: int = self._stream.frames  # 0: unknown
 
     def image(self, number: int) -> ByteArray:
         """Return the (H, W, 3) uint8 BGR image of a number from 0 on; an earlier one is slow."""
@@ -131,6 +131,7 @@ class VideoFile:
         open_regular(self.path).close()
         try:
             self._container: Any = self._av.open(str(self.path))
+            self._stream: Any = self._container.streams.video[0]
             self._frames: Iterator[Any] = self._container.decode(video=0)
         except (self._av.FFmpegError, IndexError) as error:
             raise InputError(f'{self.path}: no video') from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from hoid_common.values import (
 # ICL-NUIM states fy = -480, because y of its cameras points up.
 _ICL = CameraModel(640, 480, 481.20, 480.0, 319.5, 239.5)
 _Y_UP = np.diag([1.0, -1.0, 1.0, 1.0])
+_NUMBER = re.compile(r'[0-9]{1,30}')  # more digits than any number of an image has
 _ICL_VECTOR = re.compile(r'cam_(right|up|dir|pos)\s*=\s*\[([^\]]*)\]')
 
 
@@ -63,12 +65,12 @@ def openloris_camera(folder: Path) -> FolderCamera:
     if not path.exists():
         return FolderCamera(None)
     storage = _opencv_yaml(path)  # its nodes do not keep it
-    camera = storage.getNode('d400_color_optical_frame')
     try:
+        camera = storage.getNode('d400_color_optical_frame')
         fx, cx, fy, cy = map(float, camera.getNode('intrinsics').mat().ravel())
+        size = [camera.getNode(name).real() for name in ('width', 'height')]
     except (AttributeError, ValueError, cv2.error) as error:
         raise InputError(f'{path}: has no intrinsics of d400_color_optical_frame') from error
-    size = [camera.getNode(name).real() for name in ('width', 'height')]
     return FolderCamera(listing.pinhole(path, [*size, fx, fy, cx, cy]))
 
 
@@ -76,13 +78,14 @@ def openloris_truth(path: Path) -> Trajectory:
     """Return the poses of the color camera; those of the file are of the robot's base."""
     truth, transforms = read_tum(path), path.parent / 'trans_matrix.yaml'
     storage = _opencv_yaml(transforms)
-    edges = storage.getNode('trans_matrix')
-    for edge in (edges.at(i) for i in range(edges.size())):
-        names = [edge.getNode(name).string() for name in ('parent_frame', 'child_frame')]
-        T_base_color = np.asarray(edge.getNode('matrix').mat(), float)  # NaN if there is none
-        is_wanted = names == ['base_link', 'd400_color_optical_frame']
-        if is_wanted and T_base_color.shape == (4, 4):
-            return listing.rigid_poses(truth.stamps_ns, truth.T_world_camera @ T_base_color)
+    with suppress(cv2.error):  # a node is of another type
+        edges = storage.getNode('trans_matrix')
+        for edge in (edges.at(i) for i in range(edges.size())):
+            names = [edge.getNode(name).string() for name in ('parent_frame', 'child_frame')]
+            T_base_color = np.asarray(edge.getNode('matrix').mat(), float)  # NaN if there is none
+            is_wanted = names == ['base_link', 'd400_color_optical_frame']
+            if is_wanted and T_base_color.shape == (4, 4):
+                return listing.rigid_poses(truth.stamps_ns, truth.T_world_camera @ T_base_color)
     raise InputError(f'{transforms}: has no d400_color_optical_frame on base_link')
 
 
@@ -138,7 +141,7 @@ def icl_images(folder: Path, associations: str, _depth: str) -> tuple[Images, Im
     for line in read_text(path).splitlines():
         words = line.split()
         for number, name in zip(words[::2], words[1::2], strict=False):
-            if not number.isdecimal() or not (folder / name).is_file():
+            if not _NUMBER.fullmatch(number) or not (folder / name).is_file():
                 raise InputError(f'{path}: "{line}": expected a number and a file, twice')
             image = ListedImage(listing.numbered_stamp_ns(int(number)), folder / name)
             (depths if name.startswith('depth') else colors).append(image)
@@ -171,7 +174,11 @@ def _icl_depth_m(path: Path) -> Float32Array:
 
 def icl_scene_truth(first: Path) -> Trajectory:
     """Return the poses of POV-Ray's text files, one for each image."""
-    paths = {int(path.stem.rpartition('_')[2]): path for path in first.parent.glob('scene_*.txt')}
+    paths = {
+        int(digits): path
+        for path in first.parent.glob('scene_*.txt')
+        if _NUMBER.fullmatch(digits := path.stem.rpartition('_')[2])
+    }
     poses = []
     for number in sorted(paths):
         found = dict(_ICL_VECTOR.findall(read_text(paths[number])))

@@ -20,6 +20,7 @@ _NOT_SCAN_LINES: Final = 0x1A00  # flags of the version: tiles, deep data, sever
 _LINES = {0: 1, 2: 1, 3: 16}  # scan lines of a block by compression: none, ZIPS, ZIP
 _TYPES = {0: '<u4', 1: '<f2', 2: '<f4'}  # of a channel
 _MAX_PIXELS = 50_000_000  # chosen: more than any depth camera has
+_MAX_BLOCK_BYTES = 100_000_000  # chosen: 16 lines of 90,000 pixels in four channels
 
 
 def decode_exr(data: bytes, name: object) -> Float32Array:
@@ -37,12 +38,16 @@ def decode_exr(data: bytes, name: object) -> Float32Array:
         chosen = 'R' if 'R' in channels else next(iter(channels))
         line_bytes = sum(width * np.dtype(kind).itemsize for kind in channels.values())
         lines = _LINES[compression]
+        if lines * line_bytes > _MAX_BLOCK_BYTES:
+            raise InputError(f'{name}: EXR image of {len(channels)} channels in {width} columns')
         image = np.zeros((height, width), np.float32)
         first_row = struct.unpack_from('<i', attributes['dataWindow'], 4)[0]
         for offset in struct.unpack_from(f'<{-(-height // lines)}Q', data, at):
             row, size = struct.unpack_from('<iI', data, offset)
             block = data[offset + 8 : offset + 8 + size]
             count = min(lines, height - (row - first_row))
+            if row < first_row or count < 1:
+                raise ValueError('block outside of the image')
             rows = _unpacked(block, count * line_bytes).reshape(count, line_bytes)
             start = 0
             for channel, kind in channels.items():
@@ -52,7 +57,14 @@ def decode_exr(data: bytes, name: object) -> Float32Array:
                     image[row - first_row : row - first_row + count] = values
                 start = end
         return image
-    except (struct.error, zlib.error, ValueError, LookupError, StopIteration) as error:
+    except (
+        struct.error,
+        zlib.error,
+        ValueError,
+        LookupError,
+        OverflowError,
+        StopIteration,
+    ) as error:
         raise InputError(f'{name}: damaged EXR image') from error
 
 

@@ -147,14 +147,17 @@ def json_number(path: Path, found: Any, name: str) -> float:
     value = found.get(name) if isinstance(found, dict) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f'{path}: {name} must be a number, got {value!r}')
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise InputError(f'{path}: {name} is too large a number') from error
 
 
 def json_table(path: Path, found: dict[str, Any], name: str, columns: int) -> FloatArray:
     """Return the numbers (N, columns) of a list in a JSON object; InputError if it is none."""
     try:
         return np.array(found.get(name), np.float64).reshape(-1, columns)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f'{path}: {name} must be rows of {columns} numbers') from error
 
 
@@ -162,7 +165,7 @@ def json_matrix(path: Path, found: dict[str, Any], name: str) -> FloatArray:
     """Return the matrix (3, 3) of nine numbers column by column; InputError if it is none."""
     try:
         return np.array(found.get(name), np.float64).reshape(3, 3).T
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f'{path}: {name} must have nine numbers') from error
 
 

@@ -89,7 +89,7 @@ def stray_camera(folder: Path) -> FolderCamera:
     camera = listing.matrix_camera(path, VideoFile(folder / 'rgb.mp4').size_px, K)
     first = min((folder / 'depth').glob('*.png'), default=folder / 'depth')
     depth_px = image_size_px(read_image_bytes(first))
-    if depth_px is None:
+    if depth_px is None or 0 in depth_px:
         raise InputError(f'{first}: is no PNG')
     return FolderCamera(listing.shrunk_camera(camera, depth_px))
 

@@ -119,8 +119,8 @@ class SensFile:
     def stamps_ns(self) -> IntArray:
         """Return the stamps (N,) of the frames, of an assumed 30 Hz if the file has none."""
         stamps_ns = [frame.stamp_us * _NS_PER_US for frame in self.frames]
-        is_time = all(a < b < END_STAMP_NS for a, b in pairwise(stamps_ns))
-        if not is_time or not any(stamps_ns):
+        is_rising = all(a < b for a, b in pairwise(stamps_ns))
+        if not is_rising or not 0 < max(stamps_ns, default=0) < END_STAMP_NS:
             stamps_ns = [listing.numbered_stamp_ns(i) for i in range(len(stamps_ns))]
         return np.array(stamps_ns, np.int64)
 
@@ -174,6 +174,7 @@ def sens_truth(path: Path) -> Trajectory:
 def sens_imu(path: Path) -> tuple[NumberTable | None, None]:
     """Return the angular velocities; the unit of the accelerations is not documented."""
     rates = SensFile(path).rates
+    rates = rates[rates['stamp_us'] < END_STAMP_NS // _NS_PER_US]
     if not len(rates):
         return None, None
     order = in_order(rates['stamp_us'].astype(np.int64) * _NS_PER_US)
