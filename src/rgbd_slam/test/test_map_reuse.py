@@ -64,6 +64,20 @@ def test_a_loaded_map_is_found_again_and_left_as_it_is(saved: MapState) -> None:
     assert len(slam.trajectory.final()) == 40
 
 
+def test_the_map_frame_stays_level_until_a_saved_map_is_used(saved: MapState) -> None:
+    slam = RgbdSlam(CAMERA, SlamConfig())
+    run(slam, World(), sway(5))
+    slam.map.frames.is_level = True  # as an accelerometer has found
+    config = SlamConfig().camera
+    loading = slam.map.prepare_load(
+        MapFile(CAMERA, config.scale_factor, config.num_octaves, saved)
+    )
+    assert slam.map.frames.is_level
+    assert slam.map.frames.is_fixed
+    slam.map.finish_load(loading)
+    assert not slam.map.frames.is_level
+
+
 def test_odometry_starts_at_the_first_pose_and_does_not_jump(saved: MapState) -> None:
     slam = RgbdSlam(CAMERA, SlamConfig())
     first = run(slam, World(), sway(90)[:10])

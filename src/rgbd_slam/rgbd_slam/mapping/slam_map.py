@@ -297,7 +297,7 @@ class SlamMap:
                 it.
         """
         state = content.seen_by(self._camera, *self._octaves, extend=extend).map
-        self.frames.take_saved()
+        self.frames.is_fixed = True
         return MapLoading(
             state.moved(se3.inverse(self.frames.T_map_core)),
             self.stereo,
@@ -341,6 +341,7 @@ class SlamMap:
             self.places.use_index(loading.index)
         self._loading, self.has_changed = None, True
         self._made_with = loading.made_with or self._made_with
+        self.frames.take_saved()
         if not loading.keeps_running:
             self.session = secrets.token_hex(8)
             self.on_replaced()

@@ -54,11 +54,12 @@ class DiskArray:
         except OSError as error:
             self._log_failure(error)
         if self._map is None:
-            self.array = np.zeros(shape, old.dtype)
+            array = np.zeros(shape, old.dtype)
         else:
-            self.array = np.frombuffer(self._map, old.dtype).reshape(shape)
+            array = np.frombuffer(self._map, old.dtype).reshape(shape)
         if not (was_in_file and self._map is not None):
-            self.array[: len(old)] = old
+            array[: len(old)] = old
+        self.array = array  # only now: other threads may read it
 
     def write_rows(self, first: int, rows: Array) -> None:
         """Replace the rows from row `first` on by `rows`, twice as fast as by `array`."""
