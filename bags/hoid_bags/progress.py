@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
+from hoid_common.process.signals import signal_handlers_deferred
 from tqdm import tqdm
 
 _TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates
@@ -34,5 +35,6 @@ class AboveProgress(logging.Handler):
 
 def write_above(line: str) -> None:
     """Write a line to stderr, above a progress bar that is being drawn."""
-    with tqdm.external_write_mode(sys.stderr):
+    # tqdm releases its lock even where an interrupt came before the lock was taken, which fails.
+    with signal_handlers_deferred(), tqdm.external_write_mode(sys.stderr):
         sys.stderr.write(f'{line}\n')

@@ -11,6 +11,7 @@ import logging
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
@@ -96,11 +97,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         SystemExit: The usage is wrong (status 2), or help was requested (status 0).
     """
-    for variable in _THREAD_VARIABLES:  # the matrices are small, so threads only cost time
-        os.environ.setdefault(variable, '1')
-    interrupt_on_termination()
     argv = list(sys.argv[1:] if argv is None else argv)
     chosen = _command_in(argv)
+    try:
+        for variable in _THREAD_VARIABLES:  # the matrices are small, so threads only cost time
+            os.environ.setdefault(variable, '1')
+        interrupt_on_termination()
+        return _run_command(chosen, argv)
+    except KeyboardInterrupt:  # also one that comes while an error is being printed
+        sys.stderr.write(f'hoid {chosen}: interrupted\n')
+        return _INTERRUPTED
+
+
+def _run_command(chosen: str, argv: Sequence[str]) -> int:
     try:
         if '_ARGCOMPLETE' in os.environ:
             chosen = _command_in(os.environ.get('COMP_LINE', '').split()[1:])
@@ -124,11 +133,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(end='', flush=True)  # buffered output may fail to be written
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
-        write_above(f'hoid {chosen}: {error}')
+        with suppress(KeyboardInterrupt):  # there is nothing left to interrupt
+            write_above(f'hoid {chosen}: {error}')
         return _FAILED
-    except KeyboardInterrupt:
-        sys.stderr.write(f'hoid {chosen}: interrupted\n')
-        return _INTERRUPTED
     except BrokenPipeError:  # `hoid info BAG | head`
         _discard_stdout()
         return _OK
