@@ -66,5 +66,4 @@ def test_depth_of_a_plain_camera_is_right(
 
 def test_the_document_lists_every_camera() -> None:
     page = Path(__file__).resolve().parents[1] / 'docs/results/inputs.md'
-    rows = '\n'.join(f'| {kind} | right |' for kind in KINDS)
-    assert rows in page.read_text(encoding='utf-8')
+    assert f'is right for {", ".join(KINDS)}.' in page.read_text(encoding='utf-8')

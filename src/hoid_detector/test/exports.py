@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from hoid_common.coco import COCO
@@ -13,10 +13,10 @@ from .export_graphs import Form
 
 _STRETCHED, _IMAGENET = 'RGB 0-1, stretch', 'RGB ImageNet, stretch'
 _YOLOX = 'BGR 0-255, top_left'
-_BY_CHANNELS = 'number of channels and cells'
-_BY_NAME = 'name of the output'
-_BY_NAMES = 'names of the outputs'
-_BY_SHAPES = 'shapes and types of the outputs'
+_BY_CHANNELS = 'channels, cells'
+_BY_NAME = 'name'
+_BY_NAMES = 'names'
+_BY_SHAPES = 'shapes, types'
 _BY_METADATA = 'metadata'
 _BY_BOXES = 'first boxes'
 _UNKNOWN = 'unknown output layout: '
@@ -355,7 +355,7 @@ NAMES: dict[str, tuple[str, str]] = {
 def page() -> str:
     """Return the tables of all exports as Markdown."""
     found = [
-        (name, _outputs(form), form.recognized_by, _input(form), _parameters(form))
+        (name, _outputs(form), form.recognized_by, ', '.join((*_input(form), *_parameters(form))))
         for name, form in FORMS.items()
     ]
     refused = [
@@ -365,7 +365,7 @@ def page() -> str:
         [
             '## Recognized',
             '',
-            *_table_of(('export', 'outputs', 'recognized by', 'input', 'must be set'), found),
+            *_table_of(('export', 'outputs', 'recognized by', 'input; set'), found),
             '',
             '## Refused',
             '',
@@ -391,10 +391,15 @@ def _outputs(form: Form) -> str:
     return ', '.join(f'`{name}` {shape.replace(",", "x")}' for _, shape, name in found)
 
 
-def _input(form: Form) -> str:
-    is_told = form.input in ('float', 'BGR 0-255', 'ImageNet')
-    return form.preprocessing if is_told else f'{form.preprocessing} ({form.input})'
+def _input(form: Form) -> Iterator[str]:
+    """Yield what differs from the usual preprocessing and type of the input."""
+    if form.preprocessing != Form('', '').preprocessing:
+        yield form.preprocessing
+    if form.input not in ('float', 'BGR 0-255', 'ImageNet'):
+        yield form.input
 
 
-def _parameters(form: Form) -> str:
-    return ', '.join(f'`{name}: {value}`' for name, value in form.parameters.items())
+def _parameters(form: Form) -> Iterator[str]:
+    """Yield the parameters that the user must set."""
+    for name, value in form.parameters.items():
+        yield f'`{name}: {value}`'
