@@ -14,7 +14,7 @@ _HEAD = """# Commands
 Written by `make reference` from the commands themselves. Every error is one line that names the
 file, topic or parameter at fault, with exit status 1, or 2 for usage. `-v` says
 more, `-q` less; both stand before or after the command. `eval "$(./hoid completion bash)"` (or
-`zsh`) completes commands and options.
+`zsh`) completes commands and options. Without a stated default there is none.
 """
 
 
@@ -49,6 +49,7 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
     for action in parser._actions:  # noqa: SLF001 - argparse has no public list of arguments
         if action.help != argparse.SUPPRESS:
             text = help_text(action) % {**vars(action), 'prog': parser.prog}
+            text = text.removesuffix(' (default: none)')
             yield _usage(action), text.replace('|', chr(92) + '|')
 
 

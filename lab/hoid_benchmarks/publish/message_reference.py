@@ -23,7 +23,7 @@ def message_reference(package: Path) -> str:
         description, *tables = _read(path.read_text(encoding='utf-8'))
         parts.append(f'## {path.stem}\n\n{description}\n')
         for title, table in zip(('field', 'answer'), tables, strict=False):
-            parts.append(f'| {title} | type | what it is |\n|---|---|---|\n{table}\n')
+            parts.append(f'| {title} | what it is |\n|---|---|\n{table}\n')
     return '\n'.join(parts)
 
 
@@ -44,7 +44,7 @@ def _rows(lines: list[str]) -> Iterator[str]:
     for line in filter(None, lines):
         if line.startswith('#') or not cells:  # a comment on the fields that follow
             yield from _row(cells)
-            cells = ['', '', line.lstrip('# ')] if line.startswith('#') else _cells(line)
+            cells = ['', line.lstrip('# ')] if line.startswith('#') else _cells(line)
         elif line.lstrip().startswith('#'):  # the comment of a field continues
             cells[-1] += f' {line.lstrip(" #")}'
         else:
@@ -54,12 +54,12 @@ def _rows(lines: list[str]) -> Iterator[str]:
 
 
 def _cells(line: str) -> list[str]:
-    """Return name, type and comment of a field in Markdown; raise ValueError if it is no field."""
+    """Return type and name, and the comment of a field; raise ValueError if it is no field."""
     found = _FIELD.match(line)
     if found is None:
         raise ValueError(f'is no field of a message: {line}')
     value = f' = {found["value"]}' if found['value'] else ''
-    return [f'`{found["name"]}{value}`', f'`{found["type"]}`', found['text'] or '']
+    return [f'`{found["type"]} {found["name"]}{value}`', found['text'] or '']
 
 
 def _row(cells: list[str]) -> Iterator[str]:

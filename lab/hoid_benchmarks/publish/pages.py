@@ -35,8 +35,6 @@ _DECISIONS_HEAD = """# Decisions
 Context, measurements, the choice, and what would reopen it. Numbers are those of the date; current
 ones are in [results](../results/index.md). `make reference` writes this list.
 
-| | decision | date |
-|---|---|---|
 """
 _MARKED = re.compile(
     r'(<!-- bench (\w+) ([\w ]+?)(?: \| ([^\n]+?))? -->\n).*?(<!-- /bench -->)', re.DOTALL
@@ -116,12 +114,12 @@ def _report_path(root: Path, name: str) -> Path:
 
 
 def _decisions(root: Path) -> str:
-    """Return the list of decisions with number, title and date of each page."""
+    """Return the numbered list of decisions with the title of each page."""
     rows = []
     for page in sorted((root / DECISIONS).glob('0*.md')):
-        title, _, date, *_ = page.read_text(encoding='utf-8').splitlines()
+        title = page.read_text(encoding='utf-8').splitlines()[0]
         number, words = title.removeprefix('# ').split('. ', 1)
-        rows.append(f'| {number} | [{words}]({page.name}) | {date} |\n')
+        rows.append(f'{number}. [{words}]({page.name})\n')
     return _DECISIONS_HEAD + ''.join(rows)
 
 

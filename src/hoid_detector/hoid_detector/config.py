@@ -21,9 +21,9 @@ class DetectorConfig(Config):
     model: str = param(
         '',
         'ONNX model of the detector: the path of a file or a known name such as yolox_nano. Set '
-        'it to use another model than the default. With an empty string, it is the model in the '
-        'environment variable HOID_MODEL, or else a known one whose file is in a folder of models '
-        '(such as ~/.cache/hoid), or else yolox_nano, which is downloaded.',
+        'it to use another model than the default. If it is empty, it is the model in the '
+        'environment variable HOID_MODEL, else a known one in a folder of models (such as '
+        '~/.cache/hoid), else yolox_nano, which is downloaded.',
     )
     # As in YOLOv5's detect.py.
     score_threshold: float = param(
@@ -93,8 +93,8 @@ class DetectorConfig(Config):
     camera_roll_deg: float = param(
         0.0,
         'Angle by which the camera is mounted rolled, clockwise as seen from behind (degrees). '
-        'Set it when the images are sideways or upside down, since people are missed in such '
-        'images: they are turned by the nearest quarter turn. With 0, the angle follows from '
+        'Set it when the images are sideways or upside down: they are turned by the nearest '
+        'quarter turn, since people are missed otherwise. With 0, the angle follows from '
         'base_frame if that is set; with 360, images are never turned.',
         limits=(-360.0, 360.0),
         read_only=False,
@@ -110,12 +110,11 @@ class DetectorConfig(Config):
     layout: str = param(
         AUTO,
         'Layout of the network output. Set it when the layout of a model is not recognized: '
-        'yolov5 (also YOLOv6 and YOLOv7), yolov8 (also YOLOv9 and YOLO11), yolox, yolox_raw '
-        '(boxes in units of grid cells), yolo_nas, rtdetr (export by Ultralytics) and detr '
-        '(export by Transformers) are named after the models. For models that remove overlapping '
-        'boxes themselves, choose end_to_end or, if the order of columns cannot be recognized, '
-        'the value that names them: xyxy or yxyx (y before x), score, class, and batch in front '
-        'for the number of the image in the batch.',
+        'yolov5 is also that of YOLOv6 and YOLOv7, yolov8 that of YOLOv9 and YOLO11, yolox_raw '
+        'has boxes in units of grid cells, rtdetr is the export by Ultralytics, detr that by '
+        'Transformers. For models that remove overlapping boxes themselves, choose end_to_end '
+        'or the name that lists the columns: batch is the number of the image in the batch, and '
+        'yxyx has y before x.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )
@@ -149,7 +148,7 @@ class DetectorNodeConfig(NodeConfig, DetectorConfig):
 
     base_frame: str = param(
         '',
-        "Name of the robot's base frame, whose z axis is up, as frames.base of rgbd_slam. The "
-        "transform on /tf_static between it and the camera's optical frame shows how the camera "
-        'is mounted, so that images are turned upright. It has no effect with camera_roll_deg.',
+        "Name of the robot's base frame, as frames.base of rgbd_slam. The transform on "
+        "/tf_static from it to the camera's optical frame tells how the camera is mounted, so "
+        'that images are turned upright. It has no effect with camera_roll_deg.',
     )

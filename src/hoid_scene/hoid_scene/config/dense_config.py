@@ -38,10 +38,9 @@ class GridConfig(Config):
     )
     max_height_m: float = param(
         1.80,
-        'Height above the floor above which points are not obstacles (m). Set it to a little more '
-        'than the height of the robot: a lower value misses obstacles that the robot would hit, a '
-        'higher one closes passages that it fits through. It must be more than '
-        'dense.grid.min_height_m.',
+        'Height above the floor above which points are not obstacles (m), more than '
+        'dense.grid.min_height_m. Set it to a little more than the height of the robot: a '
+        'higher one closes passages that it fits through.',
         limits=(0.05, inf),
         read_only=False,
     )
@@ -95,9 +94,7 @@ class DenseConfig(Config):
     pixel_stride: int = param(
         2,  # chosen: at 3.5 m two pixels of a 640-pixel image are 1.3 cm apart, half a voxel
         'Step between the rows and columns of the depth image that are fused (pixels); 1 uses '
-        'all pixels. A larger step saves time and leaves holes in distant surfaces. A dense map '
-        'in the format of earlier versions can be loaded only with the step that it was made '
-        'with.',
+        'all pixels. A larger step saves time and leaves holes in distant surfaces.',
         limits=(1, 8),
         internal=True,
     )
@@ -111,10 +108,9 @@ class DenseConfig(Config):
     )
     publish_period_s: float = param(
         2.0,  # chosen, for a display; a cloud of a room has several MB
-        'Usual time between two messages on cloud_map and grid_map (s); they are sent only to '
-        'subscribers and when the dense map has changed. The time is longer if making messages '
-        'takes more than a fifth of it, and may be shorter when subscribers join or leave. Set a '
-        'longer period to save time and bandwidth.',
+        'Usual time between two messages on cloud_map and grid_map (s), which are sent only to '
+        'subscribers and when the dense map has changed. The time is longer if making them '
+        'takes more than a fifth of it. Set a longer period to save time and bandwidth.',
         limits=(0.1, 3600.0),
         read_only=False,
         expert=True,

@@ -18,10 +18,9 @@ class NavigationConfig(Config):
 
     enabled: bool = param(
         default=False,
-        description='Whether to publish masks for the costmap filters of Nav2: keep_out_mask and '
-        'speed_mask, with keep_out_mask/info and speed_mask/info. Set it to true if Nav2 has the '
-        'filters. It needs frames.base of rgbd_slam, since the masks are in the map frame, which '
-        'must be level, and objects.enabled.',
+        description='Whether to publish masks for the costmap filters of Nav2: keep_out_mask '
+        'and speed_mask, with keep_out_mask/info and speed_mask/info. Set it to true if Nav2 '
+        'has the filters. It needs objects.enabled and frames.base of rgbd_slam.',
         expert=True,
     )
     horizon_s: float = param(

@@ -65,28 +65,26 @@ class ObjectMapConfig(Config):
     enabled: bool = param(
         default=False,  # decision 052: most robots do not use it
         description='Whether to keep a map of the objects at rest and to publish it on '
-        'object_map. It needs a detector; without objects.enabled it does not show which objects '
-        'people handle. Set it to true if a node uses the map; it takes about 3 % of a processor '
-        'core.',
+        'object_map. Set it to true if a node uses the map; it takes about 3 % of a processor '
+        'core. It needs a detector; without objects.enabled it does not show which objects '
+        'people handle.',
         expert=True,
     )
     label_cloud: bool = param(
         default=False,  # decision 052: few nodes read it, and a point takes 4 bytes more
-        description='Whether each point of cloud_map has the class of its object in a field label '
-        '(uint32, 0: no object); the names of the classes are published on cloud_map/labels. Set '
-        'it to true if a node uses the labels. It is refused without object_map.enabled, and has '
-        'no effect without dense.enabled.',
+        description='Whether each point of cloud_map has the class of its object in a field '
+        'label (uint32, 0: no object), whose names are on cloud_map/labels. Set it to true if a '
+        'node uses the labels. It needs object_map.enabled and dense.enabled.',
         expert=True,
     )
 
     prior_score: float = param(
         0.0,  # decision 052
-        'Lowest score, from 0 to 1, of the detections that the object map uses, if the detector '
-        'uses the map as its prior. The boxes in which known objects should be seen are then '
-        'published on expected_objects, and weak detections that are reported only because of '
-        'them do not confirm the map. Set it to score_threshold of hoid_detector, and set '
-        'expected_score_threshold there as well. With 0, all detections are used, and nothing is '
-        'published on expected_objects.',
+        'Lowest score, from 0 to 1, of the detections that confirm the object map, if the '
+        'detector uses the map as its prior: the boxes in which known objects should be seen '
+        'are then published on expected_objects. Set it to score_threshold of hoid_detector, '
+        'and set expected_score_threshold there as well. With 0, all detections are used, and '
+        'nothing is published.',
         limits=(0.0, 1.0),
         expert=True,
     )

@@ -40,31 +40,27 @@ class FrameConfig(Config):
     )
     publish_odom_to_base: bool = param(
         default=True,
-        description='Whether to send odom -> base on /tf. Set it to false if the wheel odometry '
-        'or a node that fuses sensors (such as robot_localization) sends odom -> base itself: '
-        'map -> odom is then computed from that transform, and the visual odometry is published '
-        'on visual_odom instead of odom, in a frame with the name of frames.odom and visual_ in '
-        'front of its last part (visual_odom; robot1/visual_odom for robot1/odom). '
-        'The node then also reads odom -> base, to predict the camera pose and to continue it '
-        'while the camera is lost. Do not feed visual_odom into the node that sends odom -> '
-        'base: while the camera is lost, that node would receive its own estimate.',
+        description='Whether to send odom -> base on /tf. Set it to false if another node, such '
+        'as robot_localization, sends it: the node then computes map -> odom from that '
+        'transform, uses it to predict the camera pose, and publishes the visual odometry on '
+        'visual_odom instead of odom, in the frame frames.odom with visual_ in front of its '
+        'last part. Do not feed visual_odom into the node that sends odom -> base: while the '
+        'camera is lost, that node would receive its own estimate.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
-        'Time by which map -> odom is dated into the future while frames.publish_odom_to_base is '
-        'false (s). Set a longer time if other nodes report that map -> odom is too old when '
-        'images are missing; the correction of a map error or of wheel slip then takes effect '
-        'later by this time.',
+        'Time by which map -> odom is dated into the future while frames.publish_odom_to_base '
+        'is false (s). Set a longer time if other nodes report that map -> odom is too old when '
+        'images are missing; corrections then take effect later by this time.',
         limits=(0.0, 10.0),
         read_only=False,
         expert=True,
     )
     planar: bool = param(
         default=False,
-        description='Whether to publish the pose of the base on the plane z = 0, without roll '
-        'and pitch, as odometry and on /tf; path, map and saved trajectories stay in 3-D. Set it '
-        'to true for a robot on wheels on a level floor. It needs frames.base and has no effect '
-        'without it. An accelerometer then does not level the map frame (imu.level).',
+        description='Whether to publish odometry and /tf on the plane z = 0, without roll and '
+        'pitch; path, map and saved trajectories stay in 3-D. Set it to true for a robot on '
+        'wheels on a level floor. It needs frames.base, and replaces imu.level.',
     )
 
 
@@ -81,36 +77,33 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
         '',
         'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
         'continue in a place that is already mapped. If it is empty, the node starts with an '
-        'empty map. In the mode mapping, a node that crashed or was ended by SIGKILL resumes from '
-        'its checkpoint instead, unless the stamps of the images go back or the camera does not '
-        'fit. After Ctrl-C, SIGTERM, reset or a change of the camera, the map is kept under a '
-        'name of its own instead, kept-DATE-TIME, which the log says and map_file and load_map '
-        'accept. With checkpoint_period_s 0, nothing is kept or resumed.',
+        'empty map. In the mode mapping, a node that crashed resumes from its checkpoint '
+        'instead, unless the stamps of the images go back, the camera does not fit, or '
+        'checkpoint_period_s is 0.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
         'What the node does at the start: mapping extends the map, localization only localizes '
-        'the robot in the map of map_file, which must then be set, and writes no checkpoints. '
-        'Choose localization once the map is complete. The service set_mode changes the mode of '
-        'the running node.',
+        'the robot in the map of map_file and writes no checkpoints. Choose localization once '
+        'the map is complete. The service set_mode changes the mode of the running node.',
         choices=tuple(mode.name.lower() for mode in SlamMode),
     )
     checkpoint_period_s: float = param(
         10.0,  # decision 030
-        'Usual time between two checkpoints, with which the map on the disk, from which a node '
-        'resumes after a crash, becomes that of the node (s). The time is shorter just after the '
-        'start of the node, and longer if writing is slow. Set a longer period to write less; a '
-        'crash then loses more of the map. With 0, or if the node starts with the mode '
-        'localization, no checkpoints are written, and no map is resumed or kept at the end.',
+        'Usual time between two checkpoints, in which the map of the node is written to the '
+        'disk (s); it is shorter after the start, and longer if writing is slow. A node that '
+        'crashed resumes from the last checkpoint. Set a longer period to write less. With 0, '
+        'or if the node starts with the mode localization, no map is written, resumed, or kept '
+        'at the end.',
         limits=(0.0, 3600.0),
         expert=True,
     )
     map_period_s: float = param(
         1.0,  # chosen, for a display
-        'Usual time between two messages on map_points, path and keyframes (s); they are sent '
-        'only to subscribers and when the map has changed. The time is longer if making messages '
-        'takes more than 5 % of a processor core, and shorter when subscribers join or leave. Set '
-        'a longer period to save time and bandwidth.',
+        'Usual time between two messages on map_points, path and keyframes (s), which are sent '
+        'only to subscribers and when the map has changed. The time is longer if making them '
+        'takes more than 5 % of a processor core. Set a longer period to save time and '
+        'bandwidth.',
         limits=(0.05, 3600.0),
         read_only=False,
         expert=True,

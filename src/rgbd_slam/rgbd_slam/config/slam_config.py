@@ -18,12 +18,11 @@ class CameraConfig(Config):
 
     disparity_noise_px: float = param(
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
-        'Constant part of the standard deviation of depth readings, converted to disparities of a '
-        'stereo camera with a baseline of 7.5 cm (pixels). The standard deviation is the root of '
-        'the sum of the squares of this part and of 3 % of the disparity. Tracking and bundle '
-        'adjustment multiply both parts by a factor that is measured in the images; place '
-        'recognition, and the creation and fusion of map points, always use these values. Raise '
-        'it for a camera with noisier depth; more outliers in depth are then accepted.',
+        'Constant part of the standard deviation of depth readings, as disparity of a stereo '
+        'camera with a baseline of 7.5 cm (pixels); 3 % of the disparity are added in '
+        'quadrature. Tracking and bundle adjustment scale both by the noise that is measured in '
+        'the images. Raise it for a camera with noisier depth; more outliers in depth are then '
+        'accepted.',
         limits=(0.01, 10.0),
     )
     # Gives u_right, the column in the right image of the virtual stereo camera, the same noise as
@@ -37,17 +36,18 @@ class CameraConfig(Config):
         'exposed at the same time, as in ORB-SLAM3.',
     )
     scale_factor: float = param(
-        1.2,  # as extraction.scale_factor of the filter
-        'Ratio of the scales of two successive levels of the image pyramid, which are called '
-        'octaves (without unit). Set it to extraction.scale_factor of the filter. A saved map can '
-        'be loaded only with the value that it was made with.',
+        1.2,  # as ExtractionConfig.scale_factor of hoid_filter
+        'Ratio of the scales of two successive levels of the image pyramid (without unit). Keep '
+        'it for hoid_filter; set it to that of another node that publishes features. A saved '
+        'map can be loaded only with the value that it was made with.',
         limits=(1.01, 2.0),
     )
     num_octaves: int = param(
-        8,  # as extraction.num_levels of the filter
-        'Largest number of levels of the image pyramid (octaves) from which features come. Set it '
-        'to extraction.num_levels of the filter or more: an image with features of a higher '
-        'octave is refused. A saved map can be loaded only with the number that it was made with.',
+        8,  # as ExtractionConfig.num_levels of hoid_filter
+        'Largest number of levels of the image pyramid (octaves) from which features come. Keep '
+        'it for hoid_filter; raise it for another node that publishes features of more levels, '
+        'which are refused otherwise. A saved map can be loaded only with the number that it '
+        'was made with.',
         limits=(1, 16),
     )
 
@@ -130,11 +130,9 @@ class KeyframeConfig(Config):
     reference_share: float = param(
         0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
         'A frame becomes a keyframe if it tracks fewer map points than this share of the '
-        'confirmed points of its reference keyframe (0.4 of them while the map in use has at most '
-        'two keyframes). The parameter keyframes.min_gap_s, an older keyframe with the same view, '
-        'and a keyframe that waits for the mapper can prevent it; other rules can make a keyframe '
-        'earlier. Raise it if the camera is often lost in fast motion; more keyframes are then '
-        'made, which takes more time and memory.',
+        'confirmed points of its reference keyframe (0.4 of them while the map has at most two '
+        'keyframes). Other rules can make a keyframe earlier or prevent it. Raise it if the '
+        'camera is often lost in fast motion; more keyframes take more time and memory.',
         limits=(0.1, 1.0),
         read_only=False,
     )

@@ -139,7 +139,7 @@ def check_octaves(features: Features, num_octaves: int) -> None:
     if highest >= num_octaves:
         raise MessageError(
             f'features.octave: {highest} is beyond the camera.num_octaves of SLAM, {num_octaves}: '
-            "set it to the filter's extraction.num_levels"
+            'raise it, or publish features of fewer levels'
         )
 
 
