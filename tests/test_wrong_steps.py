@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shlex
 import shutil
 import subprocess
@@ -17,8 +16,7 @@ import pytest
 from hoid_system_tests.started_suite import HOID, LIMIT_S
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / 'docs/howto/wrong_steps.md'
-(TRANSCRIPT,) = re.findall(r'```\n(.*?)```', PAGE.read_text(), re.DOTALL)
+TRANSCRIPT = (ROOT / 'docs/howto/wrong_steps.txt').read_text()
 STEPS = [
     (command.removeprefix('$ ./hoid '), line)
     for command, line in pairwise(TRANSCRIPT.splitlines())
@@ -28,7 +26,7 @@ STEPS = [
 
 @pytest.fixture(scope='module')
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the recordings and maps of the page."""
+    """A folder with the recordings and maps of the transcript."""
     place = tmp_path_factory.mktemp('steps')
     for name in ('walk_fr3', 'desk'):
         for kind, image in (
@@ -44,13 +42,15 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def test_the_page_has_twenty_wrong_steps() -> None:
+def test_the_transcript_has_twenty_wrong_steps() -> None:
     assert len(STEPS) >= 20
 
 
 @pytest.mark.usefixtures('domain_id')
 @pytest.mark.parametrize(('command', 'line'), STEPS, ids=[command for command, _ in STEPS])
-def test_a_wrong_step_prints_the_line_of_the_page(command: str, line: str, place: Path) -> None:
+def test_a_wrong_step_prints_the_line_of_the_transcript(
+    command: str, line: str, place: Path
+) -> None:
     before = sorted(place.rglob('*'))
     done = subprocess.run(
         (*HOID, *shlex.split(command)), cwd=place, capture_output=True, text=True,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from collections.abc import Iterable
 from pathlib import Path
@@ -31,8 +30,8 @@ GRAY = COLOR[..., 0].copy()
 DEPTH = np.full((24, 32), 1500, np.uint16)
 JPEG, PNG = (cv2.imencode(s, p)[1].tobytes() for s, p in (('.jpg', COLOR), ('.png', DEPTH)))
 
-DOCUMENT = Path(__file__).resolve().parents[2] / 'docs/howto/bags.md'
-_ROW = re.compile(r'\| (?:`(\w+)`)? ?\| `(/[\w/]+)` \| (\w+)(, smaller)? \| (\w*) ?\|')
+# A line for each topic: preset, topic, encoding, "smaller" than color or not, what it is used as.
+RECORDED = Path(__file__).with_name('driver_topics.txt')
 PIXELS: dict[str, NDArray[Any]] = {
     'rgb8': COLOR, 'bgr8': COLOR, 'bgra8': np.dstack([COLOR, GRAY]), 'mono8': GRAY,
     'mono16': DEPTH, '16UC1': DEPTH, '32FC1': DEPTH / np.float32(1000),
@@ -47,19 +46,17 @@ class Recorded(NamedTuple):
     used_as: str = ''
 
 
-def documented_drivers() -> dict[str, dict[str, Recorded]]:
-    """Return the topics of each driver from the table of the document."""
+def recorded_drivers() -> dict[str, dict[str, Recorded]]:
+    """Return the topics of each driver."""
     drivers: dict[str, dict[str, Recorded]] = {}
-    preset = ''
-    for line in DOCUMENT.read_text(encoding='utf-8').splitlines():
-        if row := _ROW.fullmatch(line):
-            preset = row[1] or preset
-            recorded = Recorded(row[3], row[4] is not None, row[5])
-            drivers.setdefault(preset, {})[row[2]] = recorded
+    for line in RECORDED.read_text(encoding='utf-8').splitlines():
+        preset, topic, encoding, *more = line.split()
+        used_as = ''.join(word for word in more if word != 'smaller')
+        drivers.setdefault(preset, {})[topic] = Recorded(encoding, 'smaller' in more, used_as)
     return drivers
 
 
-DRIVERS = documented_drivers()
+DRIVERS = recorded_drivers()
 C, G, D, S = Recorded('rgb8'), Recorded('mono8'), Recorded('16UC1'), Recorded('16UC1', True)
 UNKNOWN = {
     '/front/color': C, '/front/depth_aligned': D, '/detector/debug_image': C,
@@ -102,7 +99,7 @@ def beside(topics: Iterable[str]) -> set[str]:
     return {f'{name.rpartition("/")[0]}/camera_info' for name in names}
 
 
-def test_every_driver_is_documented() -> None:
+def test_the_topics_of_every_driver_are_listed() -> None:
     assert set(DRIVERS) == set(CAMERA_TOPICS) - {'bag', 'tum'}
 
 
