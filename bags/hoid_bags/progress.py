@@ -7,8 +7,9 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
-from hoid_common.process.signals import signal_handlers_deferred
 from tqdm import tqdm
+
+from hoid_common.process.signals import signal_handlers_deferred
 
 _TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates
 

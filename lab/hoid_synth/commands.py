@@ -17,6 +17,7 @@ _FIELDS = {
     '--path': 'path',
     '--layout': 'layout',
     '--turned': 'turned',
+    '--bare': 'bare',
     '--people': 'num_people',
     '--near': 'near_m',
     '--together': 'together',
@@ -35,6 +36,7 @@ _FIELDS = {
     '--pace': 'pace',
     '--shutter': 'shutter_s',
     '--blur': 'motion_blur',
+    '--smooth-depth': 'smooth_depth',
     '--color-every': 'color_every',
     '--swing': 'exposure_swing',
 }

@@ -16,7 +16,7 @@ EPOCH_NS = 1_700_000_000_000_000_000
 """Stamp of frame 0; it is fixed, so that equal configurations give identical bytes."""
 FRAME_RATE_HZ = 30.0
 FLOOR = 'floor'
-PATHS = ('room', 'loop', 'xyz', 'rpy', 'static', FLOOR)
+PATHS = ('room', 'loop', 'xyz', 'rpy', 'static', 'takes', FLOOR)
 LAYOUTS = ('home', 'repeated')
 CARRIED = ('carry_box', 'carry_chair', 'carry_screen', 'pull_door', 'push_trolley', 'take_chair')
 """Events in which people handle a large, near object with many corners."""
@@ -52,6 +52,7 @@ class SceneConfig(Config):
         'home', 'furniture: a home, or rows of identical pieces (repeated)', choices=LAYOUTS
     )
     turned: bool = param(False, 'furniture and screens stand at random angles')
+    bare: bool = param(False, 'no pictures hang on the walls')
     num_people: int = param(2, 'number of people who walk and handle objects', limits=(0, 6))
     near_m: float = param(1.7, 'distance to the camera that people keep in m', limits=(1.0, 5.0))
     together: bool = param(False, 'people walk past the camera as one group, back and forth')
@@ -115,6 +116,9 @@ class SceneConfig(Config):
     color_noise: float = param(1.0, 'scale of the color noise', limits=(0.0, 10.0))
     motion_blur: float = param(1.0, 'scale of the exposure time', limits=(0.0, 10.0))
     depth_noise: float = param(1.0, 'scale of the depth noise', limits=(0.0, 10.0))
+    smooth_depth: bool = param(
+        False, 'depth as of a phone with LiDAR: without holes, and smoothed over edges'
+    )
     depth_holes: bool = param(True, 'remove depth at edges, and on grazing and dark surfaces')
 
     def __post_init__(self) -> None:

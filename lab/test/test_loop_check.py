@@ -1,13 +1,15 @@
 import logging
+from collections import Counter
 
 import numpy as np
 import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray, Trajectory
-from loop_check import checked, listening
+from loop_check import checked, fate, fates_table, listening
 from rgbd_slam.loops.loop_closer import Join, LoopEvent
 from rgbd_slam.model.loop_edge import LoopEdge
+from rgbd_slam.places.place_finder import Candidate
 
 NS = 1_000_000_000
 TRUTH = Trajectory(
@@ -38,8 +40,23 @@ def test_a_join_is_held_against_the_truth(twist: list[float], is_false: bool) ->
 def test_joins_are_heard_of_while_listening() -> None:
     join = _join(LoopEvent.MERGED, T_0_3, 1, 3)
     logger = logging.getLogger('rgbd_slam.loops.loop_closer')
-    with listening() as joins:
+    with listening() as heard:
         logger.info('%s', join)
         logger.info('something else')
     logger.info('%s', join)
-    assert joins == [join]
+    assert heard.joins == [join]
+
+
+def test_candidates_are_counted_by_reason_and_held_against_the_truth() -> None:
+    candidates = [
+        Candidate(3 * NS, 2 * NS, False, 'geometry: 12 points of the map were found'),
+        Candidate(3 * NS, 2 * NS, True, 'geometry: 30 points of the map were found'),
+        Candidate(3 * NS, 0, True, 'geometry: 5 points of the map were found'),
+        Candidate(3 * NS, 2 * NS, True, ''),
+    ]
+    turning = Trajectory(TRUTH.stamps_ns, se3.exp(np.outer(np.arange(4), [0, 0.3, 0, 0, 0, 0])))
+    fates = Counter(fate(candidate, turning) for candidate in candidates)
+    table = fates_table(fates)
+    assert '| geometry | 1 (1) | 2 (1) |\n' in table
+    assert '| the same place | 0 (0) | 1 (1) |\n' in table
+    assert fate(candidates[0], None).is_same_place is None

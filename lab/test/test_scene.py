@@ -166,6 +166,20 @@ def test_loop_is_long_and_closed() -> None:
     np.testing.assert_allclose(np.linalg.det(stage.T_world_camera[:, :3, :3]), 1)
 
 
+def test_the_second_take_begins_elsewhere_without_a_sign() -> None:
+    stage = set_stage(SceneConfig(path='takes', num_people=0, width_px=64, bare=True))
+    T, rate_hz, cut = stage.T_world_camera, stage.config.rate_hz, 149
+    jump = se3.inverse(T[cut]) @ T[cut + 1]
+    assert np.linalg.norm(jump[:3, 3]) > 0.5
+    twists = np.array([stage.twist(i) for i in range(len(T) - 1)])
+    dps = np.degrees(np.linalg.norm(twists[:, :3], axis=1)) * rate_hz
+    assert 100 < dps.max() < 330
+    np.testing.assert_allclose(twists[cut], twists[cut - 1])
+    for take in (T[: cut + 1], T[cut + 1 :]):
+        ahead = take[:, :3, 2] @ take[0, :3, 2]
+        assert ahead.min() < -0.5  # it looks in all directions
+
+
 def test_people_keep_clear_of_the_camera() -> None:
     stage = renderer().stage
     eye = stage.T_world_camera[:, None, :2, 3]

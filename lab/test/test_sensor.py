@@ -40,6 +40,21 @@ def test_perfect_sensor_reads_the_truth() -> None:
     np.testing.assert_allclose(read(2.3456, perfect), 2.346, atol=1e-6)
 
 
+def test_depth_of_a_phone_has_no_holes_and_wide_edges() -> None:
+    phone = SceneConfig(smooth_depth=True)
+    step = np.full((480, 640), 3.0, np.float32)
+    step[:, 320:] = 1.5
+    cosine, dark = np.full_like(step, 0.05), np.ones_like(step)
+    read = sensor.depth_image(step, cosine, dark, phone, np.random.default_rng(0))
+    assert (read > 0).all()
+    between = (read[240] > 1.6) & (read[240] < 2.9)
+    assert 8 <= np.count_nonzero(between) <= 20
+    assert abs(float(read[:, :300].mean()) - 3.0) < 0.003
+    assert not sensor.depth_image(
+        0 * step + 6, cosine, dark, phone, np.random.default_rng(0)
+    ).any()
+
+
 def test_a_near_thing_throws_a_shadow_to_its_left() -> None:
     depth = np.full(SHAPE, 3.0, np.float32)
     depth[:, 80:100] = 1.0

@@ -15,6 +15,10 @@ LOOP_SPEED_MPS = 0.645
 _LOOP_MARGIN_M = 1.5
 _CORNER_M = 0.75
 FRONT_Y_M = 1.0
+TAKE_S = 5.0
+"""Length of the first take of the path "takes"."""
+_TURN_DPS = (100.0, 300.0)  # fastest rates of the turns of this path
+_TURNS = 12
 
 
 def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
@@ -23,7 +27,14 @@ def camera_poses(config: SceneConfig, times_s: FloatArray) -> FloatArray:
     if config.path == FLOOR:
         position, yaw, pitch = _floor(rng, times_s, config.num_rooms)
     else:
-        makers = {'loop': _loop, 'room': _room, 'xyz': _xyz, 'rpy': _rpy, 'static': _static}
+        makers = {
+            'loop': _loop,
+            'room': _room,
+            'xyz': _xyz,
+            'rpy': _rpy,
+            'static': _static,
+            'takes': _takes,
+        }
         position, yaw, pitch = makers[config.path](rng, times_s)
     roll = np.radians(1.2) * _wander(rng, times_s, 0.25)
     tremor = _tremor(rng, times_s)
@@ -101,6 +112,27 @@ def _rpy(rng: Rng, t: FloatArray) -> Path:
 def _static(rng: Rng, t: FloatArray) -> Path:
     position = _sweep(rng, t, (0.02, 0.015, 0.01), 7.0)
     return position, np.pi / 2 + 0 * t, np.radians(-9) + 0 * t
+
+
+def _takes(rng: Rng, t: FloatArray) -> Path:
+    """Look around the room in two takes, which begin at other places and in other directions."""
+    first, second = _look_around(rng, t, 0), _look_around(rng, t - TAKE_S, 1)
+    is_second = t >= TAKE_S
+    position = np.where(is_second[:, None], second[0], first[0])
+    yaw, pitch = (np.where(is_second, b, a) for a, b in zip(first[1:], second[1:], strict=True))
+    return position, yaw, pitch
+
+
+def _look_around(rng: Rng, t: FloatArray, take: int) -> Path:
+    """Turn around at a place, with a rest before each jerky turn; take 1 turns the other way."""
+    turn_rad = np.radians(rng.uniform(35, 90, _TURNS)) * (-1) ** take
+    duration_s = np.pi / 2 * np.abs(turn_rad) / np.radians(rng.uniform(*_TURN_DPS, _TURNS))
+    start_s = np.cumsum(rng.uniform(0.15, 0.5, _TURNS) + duration_s) - duration_s
+    share = np.clip((t[:, None] - start_s) / duration_s, 0, 1)
+    yaw = rng.uniform(0, 2 * np.pi) + (1 - np.cos(np.pi * share)) / 2 @ turn_rad
+    middle = np.array([WIDTHS_M[0] / 2 + (-1) ** take * 0.5, 1.7 + 0.5 * take, HEIGHT_M])
+    sway = [0.3, 0.3, 0.1] * np.stack([_wander(rng, t, 0.3) for _ in range(3)], -1)
+    return middle + sway, yaw, np.radians(-14 + 6 * _wander(rng, t, 0.3))
 
 
 def loop_line() -> FloatArray:

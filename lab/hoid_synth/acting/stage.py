@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hoid_common import se3
 from hoid_common.values import FloatArray
 from hoid_synth.acting.acting import BodyTrack, ObjectTrack, body_track, object_tracks
 from hoid_synth.acting.camera_path import camera_poses
@@ -26,6 +27,7 @@ from hoid_synth.room.world import World, pose
 # A person farther away than this, and this far beside the viewing direction, casts no shadow that
 # is visible: half the field of view is 37 degrees, and a shadow is at most 1.8 m long.
 _NEAR_M, _SIDE_RAD = 5.0, np.radians(60)
+_CUT_M = 0.4  # no camera moves as far between two images
 _BELOW_M = 100.0  # farther than the light of any lamp
 _CAMERA_ZONE: Rect = (WIDTHS_M[0] / 2 - 1.6, 0.0, WIDTHS_M[0] / 2 + 1.6, 1.45)
 
@@ -41,6 +43,16 @@ class Stage:
     bodies: tuple[BodyTrack, ...]
     objects: tuple[ObjectTrack, ...]  # in the order of world.props
     mover: ObjectTrack | None = None  # of the object of an event
+
+    def twist(self, i: int) -> FloatArray:
+        """Return the camera's motion (6,) in frame i until the next one, rotation first.
+
+        At a cut to another take, it is that of the frame before.
+        """
+        T = self.T_world_camera
+        if np.linalg.norm(T[i + 1, :3, 3] - T[i, :3, 3]) > _CUT_M:
+            i -= 1
+        return se3.log(se3.inverse(T[i]) @ T[i + 1])
 
     @cached_property
     def static_mesh(self) -> Mesh:

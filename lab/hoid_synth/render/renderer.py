@@ -117,14 +117,14 @@ class Renderer:
 
     def _view(self, i: int) -> _View:
         """Return the rays of frame i; a rolling shutter has a camera pose for each row."""
-        T, T_next = self._stage.T_world_camera[i : i + 2]
+        T = self._stage.T_world_camera[i]
         if not self._config.shutter_s:
             rotation, origin = T[:3, :3].astype(np.float32), T[:3, 3].astype(np.float32)
             return _View(T, origin[None], self._rays @ rotation.T)
         height, width = self._shape
         frames = self._config.shutter_s * self._config.rate_hz
         share = frames * ((np.arange(height) + 0.5) / height - 0.5)
-        rows = T @ se3.exp(share[:, None] * se3.log(se3.inverse(T) @ T_next))
+        rows = T @ se3.exp(share[:, None] * self._stage.twist(i))
         rays = self._rays.reshape(height, width, 3)
         directions = rays @ rows[:, :3, :3].swapaxes(1, 2).astype(np.float32)
         origins = np.repeat(rows[:, :3, 3].astype(np.float32), width, axis=0)
@@ -231,9 +231,9 @@ class Renderer:
 
     def _flow(self, i: int, hits: Hits, moving: _Moving | None) -> Float32Array:
         """Return the image motion (H, W, 2) during the exposure in px."""
-        T, T_next = self._stage.T_world_camera[i : i + 2]
+        T = self._stage.T_world_camera[i]
         share = sensor.EXPOSURE_S * self._config.rate_hz * self._config.motion_blur
-        twist = share * se3.log(se3.inverse(T) @ T_next)
+        twist = share * self._stage.twist(i)
         rays, t = self._coarse(self._rays), self._coarse(hits.t)
         points = rays * t[:, None]
         step = -(np.cross(twist[:3].astype(np.float32), points) + twist[3:].astype(np.float32))

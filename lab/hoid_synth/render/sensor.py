@@ -17,6 +17,9 @@ _PROJECTOR_BASELINE_M = 0.075
 _DISPARITY_STEP_PX = 0.125
 _GRAZING_COSINE = 0.16
 _MAX_SAMPLES = 9
+# A phone's LiDAR, up to 5 m: points this far apart at VGA, interpolated, with a noise that is a
+# share of depth. Chosen, not measured.
+_LIDAR_STEP_PX, _LIDAR_MAX_M, _LIDAR_NOISE_SHARE = 8, 5.0, 0.003
 
 
 def motion_blurred(image: Float32Array, flow_px: Float32Array) -> Float32Array:
@@ -65,6 +68,8 @@ def depth_image(
         config: Scale of the noise, and whether there are holes.
         rng: Random number generator.
     """
+    if config.smooth_depth:
+        return _lidar_depth(depth_m, config, rng)
     shape = depth_m.shape
     z = np.minimum(_ragged(depth_m, config, rng), np.float32(1e3))
     blotches = cv2.resize(
@@ -86,6 +91,20 @@ def depth_image(
     read = np.round(read * np.float32(1000))
     read[invalid] = 0
     return np.asarray(read / np.float32(1000), np.float32)
+
+
+def _lidar_depth(depth_m: Float32Array, config: SceneConfig, rng: Rng) -> Float32Array:
+    """Return depth (H, W) as a phone computes it from few LiDAR points, in whole millimeters."""
+    height, width = depth_m.shape
+    step = max(1, round(_LIDAR_STEP_PX * config.scale))
+    few = (width // step, height // step)
+    near = cv2.resize(np.minimum(depth_m, np.float32(20)), few, interpolation=cv2.INTER_AREA)
+    noise = np.float32(_LIDAR_NOISE_SHARE * config.depth_noise)
+    near = near * (1 + noise * rng.standard_normal(near.shape, np.float32))
+    smooth = cv2.GaussianBlur(near, (3, 3), 0)
+    read = cv2.resize(smooth, (width, height), interpolation=cv2.INTER_LINEAR)
+    read[(read < MIN_DEPTH_M) | (read > _LIDAR_MAX_M)] = 0
+    return np.asarray(np.round(read * np.float32(1000)) / np.float32(1000), np.float32)
 
 
 def _ragged(depth_m: Float32Array, config: SceneConfig, rng: Rng) -> Float32Array:

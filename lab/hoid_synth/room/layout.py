@@ -50,7 +50,8 @@ def build_world(config: SceneConfig) -> World:
     x0s = (0.0, WIDTHS_M[0] + PARTITION_M)[: 1 + two]
     turns = np.random.default_rng([config.seed, 7]) if config.turned else None
     furnishers = [
-        Furnisher(studio, builder, x0, w, turns) for x0, w in zip(x0s, WIDTHS_M, strict=False)
+        Furnisher(studio, builder, x0, w, turns, is_bare=config.bare)
+        for x0, w in zip(x0s, WIDTHS_M, strict=False)
     ]
     for k, furnisher in enumerate(furnishers):
         _furnish(furnisher, k, config)

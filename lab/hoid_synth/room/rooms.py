@@ -31,6 +31,7 @@ class Furnisher:
         x0: Position of the left wall.
         width_m: Width of the room.
         turns: Random numbers of the angles by which furniture is turned; None: it is not turned.
+        is_bare: Whether no pictures hang on the walls.
     """
 
     def __init__(
@@ -40,11 +41,13 @@ class Furnisher:
         x0: float,
         width_m: float,
         turns: Rng | None = None,
+        *,
+        is_bare: bool = False,
     ) -> None:
         self.studio, self.rng, self.builder = studio, studio.rng, builder
         self.palette = make_palette(studio)
         self.x0, self.width_m = x0, width_m
-        self._turns = turns
+        self._turns, self._is_bare = turns, is_bare
 
     def turn_rad(self, most_rad: float) -> float:
         """Return a random angle by which a piece of furniture is turned, or 0."""
@@ -109,7 +112,7 @@ class Furnisher:
         self, wall: str, spans: list[tuple[float, float]], low_m: float, top_m: float = 2.3
     ) -> None:
         """Place pictures side by side above spans of a wall."""
-        for start, end in spans:
+        for start, end in () if self._is_bare else spans:
             along = start
             while end - along > 0.35:
                 width = min(float(self.rng.uniform(0.38, 0.85)), end - along)

@@ -121,10 +121,12 @@ def _run_command(chosen: str, argv: Sequence[str]) -> int:
             # the terminal is stopped. The other commands here draw progress bars, which need the
             # terminal itself.
             relay_output(terminals=chosen == _NODES)
+        handler = AboveProgress()
+        handler.addFilter(_is_own_or_warning)
         logging.basicConfig(
             level=_LEVELS[args.verbosity],
             format='%(levelname)s %(name)s: %(message)s',
-            handlers=[AboveProgress()],
+            handlers=[handler],
         )
         _check_names(args)
         for line in _abandoned_folders(args):
@@ -145,6 +147,11 @@ def _run_command(chosen: str, argv: Sequence[str]) -> int:
         _discard_stdout()
         return _FAILED
     return _OK
+
+
+def _is_own_or_warning(record: logging.LogRecord) -> bool:
+    """Return whether the suite has logged a record, or a library at least a warning."""
+    return record.levelno >= logging.WARNING or record.name.startswith(('hoid_', 'rgbd_slam'))
 
 
 def _command_in(words: Sequence[str]) -> str:

@@ -42,6 +42,23 @@ def test_wrong_usage_exits_with_status_2(argv: list[str]) -> None:
     assert exit_info.value.code == 2
 
 
+def test_verbose_commands_show_the_log_of_the_suite_without_that_of_libraries(
+    tmp_path: Path,
+) -> None:
+    path = write_line(tmp_path / 'line.txt')
+    code = (
+        'import logging, sys; from hoid_bringup import cli; cli._check_names = lambda args: '
+        '[logging.getLogger(n).log(*a) for n in ("rgbd_slam.loops", "matplotlib.font_manager") '
+        'for a in ((10, "details of %s", n), (30, "a warning of %s", n))]; '
+        'cli.main(sys.argv[1:])'
+    )
+    command = [sys.executable, '-c', code, 'evaluate', '-v', str(path), str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    assert 'DEBUG rgbd_slam.loops: details of rgbd_slam.loops' in done.stderr
+    assert 'a warning of matplotlib' in done.stderr
+    assert 'details of matplotlib' not in done.stderr
+
+
 @pytest.mark.parametrize('command', ['run', 'replay', 'view', 'pictures'])
 def test_an_unknown_strategy_is_wrong_usage_in_every_command(
     command: str, capsys: pytest.CaptureFixture[str]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from rgbd_slam.loops.loop_detection import DriftLimit
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
+from rgbd_slam.places.place_finder import Candidate
 
 from .drifting_ring import DRIFT, LAPS, drifting_map, errors_m, loop_edge
 from .ring_world import CAMERA, RingWorld, drifted, mapped, ring_poses
@@ -147,14 +150,21 @@ def test_a_map_with_a_loop_that_has_grown_is_adjusted_once_more_in_the_end() -> 
     assert errors_m(atlas, rows, truth)[len(rows) // 2] < 0.01
 
 
-def test_more_drift_than_the_path_explains_is_no_loop() -> None:
+def test_more_drift_than_the_path_explains_is_no_loop(caplog: pytest.LogCaptureFixture) -> None:
     atlas, rows, _ = drifting_map()
     half = rows[len(rows) // 2 :]
     shift = np.eye(4)
     shift[0, 3] = 1.5
     atlas.set_poses(half, shift @ atlas.keyframes.T_map_camera[half])
     closer = LoopCloser(atlas, CAMERA, SlamConfig())
-    assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
+    with caplog.at_level(logging.DEBUG, 'rgbd_slam'):
+        assert closer.process(int(rows[-1])) is LoopEvent.NOTHING
+    candidates = [
+        c for record in caplog.records for c in record.args or () if isinstance(c, Candidate)
+    ]
+    assert candidates
+    assert not any(candidate.is_in_other_map for candidate in candidates)
+    assert any(candidate.doubt.startswith('drift limit: ') for candidate in candidates)
 
 
 def test_drift_far_beyond_that_of_the_loops_so_far_is_unusual() -> None:

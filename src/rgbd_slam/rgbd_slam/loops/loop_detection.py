@@ -8,6 +8,7 @@ contradict it.
 
 from __future__ import annotations
 
+import logging
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,9 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_tables import NEAR_SHARED
 from rgbd_slam.places.geometric_verification import PlaceMatch
-from rgbd_slam.places.place_finder import FoundPlace, PlaceFinder
+from rgbd_slam.places.place_finder import Candidate, FoundPlace, PlaceFinder
+
+_logger = logging.getLogger(__name__)
 
 # Not tuned; places_and_loops.md: no false loop with all checks together.
 _AROUND = 10  # neighbors of the matched keyframe whose points confirming keyframes must show
@@ -40,6 +43,7 @@ _RECENT = 10
 # compared.
 _FAR_M = 0.5
 _FAR_RAD = 0.5
+_CONTRADICTED = 'surroundings: the corrected views contradict the map'
 _NOTHING = np.empty(0, np.int64)
 _SEEN_FROM_M = 6.0  # chosen: the farthest that a camera may be from a keyframe and match it
 _MAX_UNCONFIRMED = 5  # latest verified matches that later keyframes may confirm
@@ -120,23 +124,29 @@ class LoopDetector:
         seeing = keyframes.point_of_feature[i] != NO_POINT
         excluded = np.r_[self._connected(i), excluded]
         for c in self._finder.candidates(keyframes.descriptors[i, seeing], excluded):
-            path_m = path_length_m(self._atlas, c, i)
-            match = self._possible_match(i, c, path_m)
-            if match is None:
-                continue
-            support = self._num_confirming_matches(i, c, match)
-            found = _Unconfirmed(
-                int(keyframes.uid[i]), int(keyframes.map_id[c]), match.T_camera_map
-            )
-            self._unconfirmed = [*self._unconfirmed[1 - _MAX_UNCONFIRMED :], found]
-            support += self._num_confirming_neighbors(i, c, match)
-            if support < self._config.min_support:
-                continue
-            found_share = self._found_share(i, c, match, path_m)
-            if found_share is not None:
+            match, doubt = self._compare(i, c)
+            stamp_ns, place_stamp_ns = keyframes.stamp_ns[[i, c]].tolist()
+            is_in_other_map = bool(keyframes.map_id[i] != keyframes.map_id[c])
+            _logger.debug('%s', Candidate(stamp_ns, place_stamp_ns, is_in_other_map, doubt))
+            if match is not None:
                 self._unconfirmed = []
-                return FoundPlace(c, match._replace(found_share=found_share))
+                return FoundPlace(c, match)
         return None
+
+    def _compare(self, i: int, c: int) -> tuple[PlaceMatch | None, str]:
+        """Return the confirmed match of keyframe `i` with candidate `c`, or None and why."""
+        keyframes, path_m = self._atlas.keyframes, path_length_m(self._atlas, c, i)
+        match, doubt = self._possible_match(i, c, path_m)
+        if match is None:
+            return None, doubt
+        support = self._num_confirming_matches(i, c, match)
+        found = _Unconfirmed(int(keyframes.uid[i]), int(keyframes.map_id[c]), match.T_camera_map)
+        self._unconfirmed = [*self._unconfirmed[1 - _MAX_UNCONFIRMED :], found]
+        support += self._num_confirming_neighbors(i, c, match)
+        if support < self._config.min_support:
+            return None, f'support: {support} other keyframes agree'
+        found_share, doubt = self._found_share(i, c, match, path_m)
+        return (None if doubt else match._replace(found_share=found_share)), doubt
 
     def index_places(self) -> None:
         """Index all keyframes that are not indexed yet."""
@@ -146,16 +156,22 @@ class LoopDetector:
         """Return the rotation [rad] and distance [m] by which a loop would move keyframe `i`."""
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
-    def _possible_match(self, i: int, c: int, path_m: float) -> PlaceMatch | None:
+    def _possible_match(self, i: int, c: int, path_m: float) -> tuple[PlaceMatch | None, str]:
         """Verify candidate `c` for keyframe `i`, if the drift is possible on the path."""
         keyframes = self._atlas.keyframes
         apart_m = float(np.linalg.norm(np.subtract(*keyframes.T_map_camera[[i, c], :3, 3])))
         if not self._drift.is_possible(path_m, 0.0, max(apart_m - _SEEN_FROM_M, 0.0)):
-            return None
+            return None, f'drift limit: {apart_m:.2f} m apart after {path_m:.1f} m'
         match = self._finder.verifier.verify(keyframes.frame(i), c)
         if match is None or not self._atlas.guard.is_valid(match.T_camera_map, 'places'):
-            return None
-        return match if self._drift.is_possible(path_m, *self.correction(i, match)) else None
+            return None, self._finder.verifier.doubt or 'geometry: an invalid pose'
+        turn_rad, distance_m = self.correction(i, match)
+        if not self._drift.is_possible(path_m, turn_rad, distance_m):
+            return (
+                None,
+                f'drift limit: {distance_m:.2f} m and {turn_rad:.2f} rad in {path_m:.1f} m',
+            )
+        return match, ''
 
     def _connected(self, i: int) -> IntArray:
         """Return the rows (N,) of covisible and recent keyframes, which are no candidates."""
@@ -200,8 +216,8 @@ class LoopDetector:
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
 
-    def _found_share(self, i: int, c: int, match: PlaceMatch, path_m: float) -> float | None:
-        """Return the found share of the expected map points; None if the loop is rejected.
+    def _found_share(self, i: int, c: int, match: PlaceMatch, path_m: float) -> tuple[float, str]:
+        """Return the found share of the expected map points, and why the loop is rejected, or ''.
 
         The drift between different maps is unknown: two maps are merged only if the match has more
         points and the surroundings do not contradict it. Within a map, a correction by 0.5 m or
@@ -213,25 +229,25 @@ class LoopDetector:
         keyframes = self._atlas.keyframes
         if keyframes.map_id[i] != keyframes.map_id[c]:
             if len(match.k) < self._config.merge_inliers:
-                return None
+                return 0.0, f'geometry: {len(match.k)} points are too few to merge maps'
             corrected = self._surroundings.corrected_views(i, c, match)
-            return None if corrected.contradict else corrected.found_share
+            return corrected.found_share, _CONTRADICTED if corrected.contradict else ''
         turn_rad, distance_m = self.correction(i, match)
         found_share = match.found_share
         if distance_m >= _FAR_M or turn_rad >= _FAR_RAD:
             corrected = self._surroundings.corrected_views(i, c, match)
             if corrected.contradict:
-                return None
+                return 0.0, _CONTRADICTED
             current = self._surroundings.current_views(i, c)
             if current is CurrentViews.MATCH:
-                return None
+                return 0.0, 'surroundings: the views match the map where they are'
             is_only_place = corrected.agree_beyond_a_room or distance_m < _APART_M
             is_certain = is_only_place and current is CurrentViews.CONTRADICT
             if not (is_certain or self._drift.is_usual(path_m, turn_rad, distance_m)):
-                return None
+                return 0.0, f'drift limit: {distance_m:.2f} m are unusual in {path_m:.1f} m'
             found_share = corrected.found_share
         self._drift.learn(path_m, turn_rad, distance_m)
-        return found_share
+        return found_share, ''
 
 
 def _are_same(T_camera_map: FloatArray, expected: FloatArray) -> bool:

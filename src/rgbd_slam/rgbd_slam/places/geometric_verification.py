@@ -83,6 +83,12 @@ class PlaceEvidence(NamedTuple):
     num_known: float
     num_known_found: int
 
+    def __str__(self) -> str:
+        return (
+            f'{100 * self.found_share:.0f} % of {self.num_expected:.0f} expected points found, '
+            f'{100 * self.contradicted_share:.0f} % contradicted'
+        )
+
 
 class Visibility(NamedTuple):
     """Which of N points in the view of an image could be found in it, and which it contradicts."""
@@ -104,6 +110,7 @@ class PlaceVerifier:
         self._camera = camera
         self._config = config
         self._seed = seed
+        self.doubt = ''  # why the last image that was compared does not show the place
 
     def verify(self, frame: Frame, candidate: int) -> PlaceMatch | None:
         """Return the pose of a frame if it shows the place of the keyframe in row `candidate`."""
@@ -113,6 +120,7 @@ class PlaceVerifier:
         scale = self._atlas.octave_scale
         alignment = align_image(frame, matches.k, points_m, scale, self._camera, rng)
         if alignment is None:
+            self.doubt = f'too few matches: no pose fits 15 of {len(matches.k)} matching features'
             return None
         around = self._atlas.covisible(candidate, limit=self._config.neighbors)
         return self.search(frame, alignment.T_camera_points, np.r_[candidate, around])
@@ -123,11 +131,14 @@ class PlaceVerifier:
         """Return the pose of a frame near T_camera_map if it shows keyframes' (K,) points."""
         points = self._atlas.points_of(keyframes)
         found = self._found(frame, T_camera_map, points)
-        if found is None or len(found.k) < self._config.min_inliers:
+        num_found = 0 if found is None else len(found.k)
+        if found is None or num_found < self._config.min_inliers:
+            self.doubt = f'geometry: {num_found} points of the map were found'
             return None
         evidence = self._evidence(frame, found.T_camera_map, found.j, points)
         is_same = evidence.found_share >= self._config.min_found_share
         is_same &= evidence.contradicted_share <= self._config.max_contradicted_share
+        self.doubt = '' if is_same else f'geometry: {evidence}'
         return found._replace(found_share=min(evidence.found_share, 1.0)) if is_same else None
 
     def compare(

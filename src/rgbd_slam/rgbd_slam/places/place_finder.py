@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import ByteArray, IntArray
+from hoid_common.values import S_PER_NS, ByteArray, IntArray
 from rgbd_slam.config.place_config import PlaceConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
@@ -17,6 +18,8 @@ from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
 from rgbd_slam.places.place_index import PlaceIndex, make_place_index
 from rgbd_slam.places.pose_hint import PoseHint
 
+_logger = logging.getLogger(__name__)
+
 _AMBIGUOUS_M = 0.3  # not tuned: verified poses farther apart than this are two places
 
 
@@ -25,6 +28,22 @@ class FoundPlace(NamedTuple):
 
     keyframe: int  # row of the candidate
     match: PlaceMatch
+
+
+class Candidate(NamedTuple):
+    """A keyframe that resembles an image, and the result of comparing them; for the log."""
+
+    stamp_ns: int  # of the image
+    place_stamp_ns: int  # of the keyframe
+    is_in_other_map: bool  # a map that the image is not tracked in
+    doubt: str  # why the image does not show its place, with the kind of reason before a colon
+
+    def __str__(self) -> str:
+        where = ', in another map' if self.is_in_other_map else ''
+        return (
+            f'image {S_PER_NS * self.stamp_ns:.3f} and keyframe '
+            f'{S_PER_NS * self.place_stamp_ns:.3f}{where}: {self.doubt or "the same place"}'
+        )
 
 
 class PlaceFinder:
@@ -114,8 +133,14 @@ class PlaceFinder:
     def _unambiguous_place(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
         """Return the verified place with most inliers, unless another one has about as many."""
         candidates = self.candidates(frame.descriptors, excluded)
-        tried = [(i, self.verifier.verify(frame, i)) for i in candidates]
-        places = [FoundPlace(i, match) for i, match in tried if match is not None]
+        places = []
+        for i in candidates:
+            match = self.verifier.verify(frame, i)
+            place_stamp_ns = int(self._atlas.keyframes.stamp_ns[i])
+            found = Candidate(frame.stamp_ns, place_stamp_ns, True, self.verifier.doubt)
+            _logger.debug('%s', found)
+            if match is not None:
+                places.append(FoundPlace(i, match))
         if not places:
             return None
         best = max(places, key=lambda place: len(place.match.k))

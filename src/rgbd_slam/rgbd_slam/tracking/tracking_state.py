@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import logging
 from enum import Enum
 
 import numpy as np
@@ -16,6 +17,8 @@ from rgbd_slam.matching.covered_view import is_view_covered
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.tracked_frame import TrackedFrame
+
+_logger = logging.getLogger(__name__)
 
 # Chosen: of a gap between two images, at most this time counts as lost; in a longer gap there was
 # no image in which the camera could have been found.
@@ -52,6 +55,9 @@ class TrackingState(Enum):
     BRIDGED = 'bridged'  # not tracked; the gyro continues the pose, which is recorded
     DEAD_RECKONED = 'dead reckoned'  # not tracked; external odometry continues the pose
     LOST = 'lost'  # no pose
+
+
+_TRACKED = TrackingState.ON_MAP, TrackingState.OFF_MAP
 
 
 class TrackingStates:
@@ -130,6 +136,8 @@ class TrackingStates:
         A motion source may continue the pose, which is recorded if it is as accurate as a tracked
         one.
         """
+        if self.state in _TRACKED:
+            _logger.debug('image %.3f: too few map points are seen', self._newest_s)
         self.state = TrackingState.DEAD_RECKONED if is_followed else TrackingState.LOST
         if is_recorded:
             self.state = TrackingState.BRIDGED
@@ -140,6 +148,7 @@ class TrackingStates:
 
         The wait for the next map is doubled; it is reset once 15 images were tracked in this one.
         """
+        _logger.debug('image %.3f: a new map starts', self._newest_s)
         self._end_loss(TrackingState.ON_MAP)
         self._num_tracked = 0
         self._wait_s *= 2
@@ -168,7 +177,13 @@ class TrackingStates:
             has_features and (is_late or not is_blur) and not (self._was_covered and is_covered)
         )
 
+    @property
+    def _newest_s(self) -> float:
+        return S_PER_NS * (self._newest_ns or 0)
+
     def _end_loss(self, state: TrackingState) -> None:
+        if self.state not in _TRACKED and self._lost_ns:
+            _logger.debug('image %.3f: tracked after %.2f s', self._newest_s, self.lost_s)
         self.state = state
         self._lost_ns = self._num_lost = self.num_bridged = 0
 
