@@ -125,7 +125,7 @@ def test_a_map_that_was_stopped_or_reset_is_kept_and_not_resumed(
     node.stop()
     (_, second) = kept_maps(folder)
     assert len(map_file.load(second).map) == 1
-    assert f'map of 1 keyframes kept as {second}; load it' in log_of(tmp_path)
+    assert f'map of 1 keyframe kept as {second}; load it' in log_of(tmp_path)
     node = run()
     peer.await_ready()
     status = peer.send(30)

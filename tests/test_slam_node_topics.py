@@ -303,5 +303,5 @@ def test_the_log_tells_when_tracking_begins_is_lost_and_is_found_again(
     assert changes == [
         'tracking has begun',
         'tracking is lost',
-        'tracking was found again after 3 images',
+        'tracking was recovered after 3 images',
     ]

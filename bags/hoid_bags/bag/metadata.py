@@ -41,10 +41,12 @@ class BagMetadata(NamedTuple):
             found[connection.topic, connection.msgtype] += connection.msgcount
         if wrong := sorted((+found).items() ^ (+self.num_messages).items()):
             (topic, _), _ = wrong[0]
-            raise InputError(f'{self.path}: contradicts the files about {topic}')
+            raise InputError(
+                f'{self.path}: has another number of messages of {topic} than the files'
+            )
         error_ns = max(abs(self.first_ns - first_ns), abs(self.last_ns - last_ns))
         if found.total() and error_ns > _MAX_TIME_ERROR_NS:
-            raise InputError(f'{self.path}: contradicts the files about the times of messages')
+            raise InputError(f'{self.path}: has other times of messages than the files')
 
 
 def read_metadata(folder: Path) -> BagMetadata | None:

@@ -103,7 +103,7 @@ class VideoDecoder:
 
 
 class VideoFile:
-    """The images of a video file, to be read in their order; InputError if it is none."""
+    """A video file whose images are read in their order. Raises InputError if it is no video."""
 
     def __init__(self, path: Path) -> None:
         self._av = _import_av(f'{path}: is video')

@@ -1,4 +1,4 @@
-"""Exceptions of the suite. Their text is one line: what is wrong, where, and what to do."""
+"""Exceptions and texts. The text of an error is one line: what is wrong, where, what to do."""
 
 # Numbers of characters that are kept of the beginning and the end of a text that is longer than
 # both together. Chosen: 11 to 12 lines of a terminal with 80 columns.
@@ -18,6 +18,11 @@ class HoidError(Exception):
         head = _printable(text[:_HEAD_CHARS])[:_HEAD_CHARS]
         tail = _printable(text[-_TAIL_CHARS:])[-_TAIL_CHARS:]
         return f'{head} ... {tail}'
+
+
+def counted(number: int, noun: str) -> str:
+    """Return a number with its noun, such as "1 keyframe" and "2 keyframes"."""
+    return f'{number} {noun}' if number == 1 else f'{number} {noun}s'
 
 
 def _printable(text: str) -> str:

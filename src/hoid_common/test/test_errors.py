@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hoid_common.errors import ConfigError, HoidError, InputError
+from hoid_common.errors import ConfigError, HoidError, InputError, counted
 
 
 @pytest.mark.parametrize('text', ['a: b "\u00e9t\u00e9"', '', 'x' * 900])
@@ -28,3 +28,8 @@ def test_a_long_text_keeps_its_beginning_and_end() -> None:
 
 def test_an_error_can_wrap_another_error() -> None:
     assert str(HoidError(OSError(28, 'No space'))) == '[Errno 28] No space'
+
+
+@pytest.mark.parametrize(('number', 'text'), [(0, '0 maps'), (1, '1 map'), (2, '2 maps')])
+def test_a_noun_after_one_is_singular(number: int, text: str) -> None:
+    assert counted(number, 'map') == text

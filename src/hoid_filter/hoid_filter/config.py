@@ -24,7 +24,7 @@ UNFILTERED, STOP = 'unfiltered', 'stop'
 
 @dataclass(frozen=True)
 class ExtractionConfig(Config):
-    """ORB extraction."""
+    """Parameters of the extraction of ORB features."""
 
     num_features: int = param(
         1000,  # ORB-SLAM3, TUM1.yaml

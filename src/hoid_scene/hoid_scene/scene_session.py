@@ -63,7 +63,9 @@ class SceneSession:
             MapFileError: The file cannot be written.
         """
         if self.known is None or saved.session != self.known.session:
-            raise InputError('the scene is of another map: its keyframes have not arrived yet')
+            raise InputError(
+                'the keyframes of this map have not arrived at hoid_scene yet; try again'
+            )
         scene = SavedScene()
         if self.mapper is not None:
             self.mapper.correct(saved.keyframes)

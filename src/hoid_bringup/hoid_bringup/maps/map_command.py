@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hoid_common.errors import ConfigError, MapFileError
+from hoid_common.errors import ConfigError, MapFileError, counted
 from hoid_common.io.files import check_writable
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
@@ -90,7 +90,7 @@ def _merge(args: argparse.Namespace) -> None:
     map_file.save(args.out, joined.content)
     scene_file.add_to_file(args.out, scene.scene)
     size = args.out.stat().st_size
-    _print(f'{args.out}: {len(joined.content.map)} keyframes, {size / _MB:.1f} MB')
+    _print(f'{args.out}: {counted(len(joined.content.map), "keyframe")}, {size / _MB:.1f} MB')
 
 
 def _remove_loop(args: argparse.Namespace) -> None:
@@ -126,7 +126,7 @@ def _described(path: Path, content: MapFile) -> Iterable[str]:
         f'keyframes  {len(state)}, over {" x ".join(f"{side:.1f}" for side in extent_m)} m',
         f'points     {len(state.position_m)}',
         f'camera     {camera.width_px}x{camera.height_px}, {lens}',
-        f'dense map  {len(scene.dense)} voxels' if scene.dense else 'dense map  none',
+        f'dense map  {counted(len(scene.dense), "voxel")}' if scene.dense else 'dense map  none',
     ]
     if scene.objects is not None:
         found = find(saved_objects(scene, content.keyframes(), content.camera), ObjectQuery())

@@ -75,8 +75,8 @@ class Inputs:
     def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
         """Subscribe to the camera_info of the color images.
 
-        The name of the images' topic decides whether they are rectified; if that is doubtful,
-        there is a problem.
+        The name of the images' topic decides whether they are rectified; a doubtful name is
+        reported in the diagnostics.
         """
 
         def on_camera_info(msg: CameraInfo) -> None:
@@ -158,8 +158,8 @@ class Inputs:
     ) -> None:
         """Subscribe to a topic.
 
-        `what` are the messages in the plural. Missing messages of an occasional topic are no
-        problem; one message of a latched topic is enough, which may have been published earlier.
+        `what` names the messages in log lines, in the plural. Missing messages are reported,
+        but for an occasional topic, and for a latched one that has sent a message.
         Reliability and queue length are those of the parameters by default.
         """
         config, full_name = self._config, self._node.resolve_topic_name(topic)
@@ -333,7 +333,10 @@ class Synchronizer:
         self._diagnostics = diagnostics
 
     def input(self, name: str, convert: Callable[[Any], Any]) -> Callable[[Any], None]:
-        """Return the subscription callback of a stream; `convert` runs before matching."""
+        """Return the callback of one of the streams that are matched by stamps.
+
+        `convert` makes a value of a message; matches have these values.
+        """
 
         def on_message(msg: Any) -> None:
             value = Stamped(msg.header, convert(msg))

@@ -208,7 +208,9 @@ class FinishedDecoder:
                 'class_names_file or class_ids, or the parameter "layout"'
             )
         if self.has_answered and str(formats[0]) != str(self.formats[0]):
-            _LOG.warning('detector: earlier boxes were misread, now: %s', formats[0])
+            _LOG.warning(
+                'detector: earlier boxes were read in a wrong layout; it is now %s', formats[0]
+            )
         self.formats = formats
         found = plausible[formats[0].order]
         self.has_answered |= bool((found.scores >= threshold).any())

@@ -145,10 +145,10 @@ def _is_class_table(name: str, output: NDArray[Any]) -> bool:
 
 
 def is_no_object_last(logits: NDArray[Any]) -> bool:
-    """Return whether logits (1, N, C) of noise are of a softmax that ends with "no object".
+    """Return whether the last of C classes is "no object", by the logits (1, N, C) for noise.
 
-    Such a network finds "no object" in noise; one with a sigmoid per class has no strong class
-    there.
+    In an image of noise, a network with that class (a softmax) finds it; one with a sigmoid per
+    class finds none.
     """
     is_last = logits.argmax(axis=-1) == logits.shape[-1] - 1
     return 2 * int(np.count_nonzero(is_last)) > int(is_last.size)

@@ -160,7 +160,10 @@ class ObjectCamera:
 
 
 def edge_m(depth_m: Float32Array) -> Float32Array:
-    """Return the difference (..) from a neighboring depth from which on there is an edge."""
+    """Return the depth difference [m] of neighboring pixels from which on there is an edge.
+
+    It grows with the depth, and has the shape of `depth_m`.
+    """
     return _EDGE_SLOPE * depth_m + _EDGE_NOISE * NOISE_PER_M2 * depth_m * depth_m
 
 

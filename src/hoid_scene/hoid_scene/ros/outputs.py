@@ -259,7 +259,7 @@ class SceneOutputs:
     def publish_expected(
         self, expected: Detections, header: Header, image_size_px: tuple[int, int]
     ) -> None:
-        """Publish where an image with this header should show known objects, if it is wanted."""
+        """Publish the boxes in which an image should show known objects, if it has subscribers."""
         self._publish_wanted((EXPECTED_OUTPUT,), expected, header, image_size_px)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:

@@ -10,7 +10,7 @@ from hoid_msgs.srv import AddToMap, FindObjects, ForgetObject, SaveMap
 from rclpy.node import Node
 
 from hoid_common import topics
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, counted
 from hoid_common.ros import conversions
 from hoid_common.ros.conversions.slam import keyframe_poses_from_msg
 from hoid_common.ros.diagnostics import Diagnostics
@@ -51,7 +51,7 @@ class SceneServices:
         mapper, path = self._dense(request, CLOUD)
         cloud = mapper.cloud()
         write_whole(path, lambda aside: write_ply(aside, cloud))
-        return f'{len(cloud.points_m)} points written to {path}'
+        return f'{counted(len(cloud.points_m), "point")} written to {path}'
 
     def _save_grid(self, request: SaveMap.Request) -> str:
         mapper, path = self._dense(request, GRID)
@@ -80,7 +80,7 @@ class SceneServices:
         objects = () if mapper is None else mapper.mapped_objects()
         text = objects_yaml(objects, self._outputs.frame)
         write_whole(path, lambda aside: aside.write_text(text, encoding='utf-8'))
-        return f'{len(objects)} objects written to {path}'
+        return f'{counted(len(objects), "object")} written to {path}'
 
     def _find(self, request: Any, response: Any) -> str:
         query = query_from_msg(request)
@@ -90,7 +90,7 @@ class SceneServices:
         found = [] if mapper is None else find(mapper.mapped_objects(tentative=True), query)
         response.header = conversions.header_to_msg(self._session.stamp_ns, self._outputs.frame)
         response.objects = [mapped_object_to_msg(item) for item in found]
-        return f'{len(found)} objects'
+        return counted(len(found), 'object')
 
     def _forget(self, request: Any) -> str:
         self._require_object_map()
@@ -107,7 +107,9 @@ class SceneServices:
 
     def _require_object_map(self) -> None:
         if not self._config.object_map.enabled:
-            raise InputError('the object map is off here: object_map.enabled is false')
+            raise InputError(
+                'there is no object map: start hoid_scene with object_map.enabled=true'
+            )
 
 
 def query_from_msg(request: Any) -> ObjectQuery:

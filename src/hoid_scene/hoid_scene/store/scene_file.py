@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.errors import MapFileError
+from hoid_common.errors import MapFileError, counted
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.store.checks import require
 from hoid_common.store.database import Database
@@ -39,8 +39,8 @@ class SavedScene(NamedTuple):
     @property
     def summary(self) -> str:
         voxels = 0 if self.dense is None else len(self.dense)
-        text = f'{voxels} voxels of the dense map'
-        return text if self.objects is None else f'{text}, {len(self.objects)} objects'
+        text = f'{counted(voxels, "voxel")} of the dense map'
+        return text if self.objects is None else f'{text}, {counted(len(self.objects), "object")}'
 
     def renamed(self, uids: IntArray, new_uids: IntArray) -> SavedScene:
         """Return the scene with other uids of the keyframes."""

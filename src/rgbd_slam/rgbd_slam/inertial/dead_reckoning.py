@@ -84,9 +84,9 @@ class Path(NamedTuple):
         return float(np.sqrt(np.mean(squares))) if len(squares) >= _MIN_TRIALS else None
 
     def reckoned(self, origin: int, later: slice, scale: float = 1.0) -> Reckoned | None:
-        """Predict later positions from the tracked ones up to an index, if these suffice.
+        """Predict the positions of the frames `later` from the tracked ones up to `origin`.
 
-        The variances are multiplied by `scale`.
+        None: too few frames are tracked before. The variances are multiplied by `scale`.
         """
         if not self._is_enough(origin):
             return None

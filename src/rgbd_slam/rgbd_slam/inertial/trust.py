@@ -162,7 +162,10 @@ class Trust:
         return self.uses_accelerometer
 
     def compare_positions(self, trial_error: float | None) -> None:
-        """Store the error of dead reckoning in trials; see `Path.trial_error`."""
+        """Store whether the accelerometer agrees with the tracked positions.
+
+        `trial_error` is the error of dead reckoning over past seconds (`Path.trial_error`).
+        """
         self.agrees = None if trial_error is None else trial_error <= _MAX_TRIAL_ERROR
         self._note('accelerometer', is_doubted=self.agrees is False)
 
@@ -172,7 +175,7 @@ class Trust:
             self.say(self.problem)
 
     def say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:
-        """Store a text for `take_news`, but only the first one of a kind (default: the text)."""
+        """Store a text for `take_news`, once for each `kind` (default: the text itself)."""
         self._said.setdefault(kind or text, News(text, is_problem))
 
     @property

@@ -59,7 +59,7 @@ class Join(NamedTuple):
 
     @property
     def event(self) -> LoopEvent:
-        """Return what the loop has done."""
+        """Return the kind of the event: a loop was closed, or maps were merged."""
         return LoopEvent(self.edge.kind)
 
     def __str__(self) -> str:

@@ -137,7 +137,8 @@ class _Hypothesis(NamedTuple):
 class PoseConsensus:
     """Estimates the pose of one image from matches of which some may be on moving objects.
 
-    The camera has its measured noise, and the prior holds for each hypothesis.
+    `camera` has the noise that was measured in the images. A `prior` of the pose, such as that
+    of a gyro, is used in the fit of each hypothesis.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
-from hoid_common.errors import HoidError
+from hoid_common.errors import HoidError, counted
 from hoid_common.ros.diagnostics import Diagnostics
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
@@ -216,7 +216,7 @@ class CheckpointThread:
 
     def _report(self, num_keyframes: int, took_s: float, longest_s: float) -> None:
         text = (
-            f'{num_keyframes} keyframes written in {took_s:.2f} s, copied in at most '
+            f'{counted(num_keyframes, "keyframe")} written in {took_s:.2f} s, copied in at most '
             f'{_MS * longest_s:.1f} ms each'
         )
         self._diagnostics.set_value(_VALUE, text)

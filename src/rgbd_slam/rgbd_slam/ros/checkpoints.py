@@ -11,7 +11,7 @@ from threading import Thread
 
 from rclpy.node import Node
 
-from hoid_common.errors import HoidError, MapFileError
+from hoid_common.errors import HoidError, MapFileError, counted
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.slam_status import SlamMode, SlamState
 from hoid_common.values import NS_PER_S
@@ -95,7 +95,7 @@ class Checkpoints:
         self._thread.is_paused = self._thread.continues_stored = True
         self._logger.warning(
             f'SLAM ended unexpectedly {away_ns / NS_PER_S:.1f} s ago: relocalizing the camera in '
-            f'its map of {len(stored.map)} keyframes'
+            f'its map of {counted(len(stored.map), "keyframe")}'
         )
         return True
 
@@ -128,8 +128,8 @@ class Checkpoints:
             return
         if number := len(session.map.atlas.keyframes):
             self._logger.warning(
-                f'map of {number} keyframes is not kept, because the node stores none '
-                '(checkpoint_period_s is 0, or it began in localization): call save_map before'
+                f'map of {counted(number, "keyframe")} is not kept, because the node stores none '
+                '(checkpoint_period_s is 0, or it began in localization): call save_map first'
             )
 
     def copy_to(self, path: Path) -> bool:

@@ -15,7 +15,7 @@ from hoid_msgs.srv import LoadMap, SaveMap, SaveTrajectory, SetMode
 from rclpy.node import Node
 
 from hoid_common import topics
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, counted
 from hoid_common.io.tum_text import write_tum_parts
 from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.execution.service_handlers import ServiceHandlers
@@ -203,7 +203,7 @@ class MapServices:
 
 def _summary(content: MapFile) -> str:
     keyframes, points = len(content.map), len(content.map.position_m)
-    summary = f'{keyframes} keyframes and {points} points'
+    summary = f'{counted(keyframes, "keyframe")} and {counted(points, "point")}'
     sizes = np.sort(np.bincount(content.map.map_id))[::-1]
     if len(sizes) > 1:
         summary += (

@@ -80,8 +80,8 @@ class SessionLifecycle:
     def configure(self) -> None:
         """Read the map file to start with, if one is configured.
 
-        If it cannot be read, but there is the checkpoint of a killed node, the error ends the node
-        only if that is not resumed when the session starts.
+        If it cannot be read, but a killed node has left a checkpoint, that is resumed instead
+        when the session starts; the error ends the node only if this fails as well.
 
         Raises:
             HoidError: The map file cannot be read, or localization is configured without one.

@@ -7,6 +7,7 @@ import time
 import numpy as np
 from rclpy.node import Node
 
+from hoid_common.errors import counted
 from hoid_common.slam_status import SlamState, SlamStatus
 
 _PERIOD_S = 10.0  # chosen: often enough to see that the node works, and not too many lines
@@ -37,7 +38,7 @@ class TrackingLog:
             self._logger.info('tracking has begun')
         elif now is SlamState.TRACKING and was is SlamState.LOST:
             number = status.frames_processed - self._lost_at
-            self._logger.info(f'tracking was found again after {number} images')
+            self._logger.info(f'tracking was recovered after {counted(number, "image")}')
         elif now is SlamState.LOST and was is SlamState.TRACKING:
             self._lost_at = status.frames_processed
             self._logger.info(f'tracking is lost: {status.message}')
@@ -52,6 +53,6 @@ class TrackingLog:
         if self._track_ms:
             self._logger.info(
                 f'tracking, {len(self._track_ms) / elapsed_s:.1f} Hz, '
-                f'{np.median(self._track_ms):.0f} ms, {status.keyframes} keyframes'
+                f'{np.median(self._track_ms):.0f} ms, {counted(status.keyframes, "keyframe")}'
             )
         self._since_s, self._track_ms = time.monotonic(), []

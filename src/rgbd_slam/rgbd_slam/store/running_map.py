@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from time import strftime
 
-from hoid_common.errors import MapFileError
+from hoid_common.errors import MapFileError, counted
 from hoid_common.io.untrusted import expand_home
 from hoid_common.store.database import SUFFIX, Database, OwnerLock, kept, side_files
 from rgbd_slam.model.atlas import Atlas
@@ -76,7 +76,7 @@ class RunningMap:
         with suppress(MapFileError):  # of a damaged map, the journal is renamed as well
             Database.open(self.path, [], is_own=True).finish()
         path = kept(self.path, self.path.with_name(strftime(f'{_KEPT}%Y%m%d-%H%M%S{SUFFIX}')))
-        what = 'unreadable map' if count is None else f'map of {count} keyframes'
+        what = 'unreadable map' if count is None else f'map of {counted(count, "keyframe")}'
         return (
             f'{what} kept as {path}; load it with load_map or map_file, by the name {path.stem}. '
             + self._all_kept()

@@ -107,8 +107,8 @@ class RollingShutter:
     def add(self, view: MovingView, atlas: Atlas, camera: StereoCamera) -> None:
         """Update the estimated readout time with a tracked image.
 
-        From the first image on whose rotation a gyro has measured, such images are compared with
-        the one before the last; until then, the residuals of points with depth are used.
+        Without a gyro, the residuals of points with depth are used. Once a gyro has measured the
+        rotation of an image, only such images are used, each compared with the second one before.
         """
         if view.is_measured:
             self._add_pair(view, camera, atlas.octave_scale)
