@@ -1,9 +1,15 @@
+import os
 from pathlib import Path
 
 import pytest
 
 from hoid_common.errors import InputError
-from hoid_common.process.shared_memory import check_shared_memory, shared_memory_problem
+from hoid_common.process.shared_memory import (
+    check_shared_memory,
+    full_profile,
+    reduce_own_segment,
+    shared_memory_problem,
+)
 
 PROFILE = Path(__file__).parents[1] / 'config/fastdds_profile.xml'
 MANY = 10**9
@@ -38,3 +44,26 @@ def test_without_a_configured_segment_there_is_no_problem(
     monkeypatch.setenv(name, value)
     check_shared_memory(MANY)
     assert shared_memory_problem() == ''
+
+
+@pytest.mark.parametrize('name', ['fastdds_profile.xml', 'fastdds_network_profile.xml'])
+def test_a_node_has_a_smaller_segment_than_a_camera(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    profile = PROFILE.with_name(name)
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+    monkeypatch.setenv('HOID_FULL_PROFILES_FILE', '')
+    reduce_own_segment()
+    given = Path(os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']).read_text()
+    assert given == profile.read_text().replace('>33554432<', '>8388608<')
+    assert full_profile() == str(profile)  # for the publishers of images
+
+
+def test_a_profile_of_the_user_is_left_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = tmp_path / 'profile.xml'
+    other.write_text(PROFILE.read_text().replace('"hoid"', '"mine"'))
+    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(other))
+    reduce_own_segment()
+    assert os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] == full_profile() == str(other)

@@ -13,6 +13,7 @@ from hoid_common.errors import ConfigError
 from hoid_common.process.child_process import preload
 from hoid_common.process.limits import require_node_limits
 from hoid_common.process.output import relay_output
+from hoid_common.process.shared_memory import reduce_own_segment
 from hoid_common.process.signals import NODE_END_SIGNALS
 
 EXIT_INTERRUPTED = 128 + signal.SIGINT
@@ -46,6 +47,7 @@ def start(module: str) -> NoReturn:
         sys.stderr.write(f'error: {error}\n')
         sys.exit(EXIT_CONFIG)
     relay_output()
+    reduce_own_segment()
     node = import_module(module)
     if children := getattr(import_module(module.partition('.')[0]), 'CHILD_MODULES', ()):
         preload(*children)

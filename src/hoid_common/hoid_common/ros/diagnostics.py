@@ -21,7 +21,7 @@ from hoid_common import topics
 from hoid_common.errors import HoidError
 from hoid_common.inputs.input_watch import InputLog, InputWatch
 from hoid_common.log_throttle import Backoff, LogThrottle
-from hoid_common.process.shared_memory import PROFILE_VARIABLE, uses_fast_dds
+from hoid_common.process.shared_memory import full_profile, uses_fast_dds
 from hoid_common.ros import qos
 
 _PERIOD_S = 1.0  # of the messages; diagnostic_updater's default
@@ -224,7 +224,7 @@ def _transport_profile() -> str:
     """Return the path of the profile that Fast DDS uses, or else of the suite's; or ''."""
     if not uses_fast_dds():
         return ''
-    if given := os.environ.get(PROFILE_VARIABLE):
+    if given := full_profile():
         return given
     try:
         share = get_package_share_directory('hoid_common')
