@@ -23,7 +23,7 @@ from hoid_benchmarks.publish.pages import (
     write_pages,
     written_pages,
 )
-from hoid_benchmarks.publish.results_file import Kept, Row, keep, read_kept
+from hoid_benchmarks.publish.results_file import Kept, Row, keep, read_kept, write_kept
 from hoid_benchmarks.report.views import make_table, with_commits
 from hoid_common.errors import InputError
 
@@ -195,6 +195,18 @@ def test_a_page_selects_columns_and_says_equal_ones_once(root: Path, plan: Plan)
     assert 'In all rows: coverage 1.000.\n\n| filter | RMSE [m] |\n' in text
     with pytest.raises(InputError, match='no column tilt among'):
         rewritten(page.replace('filter', 'tilt'), root)
+
+
+def test_rows_that_differ_in_their_variant_only_are_one_row(root: Path) -> None:
+    rows = (
+        Row(('x', '0.1'), 'c1, c2', 'M'),
+        Row(('y', '0.2'), 'c1', 'M'),
+        Row(('z', '0.2'), 'c1', 'M'),
+    )
+    write_kept(results_path(root, 'tiny'), {'one': Kept(('variant', 'ATE'), rows)})
+    lines = rewritten(PAGE.replace('one two', 'one'), root).splitlines()
+    assert [line for line in lines if line[:3] == '| `'] == ['| `x` | 0.1 |', '| `y`; `z` | 0.2 |']
+    assert 'Made at commits c1, c2, on M.' in lines
 
 
 def test_an_experiment_that_is_not_complete_stays_as_it_was(root: Path, plan: Plan) -> None:

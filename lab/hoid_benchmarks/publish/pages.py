@@ -155,7 +155,10 @@ def _table(kept: Sequence[Kept]) -> str:
 
 
 def _table_without_constants(columns: Sequence[str], rows: Sequence[Row]) -> str:
-    """Return a table without the columns that are equal in all rows, which are said before it."""
+    """Return a table without columns that are equal in all rows, which are said before it.
+
+    Rows that differ in their first cell only are one row, with all first cells.
+    """
     cells = [row.cells for row in rows]
     same = [len(rows) > 1 and len(set(column)) == 1 for column in zip(*cells, strict=True)]
     said = [
@@ -163,7 +166,11 @@ def _table_without_constants(columns: Sequence[str], rows: Sequence[Row]) -> str
     ]
     kept = [k for k, is_same in enumerate(same) if not is_same]
     heads = [columns[k] for k in kept]
-    table = markdown_table(heads, [[row[k] for k in kept] for row in cells])
+    names: dict[tuple[str, ...], list[str]] = {}
+    for name, *others in ([row[k] for k in kept] for row in cells):
+        names.setdefault(tuple(others), []).append(name)
+    merged = [('; '.join(same), *others) for others, same in names.items()]
+    table = markdown_table(heads, merged)
     return (f'In all rows: {", ".join(said)}.\n\n' if said else '') + table
 
 
@@ -174,7 +181,7 @@ def _written(column: str, cell: str) -> str:
 
 
 def _made(rows: Sequence[Row], verb: str = 'Made') -> str:
-    commits = sorted({row.commit for row in rows})
+    commits = sorted({commit for row in rows for commit in row.commit.split(', ')})
     machines = '; '.join(sorted({row.machine for row in rows} - {''}))
     of = f'at commit {commits[0]}' if len(commits) == 1 else f'at commits {", ".join(commits)}'
     return f'{verb} {of}, on {machines}.' if machines else f'{verb} {of}.'
