@@ -44,9 +44,9 @@ class DetectorConfig(Config):
     # As in YOLOv5's detect.py.
     nms_iou: float = param(
         0.45,
-        'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which the '
-        'box of lower score is removed. Raise it when one of two people side by side is lost; '
-        'lower it when one person gets two boxes.',
+        'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which '
+        'the box of lower score is removed. Raise it when one of two people side by side is '
+        'lost; lower it when a person gets two boxes.',
         limits=(0.0, 1.0),
         read_only=False,
         expert=True,
@@ -120,16 +120,15 @@ class DetectorConfig(Config):
     )
     color_order: str = param(
         AUTO,
-        'Order of the color channels in the network input. Set it when a model of another order '
-        'than usual for its layout detects little.',
+        'Order of the color channels in the network input. Set it when a model detects little.',
         choices=(AUTO, 'rgb', 'bgr'),
         expert=True,
     )
     value_range: str = param(
         AUTO,
-        'Range of the values in the network input: 0 to 1 (unit), 0 to 255 (byte), or 0 to 1 '
-        'standardized by the mean and deviation of ImageNet (imagenet). Set it when a model of '
-        'another range than usual for its layout detects little or nothing.',
+        'Range of the values in the network input: 0 to 1 (unit), 0 to 255 (byte), or '
+        'standardized by mean and deviation of ImageNet (imagenet). Set it when a model detects '
+        'little or nothing.',
         choices=(AUTO, *VALUE_RANGES),
         expert=True,
     )

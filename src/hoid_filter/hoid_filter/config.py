@@ -60,16 +60,16 @@ class PlusConfig(Config):
     coast_s: float = param(
         0.4,  # chosen: 12 images at 30 Hz; docs/results/ablation.md, masks
         'Longest time for which hoid+ predicts the box of a person or a handled object that the '
-        'detector misses (s). Raise it when people are missed for longer, lower it when features '
-        'are removed where nobody is; set it to 0 for a detector that misses nobody.',
+        'detector misses (s). Raise it when people are missed for longer, lower it when '
+        'features are removed where nobody is.',
         limits=(0.0, 10.0),
         read_only=False,
     )
     doubt_large_people: bool = param(
         default=True,  # docs/results/ablation.md, false_every
-        description='Whether hoid+ ignores a person with a score below 0.5 whose box covers more '
-        'than 0.4 of the image, until the person was detected four times in a row. Set it to '
-        'false when a person close to the camera is noticed too late.',
+        description='Whether hoid+ ignores a person with a score below 0.5 whose box covers '
+        'more than 0.4 of the image, until the fourth detection in a row. Set it to false when '
+        'a person close to the camera is noticed too late.',
         read_only=False,
     )
     doubt_in_turns: bool = param(
@@ -89,8 +89,8 @@ class PlusConfig(Config):
     keep_background: bool = param(
         default=True,  # docs/results/ablation.md, carry-screen
         description='Whether hoid+ masks only those pixels of a dynamic box whose depth is near '
-        'that of the person or object. Set it to false for a camera with poor depth; then the '
-        'whole box is masked, as in the HOID paper.',
+        'that of the person or object. Set it to false for a camera with poor depth, to mask '
+        'the whole box as in the HOID paper.',
         read_only=False,
     )
 
@@ -164,10 +164,10 @@ class FilterConfig(Config):
 
     strategy: str = param(
         'hoid+',  # docs/results/strategies.md
-        'How dynamic objects are identified. Choose hoid+ to remove people, the objects that they '
-        'handle, and other regions that move, motion to remove all regions that move, without a '
-        'detector, hoid2d or hoid3d for the rules of the HOID paper, person to remove people '
-        'only, none to remove nothing; descriptor is a baseline for comparisons.',
+        'How dynamic objects are identified. Choose hoid+ to remove people, the objects that '
+        'they handle, and other regions that move; motion to remove all regions that move, '
+        'without a detector; hoid2d or hoid3d for the rules of the HOID paper; person to remove '
+        'people only; none to remove nothing; descriptor for comparisons.',
         choices=STRATEGIES,
     )
     dynamic_classes: tuple[str, ...] = param(
@@ -179,17 +179,17 @@ class FilterConfig(Config):
     min_interaction_area: float = param(
         0.4,  # the HOID paper, which found 0.2 to 0.4 best
         "Ratio of an object's box, from 0 to 1, of which a person's box must cover more for the "
-        'object to count as handled. Lower it when carried objects stay in the map; raise it when '
-        'objects are removed that people only pass in front of.',
+        'object to count as handled. Lower it when carried objects stay in the map; raise it '
+        'when objects are removed that people only pass.',
         limits=(0.0, 1.0),
         read_only=False,
     )
     depth_limit_m: float = param(
         0.2,  # the HOID paper
         'Greatest depth difference between a person and an object that the person handles (m), '
-        'for the strategies hoid3d and hoid+; the latter allows 0.6 m in front of the person. '
-        'Raise it when objects at the end of an outstretched arm stay in the map; lower it when '
-        'objects behind people are removed.',
+        'for hoid3d and hoid+, which allows 0.6 m in front of the person. Raise it when objects '
+        'at the end of an outstretched arm stay in the map; lower it when objects behind people '
+        'are removed.',
         limits=(0.0, 10.0),
         read_only=False,
     )

@@ -18,9 +18,8 @@ class InputConfig(Config):
     reliability: str = param(
         AUTO,
         'Reliability that subscriptions request, but for IMU topics, feature_verdicts and the '
-        'initial pose. Choose reliable to have lost messages sent again; then nothing is received '
-        'from best-effort publishers. With auto, a subscription is reliable unless a publisher of '
-        'its topic offers best effort only.',
+        'initial pose. With auto, a subscription is reliable unless a publisher of its topic '
+        'offers best effort only, from which a reliable one receives nothing.',
         choices=(AUTO, BEST_EFFORT, RELIABLE),
         expert=True,
     )
@@ -45,9 +44,9 @@ class InputConfig(Config):
     )
     depth_offset_s: float = param(
         0.0,
-        'Time by which the stamps of depth images are later than those of the color images that '
-        'were taken at the same instant (s). Set it, for hoid_filter and hoid_scene alike, to the '
-        'value that hoid_filter suggests when it reports a constant offset.',
+        'Time by which the stamps of depth images are later than those of the color images of '
+        'the same instant (s). Set it, for hoid_filter and hoid_scene alike, to the value that '
+        'hoid_filter suggests when it reports a constant offset.',
         limits=(-1.0, 1.0),
         expert=True,
     )

@@ -25,9 +25,9 @@ class NavigationConfig(Config):
     )
     horizon_s: float = param(
         2.0,  # chosen: a person at 1.2 m/s walks 2.4 m, which is half a room
-        'Time for which the keep-out area follows a walking person into the future (s); with 0 it '
-        'is only around the present position. People who stand have no keep-out area. Raise it '
-        'for a slow robot; a robot that passes behind people needs less.',
+        'Time for which the keep-out area follows a walking person into the future (s). People '
+        'who stand have no keep-out area. Raise it for a slow robot; a robot that passes behind '
+        'people needs less.',
         limits=(0.0, 10.0),
         expert=True,
     )
@@ -54,9 +54,9 @@ class NavigationConfig(Config):
     )
     busy_speed_percent: float = param(
         50.0,  # chosen: halves the distance in which a robot stops, or more
-        'Speed limit where people often walk, relative to the largest speed of the robot (%); '
-        'with 100, the robot is nowhere slowed down. It holds where people have crossed a cell of '
-        'speed_mask five times; after fewer crossings, the reduction is proportionally less.',
+        'Speed limit where people have crossed a cell of speed_mask five times, relative to the '
+        'largest speed of the robot (%); after fewer crossings, the reduction is proportionally '
+        'less. With 100, the robot is nowhere slowed down.',
         limits=(1.0, 100.0),
         expert=True,
     )

@@ -17,9 +17,9 @@ class ObjectTrackerConfig(Config):
     enabled: bool = param(
         default=True,
         description='Whether to track people and objects in 3-D and to publish them on '
-        'tracked_objects, people and tracked_objects/markers. Set it to false to save time if no '
-        'node subscribes to these topics. The object map (object_map.enabled) then no longer '
-        'shows which objects people handle, and navigation.enabled is refused.',
+        'tracked_objects, people and tracked_objects/markers. Set it to false to save time if '
+        'no node needs these topics, navigation.enabled, or who handles the objects of the '
+        'object map.',
     )
     rate_hz: float = param(
         10.0,
@@ -82,9 +82,9 @@ class ObjectMapConfig(Config):
         0.0,  # decision 052
         'Lowest score, from 0 to 1, of the detections that confirm the object map, if the '
         'detector uses the map as its prior: the boxes in which known objects should be seen '
-        'are then published on expected_objects. Set it to score_threshold of hoid_detector, '
-        'and set expected_score_threshold there as well. With 0, all detections are used, and '
-        'nothing is published.',
+        'are then on expected_objects. Set it to score_threshold of hoid_detector, and '
+        'expected_score_threshold there as well. With 0, all detections count, and nothing is '
+        'published.',
         limits=(0.0, 1.0),
         expert=True,
     )

@@ -41,11 +41,11 @@ class FrameConfig(Config):
     publish_odom_to_base: bool = param(
         default=True,
         description='Whether to send odom -> base on /tf. Set it to false if another node, such '
-        'as robot_localization, sends it: the node then computes map -> odom from that '
-        'transform, uses it to predict the camera pose, and publishes the visual odometry on '
-        'visual_odom instead of odom, in the frame frames.odom with visual_ in front of its '
-        'last part. Do not feed visual_odom into the node that sends odom -> base: while the '
-        'camera is lost, that node would receive its own estimate.',
+        'as robot_localization, sends it: map -> odom is then computed from that transform, '
+        'which also predicts the camera pose, and the visual odometry is on visual_odom instead '
+        'of odom, in a frame with visual_ in front of the last part of frames.odom. Do not feed '
+        'visual_odom into the other node, which would receive its own estimate while the camera '
+        'is lost.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
@@ -75,11 +75,10 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     )
     map_file: str = param(
         '',
-        'File in map_directory, saved by save_map, whose map is loaded at the start. Set it to '
-        'continue in a place that is already mapped. If it is empty, the node starts with an '
-        'empty map. In the mode mapping, a node that crashed resumes from its checkpoint '
-        'instead, unless the stamps of the images go back, the camera does not fit, or '
-        'checkpoint_period_s is 0.',
+        'File in map_directory, saved by save_map, whose map is loaded at the start; if it is '
+        'empty, none is. Set it to continue in a place that is already mapped. In the mode '
+        'mapping, a node that crashed resumes from its checkpoint instead, if the camera fits '
+        'and the stamps of the images do not go back.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
@@ -90,11 +89,10 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     )
     checkpoint_period_s: float = param(
         10.0,  # decision 030
-        'Usual time between two checkpoints, in which the map of the node is written to the '
-        'disk (s); it is shorter after the start, and longer if writing is slow. A node that '
-        'crashed resumes from the last checkpoint. Set a longer period to write less. With 0, '
-        'or if the node starts with the mode localization, no map is written, resumed, or kept '
-        'at the end.',
+        'Usual time between two checkpoints, in which the map is written to the disk (s), '
+        'longer if writing is slow. A node that crashed resumes from the last one. Set a longer '
+        'period to write less. With 0, or if the node starts with the mode localization, no map '
+        'is written, resumed, or kept at the end.',
         limits=(0.0, 3600.0),
         expert=True,
     )

@@ -143,8 +143,7 @@ class KeyframeConfig(Config):
     min_gap_s: float = param(
         0.2,  # not tuned; ORB-SLAM3 has 0
         'Shortest time between two keyframes while tracking is good and the mapper is in time '
-        '(s). Raise it to make fewer keyframes on a slow computer. While a keyframe waits for the '
-        'mapper, the next one is made when the view has changed, whatever this value.',
+        '(s). Raise it to make fewer keyframes on a slow computer.',
         limits=(0.0, 10.0),
         read_only=False,
     )
