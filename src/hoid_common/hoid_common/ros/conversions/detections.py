@@ -26,6 +26,11 @@ Row = tuple[float, float, float, float]
 # Fields of DynamicObject and of its message.
 _COPIED = ('class_name', 'score', 'track_id', 'overlap_ratio', 'depth_gap_m')
 _VECTORS = ('center_camera_m', 'size_m', 'velocity_camera_mps')
+# States of an object in an image. The others are those of tracks and of the object map.
+_STATES = frozenset(
+    state.value
+    for state in set(ObjectState) - {ObjectState.MOVED, ObjectState.GONE, ObjectState.TENTATIVE}
+)
 _MAX_COORDINATE_PX = 1e5  # chosen far beyond any image size
 
 
@@ -149,8 +154,11 @@ def dynamic_objects_to_msg(
 
 
 def _object_from_msg(msg: DynamicObjectMsg) -> DynamicObject:
-    if msg.state not in {state.value for state in ObjectState}:
-        raise MessageError(f'dynamic_objects.state is {msg.state}; see hoid_msgs/ObjectState')
+    if msg.state not in _STATES:
+        raise MessageError(
+            f'dynamic_objects.state is {msg.state}, no state of an object in an image; see '
+            'hoid_msgs/ObjectState'
+        )
     if len(msg.class_name) > MAX_NAME_LENGTH:
         raise MessageError(
             f'dynamic_objects: a class name has {len(msg.class_name)} characters, '
