@@ -40,8 +40,8 @@ LAYERS = {
         < ros < node
     """,
     'hoid_scene': """
-        config place scene_scheduler < dense level < grid < tracks < objects
-        < export navigation_masks < scene_mapper < store < scene_session < ros < node
+        config place scene_scheduler memory < dense level < grid < tracks < objects
+        < search < export navigation_masks < scene_mapper < store < scene_session < ros < node
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping

@@ -12,6 +12,7 @@ import yaml
 from hoid_msgs.msg import (
     DetectionArray,
     MappedObject,
+    ObjectEvent,
     ObjectState,
     SlamStatus,
     TrackedObjectArray,
@@ -29,10 +30,12 @@ from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
 from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_common import se3
+from hoid_common.io.image_size import is_jpeg
 from hoid_common.ros import conversions, qos
 from hoid_common.se3 import T_BODY_OPTICAL
+from hoid_scene.memory.object_memory import MAX_JPEG_BYTES
 from hoid_scene.store import scene_file
-from hoid_scene.store.scene_file import saved_objects
+from hoid_scene.store.scene_file import restored
 from hoid_synth.config import SceneConfig
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import people_centers
@@ -211,6 +214,16 @@ def check_object_services(peer: Peer, folder: Path) -> None:
     assert len(near) < len(everything)
     of_class = find_objects(peer, state='any', class_name=first.class_name)
     assert {item.class_name for item in of_class} == {first.class_name}
+    detailed = find_objects(peer, state='any', details=True)
+    assert [item.id for item in detailed] == [item.id for item in everything]
+    for item in detailed:
+        assert item.colors
+        assert item.history[0].kind == ObjectEvent.NEW
+        assert is_jpeg(bytes(item.picture))
+        assert len(item.picture) <= MAX_JPEG_BYTES
+    named = find_objects(peer, state='any', class_name=f'{first.colors[0]} {first.class_name}')
+    assert first.id in {item.id for item in named}
+    assert not any(item.history or item.picture for item in everything)
     refused = peer.probe.call(FindObjects, FIND, FindObjects.Request(state='lost'))
     assert not refused.success
     assert refused.message.startswith('no state "lost"; use one of present, ')
@@ -221,7 +234,7 @@ def check_object_services(peer: Peer, folder: Path) -> None:
     assert peer.save('room').message.endswith(' MB')
     path = folder / 'room.hoidmap'
     saved, scene = map_file.load(path), scene_file.read_file(path)
-    objects = saved_objects(scene, saved.keyframes(), saved.camera)
+    objects = restored(scene, saved.keyframes(), saved.camera).mapped_objects()
     assert {item.object_id for item in objects} == {item.id for item in everything}
     assert peer.load('room').success
     loaded = find_objects(peer, state='any')

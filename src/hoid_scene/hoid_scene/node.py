@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import cache
 
 from hoid_msgs.msg import KeyframePoses as KeyframePosesMsg
 from rclpy.clock import Clock, ClockType
@@ -131,18 +132,19 @@ class SceneNode(ManagedNode):
         if mapper is None:
             return
         self._session.stamp_ns = request.stamp_ns
+        color = cache(lambda: self._images.color_of(image))
         if request.track_objects:
             tracks = mapper.track_objects(request, image.depth_m, image.objects)
             self._outputs.publish_objects(tracks, request.stamp_ns)
             self._update_masks(tracks, request)
         if request.map_objects:
-            mapper.map_objects(request, image.depth_m, image.objects)
+            mapper.map_objects(request, image.depth_m, image.objects, color)
             self._outputs.note_object_change()
             self._outputs.publish_object_map(mapper, self._session.stamp_ns)
             if (expected := mapper.expected_objects()) is not None:
                 self._outputs.publish_expected(expected, image.header, mapper.camera.size_px)
         if request.fuse:
-            mapper.fuse(request, image.depth_m, self._images.color_of(image), image.objects)
+            mapper.fuse(request, image.depth_m, color(), image.objects)
             self._outputs.note_change()
             self._num_fused += 1
             self.diagnostics.count('images fused')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from hoid_common.errors import MapFileError
@@ -32,6 +34,7 @@ from hoid_scene.level.upright_box import Level
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.search.rooms import Rooms, find_rooms
 from hoid_scene.tracks.object_sighting import DepthImage
 from hoid_scene.tracks.object_track import TrackedObject
 from hoid_scene.tracks.object_tracker import ObjectTracker
@@ -130,7 +133,7 @@ class SceneMapper:
         if request.track_objects:
             self.track_objects(request, depth_m, objects)
         if request.map_objects:
-            self.map_objects(request, depth_m, objects)
+            self.map_objects(request, depth_m, objects, lambda: image_bgr)
         if request.fuse:
             self.fuse(request, depth_m, image_bgr, objects)
 
@@ -146,13 +149,20 @@ class SceneMapper:
         return self._tracks
 
     def map_objects(
-        self, request: SceneRequest, depth_m: Float32Array, objects: tuple[DynamicObject, ...]
+        self,
+        request: SceneRequest,
+        depth_m: Float32Array,
+        objects: tuple[DynamicObject, ...],
+        color: Callable[[], ByteArray] | None = None,
     ) -> None:
-        """Update the object map, if it is on, with an image and the latest tracks."""
+        """Update the object map, if it is on, with an image and the latest tracks.
+
+        `color` returns the color image (H, W, 3); without it, objects get no colors or pictures.
+        """
         if self.object_map is not None:
             image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
             judged = self._tracker.judged(objects, image, request.stamp_ns)
-            self.object_map.update(request, depth_m, judged, self._tracks)
+            self.object_map.update(request, depth_m, judged, self._tracks, color)
 
     def fuse(
         self,
@@ -186,6 +196,14 @@ class SceneMapper:
         if self._num_fused > _LEVEL_GROWTH * self._num_leveled:
             self._update_floor(self.cloud())
         return self.object_map.objects(self.floor, self._level, tentative=tentative)
+
+    def rooms(self, objects: Sequence[MapObject]) -> Rooms | None:
+        """Return the rooms of the dense map, named by these objects; None without a grid."""
+        cloud = self.cloud()
+        grid = self.grid(cloud) if len(cloud.points_m) else None
+        if grid is None or grid.cells.size == 0:
+            return None
+        return Rooms(find_rooms(grid, cloud.points_m), grid, objects)
 
     def expected_objects(self) -> Detections | None:
         """Return where the latest image for the object map should show known objects.

@@ -75,8 +75,7 @@ class SceneSession:
 
     def store_objects(self) -> None:
         if self.mapper is not None and self._config.object_map.enabled:
-            uids = self.mapper.dense.keyframes.uids
-            self._store.put_objects(scene_file.exported_objects(self.mapper, uids))
+            self._store.put_objects(self.mapper.object_map, self.mapper.dense.keyframes.uids)
 
     def _begin(self, known: SessionKeyframes) -> None:
         self.mapper, self.problem = None, ''
@@ -124,6 +123,7 @@ class SceneSession:
     def _restore(self, mapper: SceneMapper) -> None:
         scene = self._store.loaded()
         scene_file.load(mapper, scene)
+        self._store.restore(mapper.object_map)
         mapper.dense.restore()
         _LOG.info('the scene of the process that was killed is restored: %s', scene.summary)
 
@@ -141,4 +141,5 @@ class SceneSession:
             self.problem = f'the scene of the loaded map is left out: {error}'
             _LOG.warning('%s', self.problem)
         self._num_loaded = loaded.number
-        self._store.add_loaded(scene, loaded.number)
+        uids = mapper.dense.keyframes.uids
+        self._store.add_loaded(scene, loaded.number, mapper.object_map, uids)

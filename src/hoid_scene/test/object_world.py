@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common.poses.keyframe_poses import KeyframePoses
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, DynamicObject, Float32Array, FloatArray, ObjectState
+from hoid_common.values import (
+    ByteArray,
+    CameraModel,
+    DynamicObject,
+    Float32Array,
+    FloatArray,
+    ObjectState,
+)
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.scene_scheduler import SceneRequest
@@ -40,6 +48,7 @@ class ObjectWorld:
     def __init__(self, min_score: float = 0.0) -> None:
         self.map = ObjectMap(CAMERA, min_score)
         self.stamp_ns = 0
+        self.color: ByteArray | None = None  # (H, W, 3) of all images; None: there is none
         self.keyframes = keyframes(np.eye(4))
 
     def look(
@@ -57,7 +66,9 @@ class ObjectWorld:
         for _ in range(times):
             self.stamp_ns += LOOK_NS
             request = SceneRequest(self.stamp_ns, T_map_camera, 0, self.keyframes, True, True)
-            self.map.update(request, depth_m, seen, tracks)
+            color = self.color
+            image = None if color is None else partial(np.copy, color)
+            self.map.update(request, depth_m, seen, tracks, image)
         return self.map.objects()
 
 

@@ -8,8 +8,8 @@ import pytest
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import DynamicObject, ObjectState
 from hoid_scene.objects import object_map
-from hoid_scene.objects.object_list import ObjectQuery, find
 from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.search.object_query import ObjectQuery, find
 
 from .object_world import LOOK_NS, Box, ObjectWorld, rendered
 from .test_object_map import BEAR, BOOK, CUP, TABLE, at, only

@@ -10,8 +10,9 @@ from hoid_common import se3
 from hoid_common.errors import InputError
 from hoid_common.values import ObjectState
 from hoid_scene.objects.mapped_object import MapObject
-from hoid_scene.objects.object_list import ObjectQuery, find, object_table, objects_yaml
 from hoid_scene.objects.object_map_state import ObjectMapState
+from hoid_scene.search.object_list import Whereabouts, object_table, objects_yaml
+from hoid_scene.search.object_query import ObjectQuery, find
 
 from .object_world import Box, ObjectWorld, keyframes
 from .test_object_map import BEAR, BOOK, CUP, TABLE, moved, only
@@ -170,9 +171,10 @@ def test_queries_that_make_no_sense_are_refused(query: ObjectQuery, said: str) -
 def test_objects_are_listed_and_exported() -> None:
     world = ObjectWorld()
     objects = world.look(TABLE, CUP, times=6)
-    header, line = object_table(objects)
+    header, line = object_table(objects, [Whereabouts('kitchen', ('on dining table 3',))])
     assert header.split()[:2] == ['id', 'class']
     assert line.split()[:2] == [str(objects[0].object_id), 'cup']
+    assert 'kitchen, on dining table 3' in line
     assert line.endswith('at rest')
     document = yaml.safe_load(objects_yaml(objects, 'map'))
     assert document['frame'] == 'map'

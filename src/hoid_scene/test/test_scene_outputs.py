@@ -40,6 +40,7 @@ from hoid_scene.tracks.object_track import TrackedObject
 
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 EVERY = frozenset(output.name for output in (*MAP_OUTPUTS, *OBJECT_OUTPUTS))
+BLACK = np.zeros((120, 160, 3), np.uint8)
 STAMP_NS = 5_000_000_000
 PERSON = TrackedObject(
     1, 'person', ObjectState.PERSON, STAMP_NS, 0.9, np.zeros(3), np.zeros(3), np.ones(3)
@@ -104,8 +105,8 @@ def floor_scene(object_map: ObjectMapConfig | None = None) -> SceneMapper:
     bag = DynamicObject('bag', (50.0, 40.0, 110.0, 80.0), 0.9, -1, ObjectState.AT_REST)
     for i in range(3):
         request = SceneRequest(STAMP_NS + i * 500_000_000, T_map_camera, 0, keyframes, True, True)
-        scene.fuse(request, depth_m, np.zeros((120, 160, 3), np.uint8), ())
-        scene.map_objects(request, depth_m, (bag,))
+        scene.fuse(request, depth_m, BLACK, ())
+        scene.map_objects(request, depth_m, (bag,), lambda: BLACK)
     return scene
 
 

@@ -24,6 +24,10 @@ from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.scene_session import SceneSession
 from hoid_scene.store.scene_store import SceneStore
 
+from . import object_world
+from .object_world import ObjectWorld
+from .test_object_map import BOOK, CUP, TABLE
+
 CAMERA = CameraModel(160, 120, 130.0, 130.0, 79.5, 59.5)
 WALL_M = np.full((120, 160), 2.01, np.float32)
 COLORS = np.zeros((120, 160, 3), np.uint8)
@@ -172,7 +176,7 @@ def test_a_scene_that_does_not_fit_is_left_out_and_reported(tmp_path: Path) -> N
 def test_keyframes_of_another_session_are_not_saved(tmp_path: Path) -> None:
     process, path = Process(tmp_path), tmp_path / f'room{SUFFIX}'
     process.map(known('a', 5))
-    with pytest.raises(InputError, match='of another map'):
+    with pytest.raises(InputError, match='have not arrived'):
         saved(process, path, known('b', 5))
 
 
@@ -215,3 +219,63 @@ def test_a_scene_whose_store_cannot_be_written_is_mapped_all_the_same(tmp_path: 
     process.map(known('b', 5, 6))
     assert process.session.problem == ''
     assert process.store.session is not None
+
+
+def with_objects(process: Process, known: SessionKeyframes) -> ObjectWorld:
+    """Return a world that the object map of a process looks at, after an update."""
+    process.session.update(known._replace(camera=object_world.CAMERA))
+    world = ObjectWorld()
+    assert process.mapper.object_map is not None
+    world.map, world.keyframes = process.mapper.object_map, known.keyframes
+    return world
+
+
+def test_a_killed_node_restores_which_objects_are_new_since_a_map_was_loaded(
+    tmp_path: Path,
+) -> None:
+    config = {'object_map.enabled': True}
+    process, path = Process(tmp_path, **config), tmp_path / f'room{SUFFIX}'
+    with_objects(process, known('a', 0)).look(TABLE, CUP, times=6)
+    saved(process, path, known('a', 0))
+    loaded = LoadedKeyframes(1, str(path), np.array([0]), np.array([0]))
+    process.session.update(known('b', 0, loaded=loaded)._replace(camera=object_world.CAMERA))
+    process.kill()  # before the objects are stored by the timer
+    second = Process(tmp_path, **config)
+    world = with_objects(second, known('b', 0, loaded=loaded))
+    (cup,) = world.map.objects()
+    assert (cup.class_name, cup.is_new) == ('cup', False)
+    world.stamp_ns = 3600 * 10**9
+    before = world.look(TABLE, CUP, BOOK, times=8)
+    assert [(item.class_name, item.is_new) for item in before] == [('cup', False), ('book', True)]
+    second.session.store_objects()
+    second.kill()
+    world = with_objects(Process(tmp_path, **config), known('b', 0, loaded=loaded))
+    after = world.map.objects()
+    assert [(item.class_name, item.is_new) for item in after] == [('cup', False), ('book', True)]
+    assert [item.events for item in after] == [item.events for item in before]
+
+
+def test_a_killed_node_without_a_loaded_map_has_no_new_objects(tmp_path: Path) -> None:
+    config = {'object_map.enabled': True}
+    process = Process(tmp_path, **config)
+    with_objects(process, known('a', 0)).look(TABLE, CUP, times=6)
+    process.session.store_objects()
+    process.kill()
+    world = with_objects(Process(tmp_path, **config), known('a', 0))
+    after = world.look(TABLE, CUP, BOOK, times=8)
+    assert [(item.class_name, item.is_new) for item in after] == [('cup', False), ('book', False)]
+
+
+def test_only_memories_that_have_changed_are_stored_again(tmp_path: Path) -> None:
+    process = Process(tmp_path, **{'object_map.enabled': True})
+    world = with_objects(process, known('a', 0))
+    world.color = np.full((480, 640, 3), 90, np.uint8)
+    world.look(TABLE, CUP, BOOK, times=6)
+    process.session.store_objects()
+    book = next(item for item in world.map.objects() if item.class_name == 'book')
+    world.map.forget(book.object_id)
+    process.session.store_objects()
+    assert [memory.jpeg.size > 0 for memory in process.store.loaded().memories.values()] == [True]
+    process.kill()
+    again = with_objects(Process(tmp_path, **{'object_map.enabled': True}), known('a', 0))
+    assert [item.colors for item in again.map.objects()] == [('gray',)]

@@ -13,9 +13,9 @@ from hoid_common.errors import ConfigError, MapFileError, counted
 from hoid_common.io.files import check_writable
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
-from hoid_scene.objects.object_list import ObjectQuery, find
+from hoid_scene.search.object_query import ObjectQuery, find
 from hoid_scene.store import scene_file
-from hoid_scene.store.scene_file import SavedScene, join_scenes, saved_objects
+from hoid_scene.store.scene_file import SavedScene, join_scenes, restored
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.map_joining import MapJoin, join_maps, without_loop
 from rgbd_slam.store import map_file
@@ -129,7 +129,8 @@ def _described(path: Path, content: MapFile) -> Iterable[str]:
         f'dense map  {counted(len(scene.dense), "voxel")}' if scene.dense else 'dense map  none',
     ]
     if scene.objects is not None:
-        found = find(saved_objects(scene, content.keyframes(), content.camera), ObjectQuery())
+        mapper = restored(scene, content.keyframes(), content.camera)
+        found = find(mapper.mapped_objects(), ObjectQuery())
         lines.append(f'objects    {len(found)}, listed by "hoid objects"')
     if len(sizes) > 1:
         lines.append(

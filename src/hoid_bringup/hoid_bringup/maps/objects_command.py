@@ -1,9 +1,12 @@
-"""The command `objects`: lists the objects of a saved map."""
+"""The command `objects`: finds and lists the objects of a saved map, and tells their history."""
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +16,40 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
-from hoid_scene.objects.object_list import STATES, ObjectQuery, find, object_table, objects_yaml
-from hoid_scene.store.scene_file import saved_objects
+from hoid_common.values import NS_PER_S
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.search.object_list import (
+    Whereabouts,
+    history_lines,
+    object_table,
+    objects_json,
+    objects_yaml,
+    whereabouts,
+)
+from hoid_scene.search.object_query import STATES, ObjectQuery, find
+from hoid_scene.search.rooms import room_name
+from hoid_scene.store.scene_file import restored
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.store import map_file
+
+_UNITS_NS = {'s': NS_PER_S, 'm': 60 * NS_PER_S, 'h': 3600 * NS_PER_S, 'd': 86400 * NS_PER_S}
 
 
 def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('map', type=Path, metavar='FILE', help=f'saved {SUFFIX} file')
     parser.add_argument(
+        'words',
+        nargs='*',
+        metavar='WORD',
+        help='list only what these words describe: class or synonym, color, place, room, as in '
+        '"red cup on the table in the kitchen"',
+    )
+    parser.add_argument(
         '--class',
         dest='class_name',
         default='',
         metavar='NAME',
-        help='list only objects of this class',
+        help='list only objects of this class; the same as WORD',
     )
     parser.add_argument(
         '--near',
@@ -49,12 +72,35 @@ def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
         help='list only objects in this state (default: %(default)s)',
     )
     parser.add_argument(
+        '--since',
+        type=_age_or_time,
+        metavar='TIME',
+        help='list only objects that are new, were moved or are gone since: a time as '
+        '2026-11-27T18:00 (UTC), or an age of the newest sighting as 30m, 3h or 2d',
+    )
+    parser.add_argument(
+        '--history',
+        default=None,
+        metavar='NAME',
+        help='tell the history of the objects that NAME describes, or of the object with this '
+        'number, in place of the list',
+    )
+    parser.add_argument(
+        '--pictures', type=Path, metavar='DIR', help='write the pictures of the objects as well'
+    )
+    parser.add_argument(
+        '--json',
+        type=Path,
+        metavar='FILE',
+        help='write the listed objects, with histories and pictures, to a JSON file as well',
+    )
+    parser.add_argument(
         '--yaml', type=Path, metavar='FILE', help='write the listed objects to a YAML file as well'
     )
 
 
 def objects_command(args: argparse.Namespace) -> None:
-    """List the objects of a saved map that the options select, and write them to a file if given.
+    """List the objects of a saved map that the options select, and write them to files if given.
 
     Of several maps in the file, only the one with most keyframes counts.
     """
@@ -64,13 +110,66 @@ def objects_command(args: argparse.Namespace) -> None:
         raise InputError(
             f'{args.map}: has no object map: set object_map.enabled to true where it is made'
         )
-    near = None if args.near is None else np.array(args.near)
-    query = ObjectQuery(args.class_name, near, args.radius, args.state)
-    every = saved_objects(scene, content.keyframes(), content.camera, tentative=True)
-    objects = find(every, query)
-    sys.stdout.writelines(f'{line}\n' for line in object_table(objects))
+    mapper = restored(scene, content.keyframes(), content.camera)
+    every = mapper.mapped_objects(tentative=True)
+    rooms = mapper.rooms(every)
+    query = _query(args, every)
+    objects = find(every, query, lambda item: room_name(item, rooms))
+    if args.history is not None and args.history.isdigit():
+        objects = [item for item in every if item.object_id == int(args.history)]
+    where = [whereabouts(item, every, rooms) for item in objects]
+    if args.history is None:
+        lines = object_table(objects, where)
+    else:
+        lines = [line for item in objects for line in history_lines(item)]
+    sys.stdout.writelines(f'{line}\n' for line in lines)
+    _write_files(args, objects, where)
+
+
+def _write_files(
+    args: argparse.Namespace, objects: Sequence[MapObject], where: Sequence[Whereabouts]
+) -> None:
+    frame = FrameConfig().map
     if args.yaml is not None:
-        try:
-            args.yaml.write_text(objects_yaml(objects, FrameConfig().map), encoding='utf-8')
-        except OSError as error:
-            raise write_error(args.yaml, error) from error
+        _write(args.yaml, objects_yaml(objects, frame).encode())
+    if args.json is not None:
+        _write(args.json, objects_json(objects, where, frame).encode())
+    if args.pictures is not None:
+        for item in objects:
+            if item.jpeg:
+                name = re.sub(r'\W', '_', item.class_name)
+                _write(args.pictures / f'{item.object_id}_{name}.jpg', item.jpeg)
+
+
+def _query(args: argparse.Namespace, objects: Sequence[MapObject]) -> ObjectQuery:
+    near = None if args.near is None else np.array(args.near)
+    is_number = args.history is None or args.history.isdigit()
+    words = ' '.join(args.words) or args.class_name or ('' if is_number else args.history)
+    since_ns = 0
+    if isinstance(args.since, datetime):
+        since_ns = int(args.since.timestamp() * NS_PER_S)
+    elif args.since is not None:
+        newest_ns = max((item.last_ns for item in objects), default=0)
+        since_ns = max(newest_ns - args.since, 1)
+    return ObjectQuery(words, near, args.radius, args.state, since_ns)
+
+
+def _age_or_time(text: str) -> int | datetime:
+    """Return an age [ns] or a time, in UTC unless it names another zone."""
+    if age := re.fullmatch(r'(\d{1,6})([smhd])', text):
+        return int(age[1]) * _UNITS_NS[age[2]]
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is neither a time, as 2026-11-27T18:00, nor an age, as 30m, 3h or 2d'
+        ) from None
+    return time if time.tzinfo else time.replace(tzinfo=UTC)
+
+
+def _write(path: Path, data: bytes) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    except OSError as error:
+        raise write_error(path, error) from error

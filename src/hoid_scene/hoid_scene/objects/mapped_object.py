@@ -10,6 +10,8 @@ from hoid_common import se3
 from hoid_common.values import FloatArray, ObjectState
 from hoid_scene.grid.floor import Floor
 from hoid_scene.level.upright_box import Level
+from hoid_scene.memory.history import ObjectEvent, PresentState
+from hoid_scene.memory.object_memory import ObjectMemory
 from hoid_scene.objects.evidence import Evidence
 from hoid_scene.objects.object_surface import ObjectSurface
 from hoid_scene.objects.segmentation import Segment
@@ -53,6 +55,9 @@ class MapObject:
     moved_ns: int = 0  # stamp of its last sighting at the place before; 0: it was not moved
     is_new: bool = False  # whether a loaded map did not contain it, although it is seen often
     num_views: int = 0  # number of directions, at least 10 degrees apart, of its detections
+    colors: tuple[str, ...] = ()  # names, the most frequent one first; (): none was measured
+    events: tuple[ObjectEvent, ...] = ()  # its history
+    jpeg: bytes = b''  # its best picture, of at most 20 kB; b'': none
 
     @property
     def score(self) -> float:
@@ -82,6 +87,7 @@ class MappedObject:
         is_loaded: Whether it is from a loaded map.
         track_id: Its track in the object tracker; -1: none.
         was_carried: Whether this track shows that a person carried it to its place.
+        memory: Its colors, its best picture and its history.
     """
 
     def __init__(self, object_id: int, place: Place, stamp_ns: int) -> None:
@@ -93,6 +99,8 @@ class MappedObject:
         self.moved_ns = 0
         self.is_loaded = False
         self.track_id, self.was_carried = -1, False
+        self.memory = ObjectMemory()
+        self.memory.history.continue_from(stamp_ns, 0)
 
     @property
     def class_name(self) -> str:
@@ -142,6 +150,24 @@ class MappedObject:
             self.left_ns = stamp_ns
         self.left_as = state
 
+    def note_state(self, stamp_ns: int) -> None:
+        """Add to the history what the state after an image shows."""
+        seen, before_m = self.evidence, self.moved_from_m
+        moved_m = 0.0
+        if before_m is not None and self.moved_ns != self.memory.history.moved_ns:
+            low_m, high_m = self.surface.box_m()
+            moved_m = float(np.linalg.norm((low_m + high_m) / 2 - before_m))
+        present = PresentState(
+            self.state,
+            seen.first_ns,
+            seen.last_ns,
+            self.left_ns,
+            self.moved_ns,
+            moved_m,
+            self.holder_id,
+        )
+        self.memory.note(present, stamp_ns)
+
     def is_older_than(self, other: MappedObject) -> bool:
         """Return whether this object is from a loaded map and the other one not, or seen first."""
         age, other_age = ((not item.is_loaded, item.evidence.first_ns) for item in (self, other))
@@ -150,6 +176,7 @@ class MappedObject:
     def absorb(self, other: MappedObject) -> None:
         self.evidence.merge(other.evidence, self.surface.absorb(other.surface))
         self.is_loaded |= other.is_loaded
+        self.memory.absorb(other.memory)
 
     def move_to(self, other: MappedObject) -> None:
         """Take over the place and the evidence of another object: this one, after it was carried.
@@ -166,6 +193,7 @@ class MappedObject:
         self.evidence.probability = probability
         self.track_id, self.was_carried = other.track_id, other.was_carried
         self.left_as = None
+        self.memory.move_to(other.memory)
 
     def value(self, level: Level, floor: Floor | None, *, is_reused: bool = False) -> MapObject:
         """Return the published value."""
@@ -188,4 +216,7 @@ class MappedObject:
             self.moved_ns,
             is_reused and not (self.is_loaded or evidence.is_brief),
             len(evidence.views),
+            self.memory.color_names,
+            self.memory.history.events,
+            self.memory.jpeg,
         )

@@ -7,7 +7,7 @@ object is absent. A look is an image in which an object may be seen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from hoid_common.values import (
     NS_PER_S,
     PERSON,
     UNKNOWN,
+    ByteArray,
     CameraModel,
     Detections,
     DynamicObject,
@@ -27,6 +28,7 @@ from hoid_common.values import (
 from hoid_scene.dense.cloud_labels import CloudLabeler, CloudLabels
 from hoid_scene.grid.floor import Floor
 from hoid_scene.level.upright_box import Level
+from hoid_scene.memory.object_memory import NO_MEMORIES, Look, MemoryState, ObjectMemory, remember
 from hoid_scene.objects.association import (
     Visibility,
     associate,
@@ -40,7 +42,7 @@ from hoid_scene.objects.carrying import Carrying
 from hoid_scene.objects.mapped_object import MapObject, MappedObject
 from hoid_scene.objects.merging import Merging, may_lie_on
 from hoid_scene.objects.object_map_state import ObjectMapState
-from hoid_scene.objects.object_view import ObjectCamera, ObjectView
+from hoid_scene.objects.object_view import STRIDE, ObjectCamera, ObjectView
 from hoid_scene.objects.segmentation import Segment, segment_all
 from hoid_scene.place import Anchor, Place, anchor_at
 from hoid_scene.scene_scheduler import SceneRequest
@@ -116,8 +118,12 @@ class ObjectMap:
         depth_m: Float32Array,
         detections: Sequence[DynamicObject],
         tracks: Sequence[TrackedObject] = (),
+        image: Callable[[], ByteArray] | None = None,
     ) -> None:
         """Update the objects with one image; images must come in order of time.
+
+        `image` returns its colors (H, W, 3); it is called last, and only for colors and pictures
+        of objects. None: these are left out.
 
         The image is ignored if the request has no keyframes, or if its keyframe has been removed
         since the request. Keyframe poses that are not older than the present ones are applied
@@ -146,13 +152,22 @@ class ObjectMap:
         for o in set(range(len(near))) - set(pairs.values()):
             _note_unseen(near[o], seen[o], people, view, stamp_ns)
         left = [segment for s, segment in enumerate(segments) if s not in pairs]
-        self._add_new(left, near, anchor, stamp_ns)
+        added = self._add_new(left, near, anchor, stamp_ns)
         self._objects = self._carrying.follow(self._objects, tracks, stamp_ns)
         self.expected = expected_boxes(near, seen, stamp_ns)
         if stamp_ns - self._merged_ns >= _MERGE_PERIOD_NS or stamp_ns < self._merged_ns:
             self._merged_ns = stamp_ns
             self.join()
             self._forget(stamp_ns)
+        for item in self._objects:
+            item.note_state(stamp_ns)
+        if image is not None:
+            known = [(near[o], segments[s]) for s, o in pairs.items()]
+            looks = [
+                Look(item.memory, segment.detection, segment.pixels, segment.is_cut)
+                for item, segment in known + added
+            ]
+            remember(looks, people, image, STRIDE, stamp_ns)
 
     def correct(self, keyframes: KeyframePoses) -> None:
         """Apply corrected keyframe poses: each object moves with its keyframe."""
@@ -167,9 +182,19 @@ class ObjectMap:
             self._objects, keyframe_uids, apart=self._merging.apart, next_id=self._next_id
         )
 
-    def load(self, state: ObjectMapState, keyframe_uids: IntArray) -> None:
+    def memories(self) -> dict[int, MemoryState]:
+        """Return the memory of each object for a file, by the number of the object."""
+        return {item.object_id: item.memory.state() for item in self._objects}
+
+    def load(
+        self,
+        state: ObjectMapState,
+        keyframe_uids: IntArray,
+        memories: Mapping[int, MemoryState] = NO_MEMORIES,
+    ) -> None:
         """Add the objects of a saved map; one whose number another one has gets a new number."""
         loaded = state.objects(self._keyframes, keyframe_uids)
+        _recall(loaded, memories)
         self._next_id = max(self._next_id, int(state.next_id[0]))
         taken = {item.object_id for item in self._objects if item.is_confirmed}
         new_ids = {item.object_id: self._take_id() for item in loaded if item.object_id in taken}
@@ -185,6 +210,26 @@ class ObjectMap:
             self._merging.apart.add((a, b))
         self._objects += loaded
         self._is_reused = True
+
+    def restore(self, loaded_ids: Collection[int], *, is_reused: bool) -> None:
+        """Make the map, which was loaded from its own store, what it was before.
+
+        Args:
+            loaded_ids: Numbers of the objects that are from a map of another session.
+            is_reused: Whether such a map was loaded.
+        """
+        self._is_reused = is_reused
+        for item in self._objects:
+            item.is_loaded = item.object_id in loaded_ids
+
+    @property
+    def loaded_ids(self) -> list[int]:
+        return [item.object_id for item in self._objects if item.is_loaded]
+
+    @property
+    def is_reused(self) -> bool:
+        """Whether a map of another session was loaded."""
+        return self._is_reused
 
     def join(self) -> None:
         """Merge objects at rest that overlap, unless one image showed both; the older id stays."""
@@ -221,14 +266,18 @@ class ObjectMap:
         near: Sequence[MappedObject],
         anchor: Anchor,
         stamp_ns: int,
-    ) -> None:
+    ) -> list[tuple[MappedObject, Segment]]:
+        """Add objects for the segments that show no known ones; return them with these."""
+        added = []
         for segment in segments:
             if segment.detection.is_dynamic or _is_claimed(segment, near):
                 continue
             place = Place.at(segment.center_map_m, anchor)
             item = MappedObject(self._take_id(), place, stamp_ns)
             item.add(segment, stamp_ns, anchor.T_map_camera)
-            self._objects.append(item)
+            added.append((item, segment))
+        self._objects += [item for item, _ in added]
+        return added
 
     def _forget(self, stamp_ns: int) -> None:
         kept = [item for item in self._objects if not self._is_obsolete(item, stamp_ns)]
@@ -251,6 +300,14 @@ class ObjectMap:
             return stamp_ns - item.evidence.last_ns >= _FORGET_NS
         named_ns = self._named_ns.setdefault(item.class_name, stamp_ns)
         return not item.is_present and stamp_ns - named_ns >= _FORGET_CLASS_NS
+
+
+def _recall(objects: Sequence[MappedObject], memories: Mapping[int, MemoryState]) -> None:
+    """Give saved objects their memories, whose histories continue from the last sightings."""
+    for item in objects:
+        if (memory := memories.get(item.object_id)) is not None:
+            item.memory = ObjectMemory.of(memory)
+        item.memory.history.continue_from(item.evidence.last_ns, item.moved_ns)
 
 
 def _add_sighting(

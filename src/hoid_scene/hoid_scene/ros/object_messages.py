@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from copy import deepcopy
 from typing import Any, NamedTuple
@@ -9,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from geometry_msgs.msg import Point, Pose, Vector3
 from hoid_msgs.msg import MappedObject, TrackedObjectArray
+from hoid_msgs.msg import ObjectEvent as ObjectEventMsg
 from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
 from people_msgs.msg import People, Person
 from std_msgs.msg import ColorRGBA, Header
@@ -23,7 +25,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from hoid_common.ros import conversions
 from hoid_common.values import FloatArray, ObjectState
+from hoid_scene.memory.history import ObjectEvent
 from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.search.object_list import Whereabouts
 from hoid_scene.tracks.object_track import TrackedObject
 
 _MIN_SIZE_M = 0.02  # chosen: RViz does not draw a flat marker
@@ -100,6 +104,15 @@ def object_map_markers_to_msg(objects: tuple[MapObject, ...], header: Header) ->
     return _markers(boxes, header)
 
 
+def detailed_object_to_msg(item: MapObject, where: Whereabouts) -> MappedObject:
+    """Return an object with its room, places, history and picture."""
+    msg = mapped_object_to_msg(item)
+    msg.room, msg.places = where.room, where.places
+    msg.history = [_event_to_msg(event) for event in item.events]
+    msg.picture = array('B', item.jpeg)
+    return msg
+
+
 def mapped_object_to_msg(item: MapObject) -> MappedObject:
     moved_from_m = np.zeros(3) if item.moved_from_map_m is None else item.moved_from_map_m
     return MappedObject(
@@ -119,6 +132,16 @@ def mapped_object_to_msg(item: MapObject) -> MappedObject:
         was_moved=item.moved_from_map_m is not None,
         moved_from=_point(moved_from_m),
         moved_at=conversions.stamp_to_msg(item.moved_ns),
+        colors=item.colors,
+    )
+
+
+def _event_to_msg(event: ObjectEvent) -> ObjectEventMsg:
+    return ObjectEventMsg(
+        stamp=conversions.stamp_to_msg(event.stamp_ns),
+        kind=event.kind.value,
+        person=event.person_id,
+        distance=event.distance_m,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,13 @@ from hoid_scene.config.scene_config import SceneNodeConfig
 from hoid_scene.export import write_ply
 from hoid_scene.grid.floor import NO_FLOOR
 from hoid_scene.grid.grid import write_map_server
-from hoid_scene.objects.object_list import ObjectQuery, find, objects_yaml
-from hoid_scene.ros.object_messages import mapped_object_to_msg
+from hoid_scene.ros.object_messages import detailed_object_to_msg, mapped_object_to_msg
 from hoid_scene.ros.outputs import SceneOutputs
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.scene_session import SceneSession
+from hoid_scene.search.object_list import objects_yaml, whereabouts
+from hoid_scene.search.object_query import ObjectQuery, find
+from hoid_scene.search.rooms import room_name
 
 
 class SceneServices:
@@ -87,9 +90,17 @@ class SceneServices:
         query.check()
         self._require_object_map()
         mapper = self._session.mapper
-        found = [] if mapper is None else find(mapper.mapped_objects(tentative=True), query)
+        every = () if mapper is None else mapper.mapped_objects(tentative=True)
+        # Most requests need no rooms, for which a large map takes a second.
+        rooms = cache(lambda: None if mapper is None else mapper.rooms(every))
+        found = find(every, query, lambda item: room_name(item, rooms()))
         response.header = conversions.header_to_msg(self._session.stamp_ns, self._outputs.frame)
-        response.objects = [mapped_object_to_msg(item) for item in found]
+        response.objects = [
+            detailed_object_to_msg(item, whereabouts(item, every, rooms()))
+            if request.details
+            else mapped_object_to_msg(item)
+            for item in found
+        ]
         return counted(len(found), 'object')
 
     def _forget(self, request: Any) -> str:
@@ -118,7 +129,12 @@ def query_from_msg(request: Any) -> ObjectQuery:
     An empty state means objects that are present, and a radius of 0 means objects anywhere.
     """
     state = request.state or FindObjects.Request.PRESENT
+    query = ObjectQuery(
+        request.class_name,
+        state=state,
+        moved_since_ns=conversions.stamp_from_msg(request.moved_since),
+    )
     if request.radius == 0:
-        return ObjectQuery(request.class_name, state=state)
+        return query
     near_m = np.array([request.near.x, request.near.y, request.near.z])
-    return ObjectQuery(request.class_name, near_m, request.radius, state)
+    return query._replace(near_map_m=near_m, radius_m=request.radius)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from hoid_common.io.image_size import image_size_px, is_jpeg, is_safe_to_decode
 from hoid_common.io.stamps import END_STAMP_NS
 from hoid_common.store.checks import (
     MAX_COUNT,
@@ -17,6 +18,8 @@ from hoid_common.store.checks import (
 from hoid_common.values import ObjectState
 from hoid_scene.dense.submap import SPAN
 from hoid_scene.dense.submap_state import SubmapState
+from hoid_scene.memory.history import MAX_EVENTS, EventKind
+from hoid_scene.memory.object_memory import MAX_JPEG_BYTES, MAX_SIDE_PX, MemoryState
 from hoid_scene.objects.object_map_state import ObjectMapState, decoded
 from hoid_scene.objects.voxel_set import NUM_KEYS
 
@@ -91,3 +94,22 @@ def _check_object_voxels(state: ObjectMapState) -> None:
     require(within(state.readings, MIN_WEIGHT, MAX_WEIGHT), 'a number of readings is invalid')
     for counts in (state.hits, state.misses):
         require(within(counts, 0, MAX_WEIGHT), 'the evidence of a voxel is invalid')
+
+
+def check_memory(state: MemoryState) -> None:
+    """Raise MapFileError if the memory of an object breaks a rule; its text names this rule."""
+    require(len(state.stamp_ns) <= MAX_EVENTS, 'the history of an object is too long')
+    require(within(state.stamp_ns, 0, END_STAMP_NS), 'a time stamp is out of range')
+    require((np.diff(state.stamp_ns) >= 0).all(), 'the history of an object is not sorted')
+    kinds = [kind.value for kind in EventKind]
+    require(np.isin(state.kind, kinds).all(), 'an event of an object is unknown')
+    require(within(state.person_id, -1, MAX_COUNT), 'the person of an event is invalid')
+    require(within(state.distance_m, 0, MAX_POSITION_M), 'the distance of an event is invalid')
+    require(within(state.color_px, 0, MAX_COUNT), 'a number of colored pixels is invalid')
+    require(within(state.picture_ns, 0, END_STAMP_NS), 'a time stamp is out of range')
+    require(within(state.picture_rank, 0, MAX_WEIGHT), 'the rank of a picture is invalid')
+    require(len(state.jpeg) <= MAX_JPEG_BYTES, 'a picture has too many bytes')
+    jpeg = state.jpeg.tobytes()
+    size_px = image_size_px(jpeg) if is_jpeg(jpeg) and is_safe_to_decode(jpeg) else None
+    is_small = size_px is not None and all(0 < side <= MAX_SIDE_PX for side in size_px)
+    require(is_small or not jpeg, 'a picture is no small JPEG')

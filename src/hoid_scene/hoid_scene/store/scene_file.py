@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,16 +18,18 @@ from hoid_common.values import CameraModel, IntArray
 from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.config.object_config import ObjectMapConfig, ObjectTrackerConfig
 from hoid_scene.dense.submap_state import SubmapState
-from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.memory.object_memory import NO_MEMORIES, MemoryState
 from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.objects.object_map_state import ObjectMapState
 from hoid_scene.scene_mapper import SceneMapper
-from hoid_scene.store.scene_check import check_objects, check_submaps
+from hoid_scene.store.scene_check import check_memory, check_objects, check_submaps
 
-# One row for each submap, so that none needs more memory than it has, and one for all objects.
+# One row for each submap, so that none needs more memory than it has, one for the places of all
+# objects, and one for the memory of each object, so that only those that change are written.
 SUBMAPS = Table('scene_submaps', 'number', {'submap': SubmapState})
 OBJECTS = Table('scene_objects', 'number', {'objects': ObjectMapState})
-TABLES = (SUBMAPS, OBJECTS)
+MEMORIES = Table('scene_memories', 'object', {'memory': MemoryState})
+TABLES = (SUBMAPS, OBJECTS, MEMORIES)
 
 
 class SavedScene(NamedTuple):
@@ -35,6 +37,7 @@ class SavedScene(NamedTuple):
 
     dense: SubmapState | None = None  # None: there is none
     objects: ObjectMapState | None = None  # None: there is none
+    memories: Mapping[int, MemoryState] = NO_MEMORIES  # by the number of the object
 
     @property
     def summary(self) -> str:
@@ -49,7 +52,7 @@ class SavedScene(NamedTuple):
             dense = dense.with_anchors(_renamed(dense.anchor, uids, new_uids))
         if objects is not None:
             objects = objects.with_anchors(_renamed(objects.anchor, uids, new_uids))
-        return SavedScene(dense, objects)
+        return SavedScene(dense, objects, self.memories)
 
 
 class JoinedScenes(NamedTuple):
@@ -72,22 +75,26 @@ def exported(mapper: SceneMapper, keyframe_uids: IntArray) -> SavedScene:
     """Return the scene that is anchored to saved keyframes with ascending uids (K,)."""
     dense = mapper.dense.export(keyframe_uids)
     anchored = dense.with_anchors(keyframe_uids[dense.anchor]) if len(dense) else None
-    return SavedScene(anchored, exported_objects(mapper, keyframe_uids))
+    return exported_objects(mapper.object_map, keyframe_uids)._replace(dense=anchored)
 
 
-def exported_objects(mapper: SceneMapper, keyframe_uids: IntArray) -> ObjectMapState | None:
+def exported_objects(objects: ObjectMap | None, keyframe_uids: IntArray) -> SavedScene:
     """Return the objects that are anchored to saved keyframes with ascending uids (K,)."""
-    if not mapper.object_map:
-        return None
-    objects = mapper.object_map.export(keyframe_uids)
-    return objects.with_anchors(keyframe_uids[objects.anchor])
+    if not objects:
+        return SavedScene()
+    state, memories = objects.export(keyframe_uids), objects.memories()
+    return SavedScene(
+        objects=state.with_anchors(keyframe_uids[state.anchor]),
+        memories={key: memories[key] for key in state.object_id.tolist()},
+    )
 
 
 def load(mapper: SceneMapper, scene: SavedScene) -> None:
     """Add a scene to another one that has its keyframes."""
     mapper.correct(mapper.dense.keyframes)
     if scene.objects is not None and mapper.object_map is not None:
-        mapper.object_map.load(scene.objects, uids_as_rows(scene.objects.anchor))
+        anchors = uids_as_rows(scene.objects.anchor)
+        mapper.object_map.load(scene.objects, anchors, scene.memories)
     if scene.dense is not None:
         mapper.load(scene.dense, mapper.dense.keyframes, uids_as_rows(scene.dense.anchor))
 
@@ -96,14 +103,10 @@ def uids_as_rows(anchor: NDArray[np.int32]) -> IntArray:
     return np.arange(1 + int(anchor.max(initial=-1)))
 
 
-def saved_objects(
-    scene: SavedScene, keyframes: KeyframePoses, camera: CameraModel, *, tentative: bool = False
-) -> tuple[MapObject, ...]:
-    """Return the objects of a saved scene by id, as the node that saved it published them.
+def restored(scene: SavedScene, keyframes: KeyframePoses, camera: CameraModel) -> SceneMapper:
+    """Return the scene mapper of a saved scene, which knows the floor, if there is one.
 
-    If there are several maps, only objects of the main one are returned. The boxes of furniture
-    reach down to the floor of the dense map, if there is one. Tentative objects are left out
-    unless `tentative` is set.
+    If there are several maps, it shows the main one.
     """
     dense = None if scene.dense is None else float(scene.dense.voxel_m[0])
     config = DenseConfig() if dense is None else DenseConfig(voxel_m=dense)
@@ -111,7 +114,7 @@ def saved_objects(
     mapper.correct(keyframes)
     load(mapper, scene)
     mapper.grid(mapper.cloud())  # finds the floor
-    return mapper.mapped_objects(tentative=tentative)
+    return mapper
 
 
 def join_scenes(
@@ -126,13 +129,12 @@ def join_scenes(
     objects.correct(keyframes)
     for scene in scenes:
         if scene.objects is not None:
-            objects.load(scene.objects, uids_as_rows(scene.objects.anchor))
+            objects.load(scene.objects, uids_as_rows(scene.objects.anchor), scene.memories)
     objects.join()
-    found = objects.export(keyframes.uids) if objects else None
-    joined = SavedScene(SubmapState.joined(kept) if kept else None)
-    if found is not None:
-        joined = joined._replace(objects=found.with_anchors(keyframes.uids[found.anchor]))
-    return JoinedScenes(joined, keeps_dense)
+    joined = exported_objects(objects, keyframes.uids)
+    return JoinedScenes(
+        joined._replace(dense=SubmapState.joined(kept) if kept else None), keeps_dense
+    )
 
 
 def write(database: Database, scene: SavedScene) -> None:
@@ -144,6 +146,7 @@ def write(database: Database, scene: SavedScene) -> None:
             database.put(SUBMAPS, enumerate(scene.dense.split()))
         if scene.objects is not None:
             database.put(OBJECTS, [(0, scene.objects)])
+        database.put(MEMORIES, scene.memories.items())
 
 
 def add_to_file(path: Path, scene: SavedScene) -> None:
@@ -160,6 +163,7 @@ def read(database: Database) -> SavedScene:
     """Return the checked scene of a database, which may lack the tables; MapFileError."""
     submaps = [row[1] for row in database.rows(SUBMAPS)] if database.has(SUBMAPS) else []
     objects = [row[1] for row in database.rows(OBJECTS)] if database.has(OBJECTS) else []
+    memories = dict(database.rows(MEMORIES)) if database.has(MEMORIES) else {}
     try:
         with np.errstate(all='ignore'):  # NaN and infinity fail the checks
             for submap in submaps:
@@ -168,10 +172,12 @@ def read(database: Database) -> SavedScene:
                 require(is_same, 'submaps differ in the size of their voxels')
             for state in objects:
                 check_objects(state)
+            for memory in memories.values():
+                check_memory(memory)
     except MapFileError as error:
         raise MapFileError(f'{database.path}: is damaged: {error}') from error
     dense = SubmapState.joined(submaps) if submaps else None
-    return SavedScene(dense, objects[0] if objects else None)
+    return SavedScene(dense, objects[0] if objects else None, memories)
 
 
 def read_file(path: Path) -> SavedScene:

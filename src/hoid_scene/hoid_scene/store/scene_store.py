@@ -6,6 +6,7 @@ files. The anchors in it are uids of keyframes of the session, which has a row o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -15,12 +16,14 @@ from hoid_common.store.database import Database, OwnerLock, side_files
 from hoid_common.store.table import Table
 from hoid_common.values import IntArray
 from hoid_scene.dense.view_store import IMAGES, VIEWS, ViewStore
-from hoid_scene.objects.object_map_state import ObjectMapState
+from hoid_scene.memory.object_memory import NO_MEMORIES, MemoryState
+from hoid_scene.objects.object_map import ObjectMap
 from hoid_scene.store import scene_file
-from hoid_scene.store.scene_file import OBJECTS, SUBMAPS, SavedScene
+from hoid_scene.store.scene_file import MEMORIES, OBJECTS, SUBMAPS, SavedScene
 
-SESSION = Table('scene_session', 'number', {'name': str, 'num_loaded': int})
-TABLES = (SESSION, VIEWS, IMAGES, *scene_file.TABLES)
+SESSION = Table('scene_session', 'number', {'name': str, 'num_loaded': int, 'is_reused': int})
+LOADED = Table('scene_loaded', 'object', {})  # numbers of the objects from maps of other sessions
+TABLES = (SESSION, LOADED, VIEWS, IMAGES, *scene_file.TABLES)
 
 
 class StoredSession(NamedTuple):
@@ -28,6 +31,7 @@ class StoredSession(NamedTuple):
 
     name: str
     num_loaded: int  # number of map files whose scene is in the store
+    is_reused: int  # 1: a map with objects is among them
 
 
 class SceneStore:
@@ -44,6 +48,8 @@ class SceneStore:
         self._lock = OwnerLock(path.with_suffix('.lock'), owner)
         self._database: Database | None = None
         self.session: StoredSession | None = None
+        # As this process has stored them; None: others may be in the store.
+        self._memories: Mapping[int, MemoryState] | None = None
         if path.exists():
             self._reopen()
 
@@ -56,7 +62,7 @@ class SceneStore:
         self._discard()
         try:
             self._database = Database.start(self._path, TABLES)
-            self._note(StoredSession(session, 0))
+            self._note(StoredSession(session, 0, 0))
             return ViewStore(self._database)
         except HoidError:
             self._discard()
@@ -69,7 +75,10 @@ class SceneStore:
         """Return the dense map that was loaded and the object map; anchors are uids."""
         return scene_file.read(self._require())
 
-    def add_loaded(self, scene: SavedScene, num_loaded: int) -> None:
+    def add_loaded(
+        self, scene: SavedScene, num_loaded: int, objects: ObjectMap | None, uids: IntArray
+    ) -> None:
+        """Store the dense map of a scene that was loaded, and the objects that there are now."""
         database = self._database
         if database is None:
             return
@@ -77,17 +86,42 @@ class SceneStore:
         states = [] if scene.dense is None else scene.dense.split()
         with database.transaction():
             database.put(SUBMAPS, enumerate(states, first))
-        assert self.session is not None
-        self._note(self.session._replace(num_loaded=num_loaded))
+            memories = self._put_objects(database, objects, uids)
+            assert self.session is not None
+            is_reused = int(objects is not None and objects.is_reused)
+            self._note(StoredSession(self.session.name, num_loaded, is_reused))
+        self._memories = memories
 
-    def put_objects(self, objects: ObjectMapState | None) -> None:
-        database = self._database
-        if database is None:
-            return
-        with database.transaction():
-            database.clear(OBJECTS)
-            if objects is not None:
-                database.put(OBJECTS, [(0, objects)])
+    def put_objects(self, objects: ObjectMap | None, uids: IntArray) -> None:
+        """Store the objects that are anchored to keyframes with ascending uids (K,)."""
+        if self._database is not None:
+            with self._database.transaction():
+                memories = self._put_objects(self._database, objects, uids)
+            self._memories = memories
+
+    def _put_objects(
+        self, database: Database, objects: ObjectMap | None, uids: IntArray
+    ) -> Mapping[int, MemoryState]:
+        scene, before = scene_file.exported_objects(objects, uids), self._memories
+        loaded = [] if objects is None else objects.loaded_ids
+        for table in (OBJECTS, LOADED):
+            database.clear(table)
+        if scene.objects is not None:
+            database.put(OBJECTS, [(0, scene.objects)])
+        database.put(LOADED, [(number,) for number in loaded])
+        if before is None:
+            database.clear(MEMORIES)
+            before = NO_MEMORIES
+        database.delete(MEMORIES, before.keys() - scene.memories.keys())
+        changed = [row for row in scene.memories.items() if before.get(row[0]) is not row[1]]
+        database.put(MEMORIES, changed)
+        return scene.memories
+
+    def restore(self, objects: ObjectMap | None) -> None:
+        """Tell the object map, into which it was loaded, which objects are of other sessions."""
+        loaded = {number for (number,) in self._require().rows(LOADED)}
+        if objects is not None and self.session is not None:
+            objects.restore(loaded, is_reused=bool(self.session.is_reused))
 
     def rename(self, name: str, uids: IntArray, new_uids: IntArray) -> None:
         """Make the scene that of another session, which has the keyframes under other uids."""
@@ -131,7 +165,7 @@ class SceneStore:
     def _discard(self) -> None:
         if self._database is not None:
             self._database.close()
-        self._database, self.session = None, None
+        self._database, self.session, self._memories = None, None, None
         for path in (self._path, *side_files(self._path)):
             with suppress(OSError):  # a disk that is read-only, as the next session reports
                 path.unlink(missing_ok=True)
