@@ -132,6 +132,29 @@ def test_the_newest_image_is_processed_and_dropped_ones_are_counted(make_bench: 
     assert bench.detections == []
 
 
+def test_detections_come_at_a_rate_by_stamps_and_once_the_images_pause(bench: Bench) -> None:
+    stamps = [STAMP_NS + k * 33_333_333 for k in range(9)]
+    for stamp_ns in stamps[:8]:
+        bench.send(IMAGE, stamp_ns)
+        bench.spin(0.03)
+    answered = []
+    while stamps[7] not in answered:  # it is not due, but no other image follows
+        answered.append(conversions.stamp_from_msg(bench.answer().header.stamp))
+    assert answered == sorted(answered)
+    assert answered[0] == stamps[0]
+    assert len(answered) <= 6  # 4 in time: 0, 3, 6 and 7
+    bench.send(IMAGE, stamps[8])
+    assert conversions.stamp_from_msg(bench.answer().header.stamp) == stamps[8]
+
+
+def test_objects_are_detected_in_every_image_with_a_rate_of_0(make_bench: MakeBench) -> None:
+    bench = make_bench(rate_hz=0.0)
+    bench.start()
+    for k in range(4):
+        bench.send(IMAGE, STAMP_NS + k)
+        assert conversions.stamp_from_msg(bench.answer().header.stamp) == STAMP_NS + k
+
+
 def test_the_synthetic_detector_finds_people_and_objects_of_a_rendered_bag(
     make_bench: MakeBench, tmp_path: Path
 ) -> None:

@@ -24,6 +24,7 @@ from hoid_benchmarks.animation import write_animation
 from hoid_benchmarks.captions import draw_legend, draw_title
 from hoid_benchmarks.map_animation import draw_growing_maps
 from hoid_benchmarks.object_picture import draw_objects, object_rows, object_table
+from hoid_benchmarks.plan.detections import every_image
 from hoid_benchmarks.rooms.room_run import map_room
 from hoid_bringup.run.detection_source import DetectionSource, detection_source
 from hoid_bringup.run.options import DETECTOR_HELP
@@ -98,7 +99,7 @@ def pictures_command(args: argparse.Namespace) -> None:
             sequence, wanted[0], run.updated({'filter.strategy': args.filter}), args.out
         )
         return
-    detect = detection_source(sequence, run)  # needed even if the strategy is "none"
+    detect = detection_source(sequence, every_image(run))  # needed even if the strategy is "none"
     config = FilterConfig(strategy=args.filter)
     scenes = dict(draw_scenes(sequence, wanted, detect, config))
     paths = write_sheets([scenes[n] for n in wanted], wanted, args.filter, args.out)

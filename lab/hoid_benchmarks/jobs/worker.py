@@ -8,7 +8,7 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from hoid_benchmarks.jobs.exact import ExactFilter
 from hoid_benchmarks.jobs.inertial import InertialErrors
 from hoid_benchmarks.jobs.masks import mask_rows
 from hoid_benchmarks.jobs.verdicts import Verdicts
-from hoid_benchmarks.plan.detections import cached_detections
+from hoid_benchmarks.plan.detections import cached_detections, every_image
 from hoid_benchmarks.plan.detectors import evaluate_detector
 from hoid_benchmarks.plan.imu_changes import changed_imu
 from hoid_benchmarks.plan.perturb import PerturbedSequence, perturb_detections
@@ -126,8 +126,11 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     base = open_sequence(path)
     cache_folder = store.made / 'detections_of_images'
     cached = cached_detections(base, config, cache_folder) if job.mode != 'timed' else None
+    rate_hz = job.perturbation.detector_hz or config.detector.rate_hz
     detect = perturb_detections(
-        cached or detection_source(base, config), job.perturbation, job.seed
+        cached or detection_source(base, every_image(config)),
+        replace(job.perturbation, detector_hz=rate_hz),
+        job.seed,
     )
     sequence = PerturbedSequence(base, job.perturbation, job.seed)
     find_features = None

@@ -64,10 +64,16 @@ def cached_detections(
     """
     if not config.needs_detections or config.detector.model == TRUTH:
         return None
+    config = every_image(config)
     model = find_model(config.detector.model or None)
     identity = model.read_bytes() + repr(config.detector).encode()
     name = f'{sequence.name}-{model.stem}-{hashlib.sha256(identity).hexdigest()[:8]}.npz'
     return DetectionCache(folder / name, detection_source(sequence, config))
+
+
+def every_image(config: RunConfig) -> RunConfig:
+    """Return a configuration in which objects are detected in every image."""
+    return config.updated({'detector.rate_hz': 0.0})
 
 
 def _digest(frame: RgbdFrame) -> bytes:

@@ -12,6 +12,7 @@ from hoid_benchmarks.plan.moving_picture import MovingPicture
 from hoid_benchmarks.plan.plan import Perturbation
 from hoid_benchmarks.plan.rearranged import Arrangement, RearrangedSequence
 from hoid_bringup.run.detection_source import DetectionSource
+from hoid_common.sync import Rate
 from hoid_common.values import (
     PERSON,
     S_PER_NS,
@@ -141,11 +142,12 @@ def perturb_detections(
 ) -> DetectionSource:
     """Return a perturbed detection source, which returns None while it is late or dead."""
     state = _Clock(np.random.default_rng(seed + 1))
+    rate = Rate(perturbation.detector_hz)
 
     def perturbed(frame: RgbdFrame) -> Detections | None:
         if state.is_dead(frame.stamp_ns, perturbation.detector_dead_s):
             return None
-        if not state.is_due(frame.stamp_ns, perturbation.detector_hz):
+        if not rate.take_due(frame.stamp_ns):
             return None
         if state.is_missed(frame.stamp_ns, perturbation):
             return Detections.none(frame.stamp_ns)
@@ -170,7 +172,6 @@ class _Clock:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self._last_ns = -_MISSED_EVERY_NS
         self._first_ns: int | None = None
         self.num_asked = 0
 
@@ -180,12 +181,6 @@ class _Clock:
     def _since_ns(self, stamp_ns: int) -> int:
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         return stamp_ns - self._first_ns
-
-    def is_due(self, stamp_ns: int, rate_hz: float) -> bool:
-        due = rate_hz <= 0 or (stamp_ns - self._last_ns) * S_PER_NS > 0.999 / rate_hz
-        if due:
-            self._last_ns = stamp_ns
-        return due
 
     def is_missed(self, stamp_ns: int, perturbation: Perturbation) -> bool:
         since_ns = self._since_ns(stamp_ns)

@@ -44,7 +44,7 @@ class Perturbation:
     missed_run: int = 0  # frames lost in a row, once every 3 s
     missed_people: float = 0.0  # share of the people who are not detected, at random
     detector_dead_s: float = 0.0  # time after which there are no more detections; 0 = never
-    detector_hz: float = 0.0  # rate of the detections; 0 = every frame
+    detector_hz: float = 0.0  # rate of the detections; 0 = that of the detector
     depth_noise: float = 0.0  # sigma (m) of added noise at 1 m; grows with depth squared
     depth_missing_share: float = 0.0  # of the pixels whose depth is removed
     # Of the image width, hidden by a moving box with the texture of noise.

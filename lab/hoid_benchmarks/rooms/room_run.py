@@ -14,13 +14,14 @@ from hoid_bringup.run.detection_source import detection_source
 from hoid_bringup.run.offline import MapFiles
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.slam_status import SlamMode
+from hoid_common.sync import Rate
 from hoid_common.values import DynamicObject, RgbdFrame, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.scene_mapper import SceneMapper
-from hoid_scene.scene_scheduler import Rate, SceneRequest, SceneScheduler
+from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 from hoid_scene.store import scene_file
 from hoid_scene.tracks.object_track import TrackedObject
 from rgbd_slam.mapping.slam_map import SlamStats

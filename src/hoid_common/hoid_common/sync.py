@@ -10,11 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hoid_common.values import IntArray
+from hoid_common.values import NS_PER_S, IntArray
 
 # A stamp that is older than its predecessor by this much means that time started anew, as when a
 # bag is played in a loop or a clock is set. Chosen far above any reordering of messages in flight.
 RESTART_NS = 1_000_000_000
+# Chosen: stamps vary by a few milliseconds around the frame rate.
+_EARLY_NS = 5_000_000
 # Chosen: a color image that equals an earlier one counts as repeated by the driver if the earlier
 # one is not older than this. Otherwise the camera is at rest: simulators render equal images then.
 MAX_COPY_AGE_NS = 250_000_000
@@ -265,3 +267,29 @@ class StampMatcher:
         queue.popleft()
         self.counts[name].matched += 1
         return partner.value
+
+
+class Rate:
+    """Selects stamps at a given average rate, which need not divide the frame rate; 0 = all."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_ns = round(NS_PER_S / rate_hz) if rate_hz else 0
+        self._last_ns: int | None = None
+
+    def take_due(self, stamp_ns: int) -> bool:
+        """Return whether the image with this stamp is selected.
+
+        If it is, the next one is due about a period later, so that the average rate is kept. Calls
+        must be in order of time. If a stamp is much earlier than the last selected one, as when a
+        recording starts again, its image is selected.
+        """
+        last_ns = self._last_ns
+        if not self._period_ns or last_ns is None or stamp_ns < last_ns - RESTART_NS:
+            self._last_ns = stamp_ns
+            return True
+        grid_ns = last_ns + self._period_ns
+        if stamp_ns < grid_ns - _EARLY_NS:
+            return False
+        on_time = 0 <= stamp_ns - grid_ns < self._period_ns
+        self._last_ns = grid_ns if on_time else stamp_ns
+        return True

@@ -3,7 +3,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hoid_common.sync import Match, StampMatcher
+from hoid_common.sync import Match, Rate, StampMatcher
 
 MS = 1_000_000
 PERIOD = 33 * MS
@@ -177,3 +177,24 @@ def test_a_missing_partner_now_and_then_is_no_mismatch() -> None:
     for i in range(60):
         feed(matcher, ('color', 33 * i), *([('depth', 33 * i)] if i % 3 else []))
     assert matcher.mismatch == ''
+
+
+def taken(rate: Rate, stamps_ns: list[int]) -> list[int]:
+    return [stamp_ns for stamp_ns in stamps_ns if rate.take_due(stamp_ns)]
+
+
+def test_the_mean_rate_does_not_depend_on_the_frame_rate() -> None:
+    stamps = [i * 33_333_333 for i in range(300)]
+    assert len(taken(Rate(10.0), stamps)) == 100
+    assert len(taken(Rate(7.0), stamps)) == 71  # both ends of 10 s count
+    assert len(taken(Rate(60.0), stamps)) == 300
+
+
+def test_a_rate_continues_after_a_gap_and_after_time_has_started_anew() -> None:
+    rate = Rate(10.0)
+    assert taken(rate, [0, 10**10, 10**10 + 10**8]) == [0, 10**10, 10**10 + 10**8]
+    assert taken(rate, [5, 10, 10**8 + 5]) == [5, 10**8 + 5]
+
+
+def test_a_rate_of_0_takes_every_stamp() -> None:
+    assert taken(Rate(0.0), [7, 7, 6, 5]) == [7, 7, 6, 5]

@@ -23,30 +23,41 @@ class NewestWins(Generic[T, R]):
         self._pool = ThreadPoolExecutor(max_workers=1)
         self._running: Future[R] | None = None
         self._waiting: T | None = None
+        self._is_due = False  # whether the waiting item starts as soon as no other one runs
         self.num_dropped = 0  # items that a newer one replaced
 
-    def offer(self, item: T) -> None:
-        """Process an item now, or after the running one in place of the one that waits."""
-        if self._running is None:
-            self._start(item)
-        else:
-            if self._waiting is not None:
-                self.num_dropped += 1
-            self._waiting = item
+    def offer(self, item: T, *, is_due: bool = True) -> None:
+        """Let an item wait in place of the one that waits, and start it if it may start.
+
+        An item that is not due starts with `start_waiting`, or in the place of a due one.
+        """
+        if self._waiting is not None:
+            self.num_dropped += 1
+        self._waiting = item
+        self._is_due |= is_due
+        if self._is_due:
+            self.start_waiting()
+
+    def start_waiting(self) -> None:
+        """Process the waiting item, if there is one, now or after the running one."""
+        self._is_due = self._waiting is not None
+        if self._running is None and self._waiting is not None:
+            item, self._waiting, self._is_due = self._waiting, None, False
+            self._running = self._pool.submit(self._work, item)
+            self._running.add_done_callback(lambda _: self._wake())
 
     def finish(self) -> R | None:
-        """Return the finished result or None, or raise its error; start the waiting item."""
+        """Return the finished result or None, or raise its error; start a waiting item if due."""
         if self._running is None or not self._running.done():
             return None
         done, self._running = self._running, None
-        if self._waiting is not None:
-            item, self._waiting = self._waiting, None
-            self._start(item)
+        if self._is_due:
+            self.start_waiting()
         return done.result()
 
     def clear(self) -> None:
         """Discard the waiting item, and the running one with its result or error."""
-        self._waiting = None
+        self._waiting, self._is_due = None, False
         if self._running is not None:
             self._running.exception()
             self._running = None
@@ -54,7 +65,3 @@ class NewestWins(Generic[T, R]):
     def close(self) -> None:
         self._waiting = None
         self._pool.shutdown()
-
-    def _start(self, item: T) -> None:
-        self._running = self._pool.submit(self._work, item)
-        self._running.add_done_callback(lambda _: self._wake())

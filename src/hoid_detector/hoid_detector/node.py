@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from hoid_msgs.msg import DetectionArray
+from rclpy.clock import Clock, ClockType
+from rclpy.timer import Timer
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
@@ -21,6 +23,7 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.ros.lifecycle import ManagedNode
 from hoid_common.ros.parameters import Parameters
 from hoid_common.ros.run import run_node
+from hoid_common.sync import Rate
 from hoid_common.values import ByteArray, Detections
 from hoid_detector.config import DetectorNodeConfig
 from hoid_detector.drawing import draw_detections
@@ -51,6 +54,7 @@ class DetectorNode(ManagedNode):
         os.nice(_NICENESS)
         self._done = self.create_guard_condition(self._finish)
         self._worker = NewestWins(self._detect, self._done.trigger)
+        self._pace(self._settings.config.rate_hz)
         self._detections = self.create_publisher(DetectionArray, topics.DETECTIONS, qos.OUTPUT)
         self._detections_2d = self.create_publisher(
             Detection2DArray, topics.OWN_DETECTIONS_2D, qos.OUTPUT
@@ -73,6 +77,23 @@ class DetectorNode(ManagedNode):
             )
         self.begin(autostart=self._settings.config.autostart)
 
+    def _pace(self, rate_hz: float) -> None:
+        """Detect objects at a rate, by the stamps of images; 0 = in every image.
+
+        The newest image, if it was not due, is processed once no other one has come for a period:
+        a stream that stops, or a camera that is triggered, ends with detections.
+        """
+        self._rate = Rate(rate_hz)
+        self._pause: Timer | None = None
+        if rate_hz:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._pause = self.create_timer(1 / rate_hz, self._end_pause, clock=steady)
+
+    def _end_pause(self) -> None:
+        assert self._pause is not None
+        self._pause.cancel()
+        self._worker.start_waiting()
+
     def destroy_node(self) -> None:
         self._worker.close()
         super().destroy_node()
@@ -90,7 +111,10 @@ class DetectorNode(ManagedNode):
     def _take(self, msg: conversions.ReceivedImage | CompressedImage) -> None:
         if self._enabled:
             self._find_roll(msg.header.frame_id)
-            self._worker.offer(msg)
+            is_due = self._rate.take_due(conversions.stamp_from_msg(msg.header.stamp))
+            if self._pause is not None:
+                self._pause.reset()
+            self._worker.offer(msg, is_due=is_due)
 
     def _expect(self, msg: DetectionArray) -> None:
         if self._detector is not None:

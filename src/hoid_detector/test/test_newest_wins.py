@@ -60,6 +60,27 @@ def test_an_error_of_one_item_is_raised_and_the_next_is_processed(bench: Bench) 
     assert bench.end_one() == 20
 
 
+def test_an_item_that_is_not_due_waits_until_it_is_started_or_a_due_one_replaces_it(
+    bench: Bench,
+) -> None:
+    bench.worker.offer(1, is_due=False)
+    bench.worker.offer(2, is_due=False)
+    assert bench.worker.num_dropped == 1
+    bench.worker.start_waiting()
+    bench.worker.offer(3, is_due=False)
+    assert bench.end_one() == 20
+    assert bench.worker.finish() is None  # 3 waits
+    bench.worker.offer(4)
+    assert bench.end_one() == 40
+    assert bench.worker.num_dropped == 2
+    bench.worker.start_waiting()  # nothing waits
+    bench.worker.offer(5)
+    bench.worker.offer(6)
+    bench.worker.offer(7, is_due=False)  # in the place of 6, which was due
+    assert bench.end_one() == 50
+    assert bench.end_one() == 70
+
+
 def test_clear_discards_all_items(bench: Bench) -> None:
     bench.worker.offer(1)
     bench.worker.offer(2)

@@ -11,11 +11,11 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from hoid_common.sync import Rate
 from hoid_common.values import BoolArray, FloatArray, ObjectState
 from hoid_scene.config.navigation_config import NavigationConfig
 from hoid_scene.grid.grid import Grid
 from hoid_scene.grid.steady_grid import GridPatch, patch_of
-from hoid_scene.scene_scheduler import Rate
 from hoid_scene.tracks.object_track import TrackedObject
 
 CLOSED = 100

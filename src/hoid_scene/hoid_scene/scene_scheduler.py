@@ -7,10 +7,8 @@ from typing import NamedTuple
 
 from hoid_common import se3
 from hoid_common.poses.keyframe_poses import KeyframePoses, TrackedImage
-from hoid_common.sync import RESTART_NS
-from hoid_common.values import NS_PER_S, FloatArray
-
-_EARLY_NS = 5_000_000  # chosen: stamps vary by a few milliseconds around the frame rate
+from hoid_common.sync import Rate
+from hoid_common.values import FloatArray
 
 
 class SceneRequest(NamedTuple):
@@ -37,32 +35,6 @@ class SceneRequest(NamedTuple):
         if self.keyframes is None or row is None:
             return None
         return se3.inverse(self.keyframes.T_map_camera[row]) @ self.T_map_camera
-
-
-class Rate:
-    """Selects stamps at a given average rate, which need not divide the frame rate."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_ns = round(NS_PER_S / rate_hz)
-        self._last_ns: int | None = None
-
-    def take_due(self, stamp_ns: int) -> bool:
-        """Return whether the image with this stamp is selected.
-
-        If it is, the next one is due about a period later, so that the average rate is kept. Calls
-        must be in order of time. If a stamp is much earlier than the last selected one, as when a
-        recording starts again, its image is selected.
-        """
-        last_ns = self._last_ns
-        if last_ns is None or stamp_ns < last_ns - RESTART_NS:
-            self._last_ns = stamp_ns
-            return True
-        grid_ns = last_ns + self._period_ns
-        if stamp_ns < grid_ns - _EARLY_NS:
-            return False
-        on_time = 0 <= stamp_ns - grid_ns < self._period_ns
-        self._last_ns = grid_ns if on_time else stamp_ns
-        return True
 
 
 class SceneScheduler:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hoid_common.poses.keyframe_poses import NO_KEYFRAMES, TrackedImage
-from hoid_scene.scene_scheduler import Rate, SceneScheduler
+from hoid_scene.scene_scheduler import SceneScheduler
 
 PERIOD_NS = 33_333_333
 
@@ -11,23 +11,6 @@ PERIOD_NS = 33_333_333
 def image(number: int = 0, **changes: bool) -> TrackedImage:
     flags = {'is_in_main_map': True, 'is_growing': True} | changes
     return TrackedImage(number * PERIOD_NS, np.eye(4), 5, **flags)
-
-
-def taken(rate: Rate, stamps_ns: list[int]) -> list[int]:
-    return [stamp_ns for stamp_ns in stamps_ns if rate.take_due(stamp_ns)]
-
-
-def test_the_mean_rate_does_not_depend_on_the_frame_rate() -> None:
-    stamps = [i * PERIOD_NS for i in range(300)]
-    assert len(taken(Rate(10.0), stamps)) == 100
-    assert len(taken(Rate(7.0), stamps)) == 71  # both ends of 10 s count
-    assert len(taken(Rate(60.0), stamps)) == 300
-
-
-def test_a_rate_continues_after_a_gap_and_after_time_has_started_anew() -> None:
-    rate = Rate(10.0)
-    assert taken(rate, [0, 10**10, 10**10 + 10**8]) == [0, 10**10, 10**10 + 10**8]
-    assert taken(rate, [5, 10, 10**8 + 5]) == [5, 10**8 + 5]
 
 
 def test_the_dense_map_and_the_object_tracks_have_their_own_rates() -> None:

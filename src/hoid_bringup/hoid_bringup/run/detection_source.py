@@ -8,6 +8,7 @@ from collections.abc import Callable
 from hoid_bags.sequence import Sequence
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import InputError
+from hoid_common.sync import Rate
 from hoid_common.values import Detections, RgbdFrame
 from hoid_detector.model.model_path import find_model
 from hoid_detector.onnx_detector import OnnxDetector
@@ -24,8 +25,8 @@ def detection_source(
 ) -> DetectionSource:
     """Return a function that returns the detections of a frame.
 
-    It returns None for each frame if the strategy needs no detections, and for frames for which
-    the bag has no message of ground-truth boxes.
+    It returns None for each frame if the strategy needs no detections, for frames that the
+    detector leaves out by its rate, and for those without a message of ground-truth boxes.
 
     Args:
         expected: Function that returns where the object map expects objects; a detector uses it
@@ -44,7 +45,7 @@ def detection_source(
                 f'{sequence.name}: has no ground-truth boxes for "--detector {TRUTH}"; '
                 'use a bag of "hoid synth", or a detector'
             )
-        return lambda frame: exact.get(frame.stamp_ns)
+        return _at_rate(lambda frame: exact.get(frame.stamp_ns), config.detector.rate_hz)
     detector = OnnxDetector(find_model(config.detector.model or None), config.detector)
     if warning := detector.network.provider_warning:
         _LOG.warning('%s', warning)
@@ -53,4 +54,10 @@ def detection_source(
         detector.expected = expected()
         return detector.detect(frame.image_bgr, frame.stamp_ns)
 
-    return detect
+    return _at_rate(detect, config.detector.rate_hz)
+
+
+def _at_rate(detect: DetectionSource, rate_hz: float) -> DetectionSource:
+    """Return a source that detects objects at a rate, by stamps, and returns None between."""
+    rate = Rate(rate_hz)
+    return lambda frame: detect(frame) if rate.take_due(frame.stamp_ns) else None
