@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from hoid_common.errors import counted
 from hoid_system_tests.probe import Probe
 from hoid_system_tests.running_camera import RunningCamera
 from hoid_system_tests.started_suite import HOID, LIMIT_S, StartedSuite, started_suite
@@ -40,7 +41,9 @@ def test_nodes_say_what_they_wait_for_and_what_became_of_the_map(
         suite.process.send_signal(signal.SIGINT)
         assert suite.await_end() == 0
         assert suite.await_line(probe, 'hoid nodes: ending the nodes')
-        line = suite.await_line(probe, f'map of {keyframes} keyframes kept as {folder}/kept-')
+        line = suite.await_line(
+            probe, f'map of {counted(keyframes, "keyframe")} kept as {folder}/kept-'
+        )
         assert '; load it with ' in line
 
 

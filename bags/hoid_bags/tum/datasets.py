@@ -168,7 +168,7 @@ def _icl_depth_m(path: Path) -> Float32Array:
     try:
         distance_m = np.array(words, np.float32).reshape(_ICL.size_px[::-1])
     except ValueError as error:
-        raise InputError(f'{path}: expected {u.size} distances') from error
+        raise InputError(f'{path}: expected {u.size} distances, got {len(words)} words') from error
     return np.asarray(distance_m / np.linalg.norm(rays, axis=0), np.float32)
 
 

@@ -108,7 +108,7 @@ def test_close_kills_a_child_that_does_not_receive(targets: ModuleType) -> None:
     worker = started(ChildWorker('sleeper', targets.sleep))
     worker.send(bytes(1 << 20))  # more than a pipe can buffer, so that its sender blocks as well
     worker.send(1)
-    with pytest.raises(ChildTimeoutError, match=r'"sleeper" gives no answer in 0\.01 s'):
+    with pytest.raises(ChildTimeoutError, match=r'"sleeper" did not respond within 0\.01 s'):
         worker.receive(0.01)
     before_s = time.monotonic()
     assert worker.close(patience_s=0.1) == 'signal 9'

@@ -223,7 +223,8 @@ class SceneMapper:
     def load(self, dense: SubmapState, keyframes: KeyframePoses, keyframe_uids: IntArray) -> None:
         """Add a saved dense map to the dense map, after the keyframe poses were applied."""
         if dense.voxel_m[0] != self._config.voxel_m:
-            raise MapFileError('the dense map was made with another dense.voxel_m')
+            voxel_m = dense.voxel_m[0]
+            raise MapFileError(f'the dense map was made with dense.voxel_m {voxel_m:g}: set this')
         self.correct(keyframes)
         self.dense.load(dense, keyframe_uids)
 

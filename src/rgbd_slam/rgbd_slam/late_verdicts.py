@@ -47,7 +47,10 @@ class LateVerdicts:
         if expected is None or not verdicts.is_dynamic.any():
             return False
         if num != expected:
-            raise MessageError(f'feature_verdicts are of {num} features, the image has {expected}')
+            raise MessageError(
+                f'feature_verdicts are of {num} features, but the image has {expected}: only one '
+                'filter may publish them'
+            )
         return True
 
 

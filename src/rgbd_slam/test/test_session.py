@@ -149,7 +149,7 @@ def test_verdicts_without_dynamic_features_or_image_change_nothing() -> None:
 def test_verdicts_of_another_length_are_refused() -> None:
     session = new_session()
     see(session, World(), 0)
-    with pytest.raises(MessageError, match='feature_verdicts are of 3 features, the image has'):
+    with pytest.raises(MessageError, match='feature_verdicts are of 3 features, but the image'):
         session.apply_verdicts(FeatureVerdicts(0, first_features(1, 3)))
 
 

@@ -137,7 +137,7 @@ class ChildWorker(Generic[Message, Report]):
             report = self._received.get(timeout=timeout_s)
         except Empty:
             raise ChildTimeoutError(
-                f'the process "{self._name}" gives no answer in {timeout_s:g} s'
+                f'the process "{self._name}" did not respond within {timeout_s:g} s'
             ) from None
         if isinstance(report, _Mark):
             self._received.put(report)  # so that the next call raises as well

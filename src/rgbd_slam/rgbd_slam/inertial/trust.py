@@ -131,8 +131,9 @@ class Trust:
     def compare_rates(self, fit: GyroFit, recent: GyroFit | None) -> bool:
         """Return whether the comparison with the tracked rotation shows no fault of the gyro.
 
-        While the camera hardly turns, no fault is noticed. Of the last 2 s, only another unit
-        counts, because in a blur the tracked rotation may be wrong as well.
+        While the camera hardly turns, no fault is noticed. `recent`, the comparison over the last
+        2 s, can show only that the rates are in degrees, because in a blur the tracked rotation
+        may be wrong as well.
         """
         self._fault_of_fit = _fault_of(fit)
         if recent is not None and _is_in_degrees(recent):
