@@ -19,7 +19,7 @@ more, `-q` less; both stand before or after the command. `eval "$(./hoid complet
 
 
 def command_reference() -> str:
-    """Return the page in Markdown, with a table of arguments for each command.
+    """Return the page in Markdown, with a list of arguments for each command.
 
     An argument that several commands have is described at the first one.
     """
@@ -33,11 +33,11 @@ def command_reference() -> str:
         for usage, text in _arguments(parser):
             first = described.setdefault((usage, text), name)
             if first == name or not usage.startswith('--'):
-                rows.append(f'| {_code(usage)} | {text} |')
+                rows.append(f'- `{usage}`: {text}')
             else:
                 elsewhere.setdefault(first, []).append(f'`{usage.split()[0]}`')
         if rows:
-            parts.append('\n'.join(['| argument | what it is |', '|---|---|', *rows, '']))
+            parts.append('\n'.join([*rows, '']))
         if elsewhere:
             links = (f'{", ".join(o)} as in [{n}](#hoid-{n})' for n, o in elsewhere.items())
             parts.append(f'Also {"; ".join(links)}.\n')
@@ -50,12 +50,7 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[tuple[str, str]]:
         if action.help != argparse.SUPPRESS:
             text = help_text(action) % {**vars(action), 'prog': parser.prog}
             text = text.removesuffix(' (default: none)')
-            yield _usage(action), text.replace('|', chr(92) + '|')
-
-
-def _code(text: str) -> str:
-    """Return a text as code for a cell of a Markdown table; `|` would end the cell."""
-    return f'<code>{text.replace("|", "&#124;")}</code>' if '|' in text else f'`{text}`'
+            yield _usage(action), text
 
 
 def _usage(action: argparse.Action) -> str:
