@@ -127,8 +127,10 @@ def _divided(is_open: BoolArray, resolution_m: float) -> NDArray[np.int32]:
     distance_m = resolution_m * cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     num, cores = cv2.connectedComponents((distance_m > _DOOR_M / 2).astype(np.uint8))
     labels = np.where(padded > 0, cores, num).astype(np.int32)  # walls are a part as well
-    steep = np.clip(255 - 255 * distance_m / max(float(distance_m.max()), 1e-6), 0, 255)
-    cv2.watershed(cv2.merge([steep.astype(np.uint8)] * 3), labels)  # in place
+    # The open space is flat, so that all parts grow at one speed, in place, and walls last. With
+    # the distance as height, which is usual, strips along the walls of a room fall to another one.
+    height = np.where(padded > 0, 0, 255).astype(np.uint8)
+    cv2.watershed(cv2.merge([height] * 3), labels)
     labels[(labels == num) | (padded == 0) | (labels < 0)] = 0
     for _ in range(2):  # the cells where two parts meet
         grown = cv2.dilate(labels.astype(np.float32), np.ones((3, 3), np.uint8)).astype(np.int32)
