@@ -57,4 +57,5 @@ lock:  ## Pin the Python packages anew (needs uv)
 	  $$pin ros.in -c robot.lock -c experiments.lock -o ros.lock && \
 	  $$pin dev.in -c robot.lock -c experiments.lock -c ros.lock -o dev.lock && \
 	  $$pin view.in -c robot.lock -c experiments.lock -c ros.lock -c dev.lock -o view.lock && \
-	  $$pin video.in -c robot.lock -c experiments.lock -c ros.lock -c dev.lock -o video.lock
+	  $$pin video.in -c robot.lock -c experiments.lock -c ros.lock -c dev.lock -o video.lock && \
+	  $$pin mesh.in -c robot.lock -c experiments.lock -c ros.lock -c dev.lock -c view.lock -o mesh.lock

@@ -41,7 +41,7 @@ LAYERS = {
     """,
     'hoid_scene': """
         config place scene_scheduler memory < dense level < grid < tracks < objects
-        < search < export navigation_masks < scene_mapper < store < scene_session < ros < node
+        < search < export mesh navigation_masks < scene_mapper < store < scene_session < ros < node
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping

@@ -33,6 +33,7 @@ setup(
     extras_require={
         'test': ['hypothesis', 'pytest'],
         'experiments': ['evo', 'matplotlib'],
+        'mesh': ['scikit-image', 'trimesh'],
         'view': ['rerun-sdk'],
     },
     zip_safe=True,

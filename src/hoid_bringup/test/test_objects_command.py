@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import yaml
 from hoid_bringup.cli import main
 from hoid_bringup.run.offline import MapFiles, run_offline
 from hoid_bringup.run.run_config import RunConfig
+from hoid_common.io.image_size import is_jpeg
 from hoid_common.values import Detections, RgbdFrame
 from hoid_scene.store import scene_file
 from rgbd_slam.store import map_file
@@ -27,7 +30,7 @@ class WallWithPicture(WallSequence):
         return Detections(frame.stamp_ns, box, ('tv',), np.array([0.9], np.float32))
 
 
-def save(folder: Path, name: str, *, enabled: bool) -> Path:
+def save(folder: Path, name: str, *, enabled: bool, dense: bool = False) -> Path:
     parameters = {'filter.strategy': 'hoid2d', 'object_map.enabled': enabled}
     wall, path = WallWithPicture(), folder / name
     run_offline(
@@ -35,6 +38,7 @@ def save(folder: Path, name: str, *, enabled: bool) -> Path:
         RunConfig().updated(parameters),
         folder / 'out',
         detect=wall.detect,
+        dense=dense,
         maps=MapFiles(save=path),
         show_progress=False,
     )
@@ -110,3 +114,56 @@ def test_a_run_with_a_saved_map_finds_the_same_objects(
     assert after is not None
     assert after.object_id.tolist() == before.object_id.tolist()
     assert after.num_sightings[0] > before.num_sightings[0]
+
+
+def listed(capsys: pytest.CaptureFixture[str], *argv: object) -> list[str]:
+    assert main([*map(str, argv)]) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def test_objects_are_found_in_words_and_by_time(
+    maps: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in (['screen'], ['the', 'television'], ['anything'], ['--since', '1h']):
+        assert len(listed(capsys, 'objects', maps[0], *words)) == 2
+    for words in (['cup'], ['tv', 'in', 'the', 'kitchen'], ['--since', '2100-01-01']):
+        assert len(listed(capsys, 'objects', maps[0], *words)) == 1
+    for name in ('monitor', '1'):
+        title, event = listed(capsys, 'objects', maps[0], '--history', name)
+        assert title == '1 tv'
+        assert event.endswith('  new')
+    with pytest.raises(SystemExit):
+        main(['objects', str(maps[0]), '--since', 'tuesday'])
+    assert 'neither a time, as 2026-11-27T18:00, nor an age' in capsys.readouterr().err
+
+
+def test_pictures_and_json_of_objects_are_written(
+    maps: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, other = tmp_path / 'one.json', tmp_path / 'other.json'
+    listed(capsys, 'objects', maps[0], '--json', one, '--pictures', tmp_path / 'pictures')
+    (picture,) = (tmp_path / 'pictures').iterdir()
+    assert picture.name == '1_tv.jpg'
+    assert is_jpeg(picture.read_bytes())
+    (line,) = listed(capsys, 'map', 'export', maps[0], '--out', other)
+    assert line.startswith(f'{other}: 1 object, ')
+    assert one.read_bytes() == other.read_bytes()
+    (entry,) = json.loads(one.read_text())['objects']
+    assert base64.b64decode(entry['picture']) == picture.read_bytes()
+    assert main(['map', 'export', str(maps[0]), '--out', str(tmp_path / 'a.obj')]) == 1
+    assert 'FILE.ply, FILE.glb or FILE.json' in capsys.readouterr().err
+    assert main(['map', 'export', str(maps[0]), '--out', str(tmp_path / 'a.ply')]) == 1
+    assert 'there is no dense map' in capsys.readouterr().err
+
+
+def test_a_map_is_exported_as_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip('trimesh', reason='meshes are an optional extra: requirements/mesh.lock')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('hoid_bringup.run.outputs.plot_run', lambda *_: None)
+        path = save(tmp_path, 'dense.hoidmap', enabled=True, dense=True)
+    for name, options in (('a.ply', []), ('b.ply', ['--semantic']), ('c.glb', [])):
+        (line,) = listed(capsys, 'map', 'export', path, '--out', tmp_path / name, *options)
+        assert ' triangles, ' in line
+    assert b'comment label 1 tv\n' in (tmp_path / 'b.ply').read_bytes()
+    assert b'label' not in (tmp_path / 'a.ply').read_bytes()[:600]
+    assert (tmp_path / 'c.glb').read_bytes()[:4] == b'glTF'

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from hoid_common.errors import ConfigError, MapFileError, counted
+from hoid_common.errors import ConfigError, InputError, MapFileError, counted
 from hoid_common.io.files import check_writable
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
@@ -22,24 +23,35 @@ from rgbd_slam.store import map_file
 from rgbd_slam.store.map_file import MapFile
 
 _MB = 1e6
-_INFO, _MERGE, _LOOPS, _REMOVE = 'info', 'merge', 'loops', 'remove-loop'
+_INFO, _MERGE, _LOOPS, _REMOVE, _EXPORT = 'info', 'merge', 'loops', 'remove-loop', 'export'
+_NO_MESH = (
+    'scikit-image or trimesh is not installed: run the command through ./hoid, which installs '
+    'them, or "pip install -r requirements/mesh.lock"'
+)
 _OTHER_VOXELS = 'its voxels have another size than those of the first map'
 
 
 def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'action',
-        choices=(_INFO, _MERGE, _LOOPS, _REMOVE),
+        choices=(_INFO, _MERGE, _LOOPS, _REMOVE, _EXPORT),
         help='info: print what each map holds; merge: join the maps where they show the same '
         'places, in the frame of the first one; loops: list the loops and joins of each map; '
-        'remove-loop: take back loop K of a map, as in "remove-loop FILE K", and adjust the map',
+        'remove-loop: take back loop K of a map, as in "remove-loop FILE K", and adjust the map; '
+        'export: write a mesh of the dense map (.ply, .glb) or the objects (.json) for others',
     )
     parser.add_argument('maps', type=Path, nargs='+', metavar='FILE', help=f'saved {SUFFIX} files')
     parser.add_argument(
         '--out',
         type=Path,
         metavar='FILE',
-        help='merge: file of the joined map; remove-loop: file of the new map, by default FILE',
+        help='merge: file of the joined map; remove-loop: file of the new map, by default FILE; '
+        'export: file for other programs',
+    )
+    parser.add_argument(
+        '--semantic',
+        action='store_true',
+        help='export: the mesh has the colors of classes of objects, and in a .ply file labels',
     )
     for option, text in (
         ('--join', 'merge: these two show the same places: one place that fits is enough'),
@@ -59,7 +71,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 def map_command(args: argparse.Namespace) -> None:
     """Print what saved maps hold, or join or change them."""
     described = {_INFO: _described, _LOOPS: _listed_loops}
-    change = {_MERGE: _merge, _REMOVE: _remove_loop}.get(args.action)
+    change = {_MERGE: _merge, _REMOVE: _remove_loop, _EXPORT: _export}.get(args.action)
     if change is not None:
         change(args)
         return
@@ -104,6 +116,18 @@ def _remove_loop(args: argparse.Namespace) -> None:
     map_file.save(out, opened)
     scene_file.add_to_file(out, scene)
     _print(f'{out}: without loop {number}, {len(opened.loops)} loops and joins are left')
+
+
+def _export(args: argparse.Namespace) -> None:
+    if len(args.maps) != 1:
+        raise ConfigError('export takes one map')
+    if find_spec('trimesh') is None or find_spec('skimage') is None:
+        raise InputError(_NO_MESH)
+    from hoid_bringup.maps.map_export import export
+
+    path = named_map(args.maps[0])
+    done = export(map_file.load(path), scene_of(path), args.out, is_semantic=args.semantic)
+    _print(f'{args.out}: {done}, {args.out.stat().st_size / _MB:.1f} MB')
 
 
 def scene_of(path: Path) -> SavedScene:

@@ -145,12 +145,12 @@ def _query(args: argparse.Namespace, objects: Sequence[MapObject]) -> ObjectQuer
     near = None if args.near is None else np.array(args.near)
     is_number = args.history is None or args.history.isdigit()
     words = ' '.join(args.words) or args.class_name or ('' if is_number else args.history)
-    since_ns = 0
+    since_ns = None
     if isinstance(args.since, datetime):
         since_ns = int(args.since.timestamp() * NS_PER_S)
     elif args.since is not None:
         newest_ns = max((item.last_ns for item in objects), default=0)
-        since_ns = max(newest_ns - args.since, 1)
+        since_ns = max(newest_ns - args.since, 0)
     return ObjectQuery(words, near, args.radius, args.state, since_ns)
 
 

@@ -132,7 +132,7 @@ def query_from_msg(request: Any) -> ObjectQuery:
     query = ObjectQuery(
         request.class_name,
         state=state,
-        moved_since_ns=conversions.stamp_from_msg(request.moved_since),
+        moved_since_ns=conversions.stamp_from_msg(request.moved_since) or None,
     )
     if request.radius == 0:
         return query

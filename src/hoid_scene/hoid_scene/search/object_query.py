@@ -55,7 +55,8 @@ class ObjectQuery(NamedTuple):
     near_map_m: FloatArray | None = None  # (3,) point in the map frame; None: anywhere
     radius_m: float = np.inf  # largest distance of the center from `near_map_m`, if given
     state: str = _PRESENT  # one of STATES
-    moved_since_ns: int = 0  # only objects that are new, moved or gone since this stamp; 0: all
+    # Only objects that are new, moved or gone since this stamp; None: all.
+    moved_since_ns: int | None = None
 
     def check(self) -> None:
         """Raise InputError if the state is unknown, or words, point or radius are invalid."""
@@ -119,7 +120,8 @@ def find(
 
 
 def _is_in_state(item: MapObject, query: ObjectQuery) -> bool:
-    if query.moved_since_ns and not was_moved_since(item, query.moved_since_ns):
+    since_ns = query.moved_since_ns
+    if since_ns is not None and not was_moved_since(item, since_ns):
         return False
     state = item.state.name.lower()
     is_sure = item.state is not ObjectState.TENTATIVE

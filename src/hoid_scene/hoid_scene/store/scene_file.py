@@ -103,14 +103,17 @@ def uids_as_rows(anchor: NDArray[np.int32]) -> IntArray:
     return np.arange(1 + int(anchor.max(initial=-1)))
 
 
-def restored(scene: SavedScene, keyframes: KeyframePoses, camera: CameraModel) -> SceneMapper:
+def restored(
+    scene: SavedScene, keyframes: KeyframePoses, camera: CameraModel, *, label_cloud: bool = False
+) -> SceneMapper:
     """Return the scene mapper of a saved scene, which knows the floor, if there is one.
 
     If there are several maps, it shows the main one.
     """
     dense = None if scene.dense is None else float(scene.dense.voxel_m[0])
     config = DenseConfig() if dense is None else DenseConfig(voxel_m=dense)
-    mapper = SceneMapper(camera, config, ObjectTrackerConfig(), ObjectMapConfig(enabled=True))
+    of_objects = ObjectMapConfig(enabled=True, label_cloud=label_cloud)
+    mapper = SceneMapper(camera, config, ObjectTrackerConfig(), of_objects)
     mapper.correct(keyframes)
     load(mapper, scene)
     mapper.grid(mapper.cloud())  # finds the floor
