@@ -2,7 +2,8 @@
 
 Each recording is mapped with each detector. The pictures show the boxes of the map, with numbers,
 classes and states, in the images of the list: green is right, orange double, red wrong, gray
-unsure; plain rectangles are listed objects, yellow if they were not found.
+unsure; plain rectangles are listed objects, yellow if they were not found. Beside each is
+a sheet of the best pictures of its objects.
 """
 
 from __future__ import annotations
@@ -33,8 +34,10 @@ from hoid_benchmarks.plan.sequences import Store
 from hoid_benchmarks.rooms.room_run import MappedRoom, map_room
 from hoid_benchmarks.rooms.room_scores import level_error_deg
 from hoid_bringup.run.run_config import RunConfig
+from hoid_common.io.images import encode_jpeg
 from hoid_common.values import FloatArray, Trajectory
 from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.search.picture_sheet import picture_sheet
 
 _DETECTORS = ('yolox_nano', 'yolov8n_int8')
 _HEADER = (
@@ -45,6 +48,7 @@ _ERROR_HEADER = (
     'recording', 'detector', 'error', 'object of the map', 'nearest listed object',
     'sum of scores, images', 'size m',
 )  # fmt: skip
+_QUALITY = 85  # chosen: of a JPEG
 _SAME_IMAGE_NS = 20_000_000  # the association limit of the ATE
 _BAR = ('bar', *[''] * 7, '>= 85 %', '>= 75 %', '< 0.05', '< 2')
 
@@ -99,6 +103,8 @@ def _evaluated(name: str, listed: list[ListedObject], store: Store, model: str, 
     images = {f.stamp_ns: f.image_bgr for f in sequence if f.stamp_ns in stamps_ns}
     path = out / f'{name}_{Path(model).stem}.jpg'
     write_picture(path, images, poses, camera, listed, present, scores)
+    if (sheet := picture_sheet(present)) is not None:
+        path.with_stem(f'{path.stem}_objects').write_bytes(encode_jpeg(sheet, _QUALITY))
     level_deg = _level_deg(room, sequence.ground_truth, reference_up(name))
     return _Row(name, model, scores, present, level_deg)
 

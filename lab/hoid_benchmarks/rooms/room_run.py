@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 from tqdm import tqdm
 
 from hoid_bags.sequence import Sequence as Recording
@@ -98,7 +100,8 @@ def map_room(
         if request.track_objects:
             tracks[frame.stamp_ns] = scene.track_objects(request, frame.depth_m, filtered.objects)
         if request.map_objects:
-            scene.map_objects(request, frame.depth_m, filtered.objects)
+            color = partial(np.asarray, frame.image_bgr)
+            scene.map_objects(request, frame.depth_m, filtered.objects, color)
             history[frame.stamp_ns] = scene.mapped_objects()
         if request.fuse:
             scene.fuse(request, frame.depth_m, frame.image_bgr, filtered.objects)

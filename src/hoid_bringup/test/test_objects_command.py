@@ -13,7 +13,7 @@ import yaml
 from hoid_bringup.cli import main
 from hoid_bringup.run.offline import MapFiles, run_offline
 from hoid_bringup.run.run_config import RunConfig
-from hoid_common.io.image_size import is_jpeg
+from hoid_common.io.image_size import image_size_px, is_jpeg
 from hoid_common.values import Detections, RgbdFrame
 from hoid_scene.store import scene_file
 from rgbd_slam.store import map_file
@@ -142,8 +142,9 @@ def test_pictures_and_json_of_objects_are_written(
 ) -> None:
     one, other = tmp_path / 'one.json', tmp_path / 'other.json'
     listed(capsys, 'objects', maps[0], '--json', one, '--pictures', tmp_path / 'pictures')
-    (picture,) = (tmp_path / 'pictures').iterdir()
-    assert picture.name == '1_tv.jpg'
+    picture, every = sorted((tmp_path / 'pictures').iterdir())
+    assert (picture.name, every.name) == ('1_tv.jpg', 'all.jpg')
+    assert image_size_px(every.read_bytes()) == (150, 172)
     assert is_jpeg(picture.read_bytes())
     (line,) = listed(capsys, 'map', 'export', maps[0], '--out', other)
     assert line.startswith(f'{other}: 1 object, ')
@@ -167,3 +168,20 @@ def test_a_map_is_exported_as_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert b'comment label 1 tv\n' in (tmp_path / 'b.ply').read_bytes()
     assert b'label' not in (tmp_path / 'a.ply').read_bytes()[:600]
     assert (tmp_path / 'c.glb').read_bytes()[:4] == b'glTF'
+
+
+def test_a_saved_map_is_shown_with_boxes_and_pictures_of_its_objects(
+    maps: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    why = 'the viewer is an optional extra: requirements/view.lock'
+    reader = pytest.importorskip('rerun.chunk', reason=why).RrdReader
+    out = tmp_path / 'a.rrd'
+    listed(capsys, 'view', maps[0], '--save', out)
+    shown = {
+        chunk.entity_path: chunk.to_record_batch().to_pydict() for chunk in reader(out).stream()
+    }
+    boxes = shown['/map/objects']
+    assert boxes['Boxes3D:labels'] == [['tv 1']]
+    assert boxes['Boxes3D:centers'][0][0][0] == pytest.approx(WALL_M, abs=0.1)
+    assert shown['/pictures']['EncodedImage:blob']
+    assert '/map/keyframes' in shown

@@ -14,6 +14,7 @@ import numpy as np
 from hoid_bringup.maps.map_command import scene_of
 from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
+from hoid_common.io.images import encode_jpeg
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
 from hoid_common.values import NS_PER_S
@@ -27,11 +28,13 @@ from hoid_scene.search.object_list import (
     whereabouts,
 )
 from hoid_scene.search.object_query import STATES, ObjectQuery, find
+from hoid_scene.search.picture_sheet import picture_sheet
 from hoid_scene.search.rooms import room_name
 from hoid_scene.store.scene_file import restored
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.store import map_file
 
+_QUALITY = 85  # chosen: of a JPEG
 _UNITS_NS = {'s': NS_PER_S, 'm': 60 * NS_PER_S, 'h': 3600 * NS_PER_S, 'd': 86400 * NS_PER_S}
 
 
@@ -86,7 +89,10 @@ def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
         'number, in place of the list',
     )
     parser.add_argument(
-        '--pictures', type=Path, metavar='DIR', help='write the pictures of the objects as well'
+        '--pictures',
+        type=Path,
+        metavar='DIR',
+        help='write the pictures of the objects as well, and one of all of them',
     )
     parser.add_argument(
         '--json',
@@ -135,6 +141,8 @@ def _write_files(
     if args.json is not None:
         _write(args.json, objects_json(objects, where, frame).encode())
     if args.pictures is not None:
+        if (sheet := picture_sheet(objects)) is not None:
+            _write(args.pictures / 'all.jpg', encode_jpeg(sheet, _QUALITY))
         for item in objects:
             if item.jpeg:
                 name = re.sub(r'\W', '_', item.class_name)

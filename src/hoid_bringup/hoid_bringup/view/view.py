@@ -1,4 +1,4 @@
-"""The command `view`: shows a recording or a run in the Rerun viewer, or saves it to a file."""
+"""The command `view`: shows a recording, a run or a saved map in Rerun, or saves it to a file."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from hoid_bags.options import add_recording_arguments, open_recording
 from hoid_bags.sequence import Sequence
 from hoid_bringup.run.options import add_method_arguments, recording, run_config
 from hoid_common.errors import InputError
+from hoid_common.store.database import SUFFIX
 
 _SUFFIX = '.rrd'
 _NO_VIEWER = (
@@ -24,7 +25,7 @@ _NO_VIEWER = (
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
-    add_recording_arguments(parser, 'TUM folder, bag, or output folder of a run')
+    add_recording_arguments(parser, 'TUM folder, bag, output folder of a run, or saved map')
     parser.add_argument(
         '--save',
         type=Path,
@@ -60,6 +61,7 @@ def _write(args: argparse.Namespace, path: Path) -> None:
     from hoid_bringup.view.view_content import (
         is_run,
         log_images,
+        log_map,
         log_recording,
         log_run,
         open_run,
@@ -67,7 +69,11 @@ def _write(args: argparse.Namespace, path: Path) -> None:
     )
     from hoid_bringup.view.view_log import ViewLog
 
-    with ViewLog(path) as log:
+    is_map = args.input.suffix == SUFFIX
+    with ViewLog(path, is_map=is_map) as log:
+        if is_map:
+            log_map(log, args.input)
+            return
         if not is_run(args.input):
             sequence = recording(args)
             log_recording(log, sequence, with_ground_truth_boxes(run_config(args), sequence))

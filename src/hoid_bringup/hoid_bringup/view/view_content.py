@@ -23,6 +23,8 @@ from hoid_common.io.tum_text import read_tum
 from hoid_common.values import FloatArray, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_scene.export import read_ply
+from hoid_scene.store import scene_file
+from rgbd_slam.store import map_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,16 @@ def _in_map(truth: Trajectory, estimate: Trajectory) -> Trajectory:
     """Return the true poses in the map frame of the run, after alignment to the estimate."""
     T_map_world = se3.inverse(align(estimate, truth).T_world_map)
     return Trajectory(truth.stamps_ns, T_map_world @ truth.T_world_camera)
+
+
+def log_map(log: ViewLog, path: Path) -> None:
+    """Log dense map, keyframes and objects of a saved map; MapFileError if it is damaged."""
+    content, scene = map_file.load(path), scene_file.read_file(path)
+    keyframes = content.keyframes()
+    mapper = scene_file.restored(scene, keyframes, content.camera)
+    log.keyframes(keyframes.T_map_camera[keyframes.is_main], content.camera)
+    log.cloud(*mapper.cloud())
+    log.objects(mapper.mapped_objects())
 
 
 def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:

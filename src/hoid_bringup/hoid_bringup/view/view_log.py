@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -27,10 +28,13 @@ from hoid_common.values import (
     Trajectory,
 )
 from hoid_filter.drawing import KEPT_BGR, REASON_BGR, REMOVED_BGR, label
+from hoid_scene.objects.mapped_object import MapObject
+from hoid_scene.search.picture_sheet import picture_sheet
 
 MAP = 'map'
 POINTS, CLOUD, KEYFRAMES = f'{MAP}/points', f'{MAP}/cloud', f'{MAP}/keyframes'
 ESTIMATED_PATH, TRUE_PATH = f'{MAP}/path/estimate', f'{MAP}/path/truth'
+OBJECTS, PICTURES = f'{MAP}/objects', 'pictures'
 CAMERA = f'{MAP}/camera'
 IMAGE, DEPTH = f'{CAMERA}/image', f'{CAMERA}/depth'
 BOXES = f'{IMAGE}/boxes'
@@ -40,6 +44,7 @@ TIMELINE = 'time'
 _PATH_COLORS = {ESTIMATED_PATH: (255, 196, 61), TRUE_PATH: (150, 156, 168)}  # as in the plots
 _POINT_COLOR = (120, 200, 255)
 _KEYFRAME_COLOR = (90, 130, 220)
+_OBJECT_COLOR, _GONE_COLOR = (90, 200, 90), (140, 140, 140)
 _FRUSTUM_M = 0.06  # chosen: height of a keyframe's pyramid
 _GAP_S = 0.5  # chosen: a longer time without a pose is drawn as a gap
 _DEPTH_STRIDE = 2  # chosen: depth images are most of the file, so they have half the size
@@ -52,8 +57,8 @@ class ViewLog:
     The file appears only when it is complete; an existing file is replaced then.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, *, is_map: bool = False) -> None:
+        self._path, self._is_map = path, is_map
         self._unfinished = path.with_name(f'.{path.name}.partial')
 
     def __enter__(self) -> Self:
@@ -63,7 +68,7 @@ class ViewLog:
             self._unfinished.touch()
         except OSError as error:
             raise write_error(self._path, error) from error
-        self._stream.save(self._unfinished, default_blueprint=_layout())
+        self._stream.save(self._unfinished, default_blueprint=_layout(is_map=self._is_map))
         self._stream.log(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         return self
 
@@ -107,6 +112,21 @@ class ViewLog:
         strips = [se3.transform(T, outline) for T in T_map_camera]
         lines = rr.LineStrips3D(strips, colors=_KEYFRAME_COLOR, radii=rr.Radius.ui_points(0.7))
         self._stream.log(KEYFRAMES, lines, static=True)
+
+    def objects(self, objects: Sequence[MapObject]) -> None:
+        """Log the boxes of objects with classes and numbers, and a sheet of their pictures."""
+        boxes = rr.Boxes3D(
+            centers=[item.center_map_m for item in objects],
+            half_sizes=[item.size_m / 2 for item in objects],
+            quaternions=[se3.quat_xyzw_from_rotation(o.T_map_object[:3, :3]) for o in objects],
+            labels=[f'{item.class_name} {item.object_id}' for item in objects],
+            colors=[_OBJECT_COLOR if item.is_present else _GONE_COLOR for item in objects],
+        )
+        self._stream.log(OBJECTS, boxes, static=True)
+        if (sheet := picture_sheet(objects)) is not None:
+            jpeg = images.encode_jpeg(sheet, _JPEG_QUALITY)
+            picture = rr.EncodedImage(contents=jpeg, media_type='image/jpeg')
+            self._stream.log(PICTURES, picture, static=True)
 
     def camera(self, camera: CameraModel) -> None:
         """Log the camera model of the color images, and that of the depth images of half size."""
@@ -159,14 +179,15 @@ class ViewLog:
         self._stream.log(entity, points)
 
 
-def _layout() -> rrb.Blueprint:
-    """Return the layout of the viewer's window: the map on the left, the images on the right."""
-    pictures = rrb.Vertical(
+def _layout(*, is_map: bool) -> rrb.Blueprint:
+    """Return the layout of the window: the map on the left, images or objects on the right."""
+    images_seen = rrb.Vertical(
         rrb.Spatial2DView(origin=IMAGE, name='features and verdicts of the filter'),
         rrb.Spatial2DView(origin=DEPTH, name='depth'),
     )
     scene = rrb.Spatial3DView(origin=MAP, name='map')
-    views = rrb.Horizontal(scene, pictures, column_shares=(3, 2))
+    of_objects = rrb.Spatial2DView(origin=PICTURES, name='objects')
+    views = rrb.Horizontal(scene, of_objects if is_map else images_seen, column_shares=(3, 2))
     return rrb.Blueprint(views, collapse_panels=True)  # they would take half of the window
 
 
