@@ -5,12 +5,14 @@ It allocates one segment in /dev/shm for each process. If it cannot, most images
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -54,16 +56,22 @@ def check_shared_memory(num_processes: int) -> None:
 def reduce_own_segment() -> None:
     """Let Fast DDS allocate 8 MiB in this process, which sends no stream of images.
 
-    Call this before ROS is initialized. Only the suite's profiles are changed, in a copy in
-    memory, which the environment variable then names.
+    Call this before ROS is initialized. Only the suite's profiles are changed, in a temporary copy
+    for the lifetime of the process, which the environment variable then names. It must be a file
+    with a name, since Fast DDS resolves the path. Where none can be written, nothing is changed.
     """
     text = _profile_text()
     if _OWN_PROFILE not in text or _segment_mb() * _BYTES_PER_MB <= _NODE_SEGMENT_BYTES:
         return
-    copy = os.memfd_create('profile')
-    os.write(copy, _SEGMENT_SIZE.sub(rf'\g<1>{_NODE_SEGMENT_BYTES}', text).encode())
+    try:
+        descriptor, path = tempfile.mkstemp(prefix='hoid-', suffix='.xml')
+    except OSError:
+        return
+    atexit.register(Path(path).unlink, missing_ok=True)
+    with os.fdopen(descriptor, 'w', encoding='utf-8') as file:
+        file.write(_SEGMENT_SIZE.sub(rf'\g<1>{_NODE_SEGMENT_BYTES}', text))
     os.environ[_FULL_PROFILE] = os.environ[PROFILE_VARIABLE]
-    os.environ[PROFILE_VARIABLE] = f'/proc/self/fd/{copy}'
+    os.environ[PROFILE_VARIABLE] = path
 
 
 def full_profile() -> str:
