@@ -7,11 +7,12 @@ import math
 import numpy as np
 
 from hoid_common.values import FloatArray
+from rgbd_slam.inertial.gyro_calibration import UNKNOWN_BIAS_RADPS
 from rgbd_slam.inertial.rotations import rotation_vector, rotations
 
-# Chosen: time over which the tracked rotations are averaged. In this time, an error of 0.005 rad/s
-# in the bias of the gyro turns the attitude by 0.14 degrees. A prior that rests on the last image
-# alone does harm: if the rotation of that image is wrong, the prior holds on to it.
+# Chosen: least time over which the tracked rotations are averaged. In this time, an error of 0.005
+# rad/s in the bias of the gyro turns the attitude by 0.14 degrees. A prior that rests on the last
+# image alone does harm: if the rotation of that image is wrong, the prior holds on to it.
 _AVERAGING_S = 0.5
 _LEAST_S = 0.1  # chosen: before images of this time, no filtered attitude is given
 _SPREAD_S = 1.0  # chosen: time over which the spread of the tracked rotations is measured
@@ -28,8 +29,11 @@ class AttitudeFilter:
     """Averages the differences between tracked rotations and those of a gyro.
 
     This is a complementary filter (Mahony et al., TAC 2008). Its gain for the n-th image is 1 / n
-    until the images of 0.5 s are averaged. The average is kept relative to the last tracked image,
-    so that corrections of the map do not matter.
+    until the averaging time is reached, in which the errors of tracking and of the bias add up to
+    least: 0.5 s, or longer where the tracked rotations spread, as in blurred images or before a
+    bare wall. There they are wrong together, and would take a shorter average with them. The
+    average is kept relative to the last tracked image, so that corrections of the map do not
+    matter.
     """
 
     def __init__(self) -> None:
@@ -40,20 +44,28 @@ class AttitudeFilter:
         # Variance of a tracked rotation about each axis. The change from one difference to the
         # next one has three independent errors, with the weights 1, -2 and 1.
         self._noise_rad2 = _INITIAL_SPREAD_RAD**2
-        self._time_s = self._step_s = 0.0
+        self._time_s = self._step_s = self._averaged_s = 0.0
+        self._bias_sigma_radps = UNKNOWN_BIAS_RADPS
 
     def restart(self) -> None:
         """Forget the average, because the next tracked image does not continue the last one."""
         self._R_filtered_tracked = np.eye(3)
-        self._time_s = 0.0
+        self._time_s = self._averaged_s = 0.0
 
-    def add(self, R_gyro: FloatArray | None, R_tracked: FloatArray, elapsed_s: float) -> None:
+    def add(
+        self,
+        R_gyro: FloatArray | None,
+        R_tracked: FloatArray,
+        elapsed_s: float,
+        bias_sigma_radps: float,
+    ) -> None:
         """Add the rotation R_last_camera (3, 3) of the camera between two tracked images.
 
         Args:
             R_gyro: As the gyro has measured it; None if it is unknown: the filter restarts.
             R_tracked: As it was tracked.
             elapsed_s: Time between both images; the filter restarts if it is not positive.
+            bias_sigma_radps: Standard deviation of the gyro's bias.
         """
         if R_gyro is None or elapsed_s <= 0:
             self.restart()
@@ -62,26 +74,38 @@ class AttitudeFilter:
         self._step_s, self._time_s = elapsed_s, self._time_s + elapsed_s
         share = min(elapsed_s / _SPREAD_S, 1.0)
         self._variance_rad2 += share * (float(error_rad @ error_rad) / 3 - self._variance_rad2)
+        self._bias_sigma_radps = bias_sigma_radps
+        self._averaged_s = min(self._time_s, self._averaging_s(elapsed_s))
         kept = 1.0 - min(elapsed_s / self._averaged_s, 1.0)
         self._R_filtered_tracked = rotations(kept * error_rad)
-        recent = math.exp(-elapsed_s / _RECENT_S)
-        difference_rad = rotation_vector(R_gyro.T @ R_tracked)
+        self._compare_rates(rotation_vector(R_gyro.T @ R_tracked))
+
+    def _compare_rates(self, difference_rad: FloatArray) -> None:
+        """Learn the noise of tracking and the recent error of the gyro from a difference (3,)."""
+        recent = math.exp(-self._step_s / _RECENT_S)
+        share = min(self._step_s / _SPREAD_S, 1.0)
         change_rad = difference_rad - self._difference_rad  # without the error of the gyro
         self._noise_rad2 += share * (float(change_rad @ change_rad) / 18 - self._noise_rad2)
         self._difference_rad = difference_rad
         self._difference_radps *= recent
-        self._difference_radps += (1.0 - recent) / elapsed_s * difference_rad
+        self._difference_radps += (1.0 - recent) / self._step_s * difference_rad
+
+    def _averaging_s(self, step_s: float) -> float:
+        """Return the averaging time at which the variance in `sigma_rad` is least."""
+        variance_s = 2 * _CORRELATED * self._variance_rad2 * step_s
+        return max(_AVERAGING_S, math.cbrt(variance_s / self._bias_sigma_radps**2))
 
     @property
     def R_tracked_filtered(self) -> FloatArray | None:  # noqa: N802
         """Return the correction (3, 3) of the last tracked rotation, once it averages 0.1 s."""
         return None if self._time_s < _LEAST_S else self._R_filtered_tracked.T
 
-    def sigma_rad(self, bias_sigma_radps: float) -> float:
+    @property
+    def sigma_rad(self) -> float:
         """Return the standard deviation of the filtered attitude about each axis."""
         averaged_s = max(self._averaged_s, self._step_s)
         of_images = math.sqrt(_CORRELATED * self._variance_rad2 * self._step_s / averaged_s)
-        return math.hypot(_LEAST_SIGMA_RAD, of_images, 0.5 * averaged_s * bias_sigma_radps)
+        return math.hypot(_LEAST_SIGMA_RAD, of_images, 0.5 * averaged_s * self._bias_sigma_radps)
 
     @property
     def rate_sigma_radps(self) -> float:
@@ -92,7 +116,3 @@ class AttitudeFilter:
         of_noise = _NOISE_FACTOR * gain_per_s**2 * self._noise_rad2
         excess = float(self._difference_radps @ self._difference_radps) / 3 - of_noise
         return _RECENT_FACTOR * math.sqrt(max(excess, 0.0))
-
-    @property
-    def _averaged_s(self) -> float:
-        return min(self._time_s, _AVERAGING_S)

@@ -61,7 +61,7 @@ class InertialMotion:
             return
         rotation = self._rotation()
         R_gyro = None if rotation is None else rotation.R_first_second
-        self._attitude.add(R_gyro, T_last_camera[:3, :3], elapsed_s)
+        self._attitude.add(R_gyro, T_last_camera[:3, :3], elapsed_s, self._imu.bias_sigma_radps)
         self._observed_ns = self._stamp_ns
         velocity_mps = T_last_camera[:3, 3] / elapsed_s
         share = elapsed_s / (elapsed_s + _SMOOTHING_S / 2)
@@ -92,10 +92,8 @@ class InertialMotion:
         correction, rotation = self._attitude.R_tracked_filtered, self._rotation()
         if correction is None or rotation is None or not self._imu.gives_prior:
             return None
-        sigma_rad = self._attitude.sigma_rad(self._imu.bias_sigma_radps)
-        return MeasuredRotation(
-            correction @ rotation.R_first_second, math.hypot(sigma_rad, rotation.sigma_rad)
-        )
+        sigma_rad = math.hypot(self._attitude.sigma_rad, rotation.sigma_rad)
+        return MeasuredRotation(correction @ rotation.R_first_second, sigma_rad)
 
     def bridge(self) -> BridgedMotion | None:
         """Return the motion of `predict` with its covariances; None after 1.5 s."""
