@@ -11,7 +11,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
-from rgbd_slam.optimize.measured_noise import NoiseEstimator
+from rgbd_slam.optimize.measured_noise import NoiseEstimator, median
 from rgbd_slam.slam import RgbdSlam
 
 from .world import CAMERA as MODEL
@@ -118,3 +118,12 @@ def test_tracking_and_mapping_use_the_noise_of_the_camera(
     assert 0.25 < cameras[-1].pixel_noise < 0.6
     assert noise[-1] < 0.5 * CAMERA.disparity_noise_px
     assert noise[-1] < noise[0] < CAMERA.disparity_noise_px
+
+
+@pytest.mark.parametrize('dtype', [np.float32, np.float64])
+def test_the_median_is_exactly_that_of_numpy(dtype: type) -> None:
+    rng = np.random.default_rng(2)
+    for count in range(1, 200):
+        values = rng.normal(0, 3, count).astype(dtype)
+        assert median(values) == np.median(values)
+    assert median(np.full(4, np.inf)) == np.inf

@@ -21,6 +21,7 @@ from hoid_common.values import BoolArray, Float32Array, FloatArray
 from hoid_native.results import MatchEvaluation
 from rgbd_slam.config.consensus_config import ConsensusConfig
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.measured_noise import median
 from rgbd_slam.optimize.pose_optimizer import (
     CHI2_STEREO,
     GATES,
@@ -199,7 +200,7 @@ class PoseConsensus:
         if len(deciding) < 2 * _MIN_HALF:
             return []
         depth_m = deciding.points_m @ fit.T_camera_map[2, :3]
-        is_distant = depth_m >= np.median(depth_m)
+        is_distant = depth_m >= median(depth_m)
         halves = (
             self._hypothesis_of_half(deciding, half, fit) for half in (is_distant, ~is_distant)
         )
@@ -343,8 +344,8 @@ def _noise_scale(cost: FloatArray) -> float:
     The noise in a new map is not measured yet. If it were assumed too large, a moving object would
     fit a pose halfway, and its few points would outweigh the many static ones.
     """
-    median = float(np.median(cost)) if len(cost) else np.inf
-    return min(max(median / _MEDIAN_COST, _MIN_NOISE_SCALE), 1.0)
+    typical = median(cost) if len(cost) else np.inf
+    return min(max(typical / _MEDIAN_COST, _MIN_NOISE_SCALE), 1.0)
 
 
 def _competing_motion(best: _Hypothesis, other: _Hypothesis | None) -> CompetingMotion | None:

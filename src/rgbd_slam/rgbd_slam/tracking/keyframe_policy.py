@@ -13,6 +13,7 @@ from hoid_common.values import S_PER_NS, BoolArray, Float32Array, FloatArray, In
 from rgbd_slam.config.slam_config import KeyframeConfig
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.keyframes import NO_POINT
+from rgbd_slam.optimize.measured_noise import median
 from rgbd_slam.tracking.tracker import TrackerOutput
 
 # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations from which a point of the
@@ -138,7 +139,7 @@ class KeyframePolicy:
         """
         frame = tracking.tracked.frame
         T = se3.inverse(tracking.tracked.T_map_camera) @ poses
-        depth_m = np.median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
+        depth_m = median(frame.depth_m[frame.has_depth]) if frame.has_depth.any() else np.inf
         difference_rad = np.linalg.norm(T[:, :3, 3], axis=1) / depth_m
         difference_rad += np.linalg.norm(se3.log(T)[:, :3], axis=1)
         return np.asarray(difference_rad)

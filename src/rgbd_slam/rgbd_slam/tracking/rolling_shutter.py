@@ -26,6 +26,7 @@ from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame, StereoCamera, to_camera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame
+from rgbd_slam.optimize.measured_noise import median
 
 # Not tuned, except where another source is named.
 # Number of successive images that give one estimate. Estimates of single images would not be
@@ -94,7 +95,7 @@ class RollingShutter:
         if self.readout_s == 0 or not frame.has_depth.any() or not twist.any():
             return frame
         has_depth = frame.has_depth
-        depth_m = np.where(has_depth, frame.depth_m, np.median(frame.depth_m[has_depth]))
+        depth_m = np.where(has_depth, frame.depth_m, median(frame.depth_m[has_depth]))
         x = camera.back_project(frame.measurement_px[:, :2], depth_m).T
         delay_s = self.readout_s * self._rows(frame.measurement_px.T)
         x -= delay_s * (se3.hat(twist[:3]) @ x + twist[3:, None])
