@@ -141,7 +141,7 @@ class BagReader:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """Yield the readable messages file by file, from a log time on; `fault` tells of others.
+        """Yield the readable messages file by file, from a log time on; `fault` names the others.
 
         The messages of a file are in order of log time, except in an MCAP file without chunks,
         where they are in the order of the file. Without topics, those of all are read.
@@ -217,7 +217,7 @@ class BagReader:
         return sorted(files, key=lambda file: file.metadata.start_time)
 
     def _open_each(self, paths: Iterable[Path], stack: ExitStack) -> list[_File]:
-        """Open files; those that cannot be opened become the fault, InputError if none can."""
+        """Open files. Files that cannot be opened are named in the fault; InputError if none can."""
         files, errors = [], []
         for path in paths:
             try:

@@ -222,7 +222,7 @@ class _Index:
             self._add_geometry(topic, message)
 
     def _add_geometry(self, topic: BagTopic, message: Message) -> None:
-        """Note what a message says of the cameras and their places."""
+        """Store the camera info or the transform that a message contains."""
         if topic == self._found.camera_info:
             self.cameras.update(camera_from_info(message, self._found.color.name))
             self._warn_once('doubt', rectification_doubt(message, self._found.color.name))

@@ -45,7 +45,7 @@ def camera_from_name(name: str) -> CameraModel | None:
 
 
 def find_camera(requested: str) -> CameraModel:
-    """Return the camera of fr1, fr2, fr3, bonn or a YAML file; InputError if it is none."""
+    """Return the camera of fr1, fr2, fr3, bonn or a YAML file; InputError for any other."""
     known = TUM_CAMERAS.get(requested.lower())
     if known is not None:
         return known

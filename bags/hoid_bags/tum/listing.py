@@ -50,7 +50,7 @@ Images = tuple[ListedImage, ...]
 
 
 class FolderCamera(NamedTuple):
-    """What the files of a folder say of the camera."""
+    """The camera of a recording, as the files of its folder state it."""
 
     camera: CameraModel | None
     units_per_m: float = 0.0  # depth units per meter; 0: those of the layout
@@ -132,7 +132,7 @@ def matrix_camera(path: Path, size_px: Sequence[float], K: FloatArray) -> Camera
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the object of a JSON file; InputError if it is none."""
+    """Return the object of a JSON file; InputError if it contains no object."""
     try:
         found = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
@@ -154,7 +154,7 @@ def json_number(path: Path, found: Any, name: str) -> float:
 
 
 def json_table(path: Path, found: dict[str, Any], name: str, columns: int) -> FloatArray:
-    """Return the numbers (N, columns) of a list in a JSON object; InputError if it is none."""
+    """Return the numbers (N, columns) of a list in a JSON object; InputError if there is none."""
     try:
         return np.array(found.get(name), np.float64).reshape(-1, columns)
     except (TypeError, ValueError, OverflowError) as error:
@@ -162,7 +162,7 @@ def json_table(path: Path, found: dict[str, Any], name: str, columns: int) -> Fl
 
 
 def json_matrix(path: Path, found: dict[str, Any], name: str) -> FloatArray:
-    """Return the matrix (3, 3) of nine numbers column by column; InputError if it is none."""
+    """Return the matrix (3, 3) of nine numbers, column by column; else InputError."""
     try:
         return np.array(found.get(name), np.float64).reshape(3, 3).T
     except (TypeError, ValueError, OverflowError) as error:

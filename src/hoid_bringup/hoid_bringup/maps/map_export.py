@@ -17,7 +17,7 @@ _PLY, _GLB, _JSON = '.ply', '.glb', '.json'
 
 
 def export(content: MapFile, scene: SavedScene, out: Path | None, *, is_semantic: bool) -> str:
-    """Write a map to a file whose ending says the kind; return what it has.
+    """Write a map to a file of the kind that its suffix names; return a summary of its content.
 
     PLY and GLB have a mesh of the dense map with the colors of vertices, or with those of the
     classes of objects if `is_semantic` is set; JSON has the objects, but tentative ones.

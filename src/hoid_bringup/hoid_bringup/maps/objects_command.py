@@ -1,4 +1,4 @@
-"""The command `objects`: finds and lists the objects of a saved map, and tells their history."""
+"""The command `objects`: finds and lists the objects of a saved map, with their history."""
 
 from __future__ import annotations
 

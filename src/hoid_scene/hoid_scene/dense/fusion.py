@@ -1,4 +1,4 @@
-"""Fusion of one image into submaps: what it measures, and what it sees through (decision 022).
+"""Fusion of one image into submaps: adds surface, and carves free space (decision 022).
 
 Each image adds the surface that it measures and removes the voxels that it sees through, so that
 a person who stood still and then left leaves nothing behind. Readings on dynamic objects add no

@@ -56,9 +56,9 @@ class Carrying:
     def follow(
         self, objects: list[MappedObject], tracks: Sequence[TrackedObject], stamp_ns: int
     ) -> list[MappedObject]:
-        """Update which objects people handle, and join objects with those that they have become.
+        """Update which objects people handle, and recognize objects that were carried elsewhere.
 
-        Return the objects without the new ones that turned out to be older ones that were carried.
+        Return the objects; a new one that is a carried older one is joined with that.
         """
         people = [track for track in tracks if track.state is ObjectState.PERSON]
         self._note_people(people, stamp_ns)

@@ -212,7 +212,7 @@ class ObjectMap:
         self._is_reused = True
 
     def restore(self, loaded_ids: Collection[int], *, is_reused: bool) -> None:
-        """Make the map, which was loaded from its own store, what it was before.
+        """Set what the store of a resumed map does not contain: which objects were loaded.
 
         Args:
             loaded_ids: Numbers of the objects that are from a map of another session.

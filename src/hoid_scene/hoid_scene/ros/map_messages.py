@@ -127,7 +127,7 @@ def mask_to_msg(mask: Mask, header: Header) -> OccupancyGrid:
 
 
 def filter_info_to_msg(kind: FilterType, mask_topic: str, header: Header) -> CostmapFilterInfo:
-    """Return the message that tells Nav2 the topic of a mask and how to scale its values.
+    """Return the message with the topic of a mask and the scale of its values, for Nav2.
 
     Args:
         mask_topic: Full name of the topic of the mask: Nav2's nodes have namespaces of their own.

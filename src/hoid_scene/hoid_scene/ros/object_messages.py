@@ -79,7 +79,7 @@ def track_markers_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> 
 
 
 def object_map_to_msg(objects: tuple[MapObject, ...], header: Header) -> Detection3DArray:
-    """Return the objects at rest, those that were moved before included, in the header's frame.
+    """Return the objects at rest, moved ones included, in the header's frame.
 
     The stamp of a detection is that of the last sighting. Its hypotheses are the classes that were
     detected, each with the mean score of the class over all detections of the object.

@@ -32,7 +32,7 @@ class LoopEdge(NamedTuple):
 
 
 def renumbered(edges: Iterable[LoopEdge], numbers: Mapping[int, int]) -> tuple[LoopEdge, ...]:
-    """Return edges with other numbers of their keyframes; without those that have no number."""
+    """Return edges with new numbers of their keyframes, without edges that lose a keyframe."""
     return tuple(
         edge._replace(first_uid=numbers[edge.first_uid], second_uid=numbers[edge.second_uid])
         for edge in edges

@@ -135,7 +135,7 @@ class MapLoader:
         return True
 
     def _complete(self, session: SlamSession, loading: MapLoading, loaded: Event) -> None:
-        """Restore a map for the tracker, and wait until `loaded` says that it uses it."""
+        """Restore a map for the tracker, and wait until `loaded` reports that it is in use."""
         loading.restore()
 
         def is_loaded() -> bool | None:

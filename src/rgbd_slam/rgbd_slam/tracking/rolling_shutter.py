@@ -150,7 +150,7 @@ class RollingShutter:
     def _compare(
         self, first: MovingView, second: MovingView, camera: StereoCamera, scale: FloatArray
     ) -> tuple[float, float]:
-        """Return what two images say about the readout time; see `_marginal_of_time`.
+        """Return the evidence of two images for the readout time; see `_marginal_of_time`.
 
         The first image and its depth predict where the second one shows a point. A rolling shutter
         displaces it from there if the camera has changed its velocity or the point its row.

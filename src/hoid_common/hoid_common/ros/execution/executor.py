@@ -100,7 +100,7 @@ class _WaitList:
         self._wait_set.wait(limit_ns)
 
     def ready(self) -> Iterator[tuple[str, Any]]:
-        """Yield kind and entity of those that are ready, in the order in which they are served."""
+        """Yield kind and entity of each ready entity, in the order in which they are served."""
         for waitable in self._waitables[self._with_rare]:
             if waitable.is_ready(self._wait_set):
                 yield 'waitable', waitable
