@@ -54,7 +54,7 @@ class Inputs:
         self._discovered_s = time.monotonic() + _DISCOVERY_S
 
     def color(self, callback: Callback) -> None:
-        """Subscribe to color images; compressed ones if configured, or by the name of the topic."""
+        """Subscribe to color images; compressed ones if configured or by the name of the topic."""
         named = self.with_frame(callback, 'color images')
         self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
 

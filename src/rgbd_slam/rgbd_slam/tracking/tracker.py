@@ -266,7 +266,7 @@ class Tracker:
         *,
         is_initial: bool = False,
     ) -> _FramePose:
-        """Optimize a pose on correspondences; return it with the correspondences that are inliers."""
+        """Optimize a pose on correspondences; return it with those that are inliers."""
         problem = PoseProblem.of(frame, found.k, found.position_m, self._atlas.octave_scale)
         num_observations = self._atlas.points.num_observations[found.point]
         is_in_map = found.point != NO_POINT
