@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 import pytest
 
+from hoid_bringup.live.budget import use_cores, within_budget
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions
 from hoid_bringup.live.nodes import add_nodes_arguments, node_options
 from hoid_common.errors import ConfigError
@@ -77,3 +79,41 @@ def test_a_parameter_file_is_checked_before_anything_starts(tmp_path: Path) -> N
         options('--params', str(path))
     path.write_text('/**: {ros__parameters: {strategy: none}}\n')
     assert options('--params', str(path)).params_file == path
+
+
+def test_one_core_leaves_out_detections_and_motion_and_says_so(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    assert within_budget(options(), 2) == options()
+    assert caplog.messages == []
+    chosen = within_budget(options('--base', 'base_link'), 1).parameters
+    assert chosen[DETECTOR] == {'base_frame': 'base_link', 'rate_hz': 5.0}
+    assert chosen[FILTER] == {'motion.rate_hz': 15.0}
+    assert (chosen[SLAM], chosen[SCENE]) == ({'frames.base': 'base_link'}, {})
+    (line,) = caplog.messages
+    assert 'objects are detected in at most 5 images per second' in line
+    assert line.endswith('and motion is segmented in at most 15')
+    scene_only = options('--only', SCENE)
+    assert within_budget(scene_only, 1) == scene_only
+
+
+def test_one_core_keeps_what_the_user_has_given(
+    caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    file = tmp_path / 'robot.yaml'
+    file.write_text('/**:\n  ros__parameters:\n    rate_hz: 30.0\n')
+    given = options('--params', str(file), '--set', 'filter.motion.rate_hz=0.0')
+    assert within_budget(given, 1) == given
+    assert caplog.messages == []
+
+
+def test_cores_are_limited_to_those_that_this_process_may_use(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    used: list[list[int]] = []
+    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {3, 5, 7})
+    monkeypatch.setattr(os, 'sched_setaffinity', lambda _, cores: used.append(list(cores)))
+    assert [use_cores(number) for number in (None, 8, 3, 2, 1)] == [3, 3, 3, 2, 1]
+    assert used == [[3, 5], [3]]
+    with pytest.raises(ConfigError, match='--cores 0'):
+        use_cores(0)

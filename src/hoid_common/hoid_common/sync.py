@@ -283,13 +283,16 @@ class Rate:
         must be in order of time. If a stamp is much earlier than the last selected one, as when a
         recording starts again, its image is selected.
         """
-        last_ns = self._last_ns
-        if not self._period_ns or last_ns is None or stamp_ns < last_ns - RESTART_NS:
-            self._last_ns = stamp_ns
-            return True
-        grid_ns = last_ns + self._period_ns
-        if stamp_ns < grid_ns - _EARLY_NS:
+        if not self.is_due(stamp_ns):
             return False
+        grid_ns = stamp_ns if self._last_ns is None else self._last_ns + self._period_ns
         on_time = 0 <= stamp_ns - grid_ns < self._period_ns
         self._last_ns = grid_ns if on_time else stamp_ns
         return True
+
+    def is_due(self, stamp_ns: int) -> bool:
+        """Return whether `take_due` would select the image with this stamp."""
+        last_ns = self._last_ns
+        if not self._period_ns or last_ns is None or stamp_ns < last_ns - RESTART_NS:
+            return True
+        return stamp_ns >= last_ns + self._period_ns - _EARLY_NS

@@ -127,6 +127,13 @@ class MotionConfig(Config):
         'it to false to save processor time where only known classes move.',
         read_only=False,
     )
+    rate_hz: float = param(
+        0.0,  # decision 057
+        'Largest number of images in which motion is segmented per second of their stamps; 0 '
+        'means every image. The images between have the moving regions of the image before. '
+        'Set it to 15 to save processor time; slow objects are then noticed later.',
+        limits=(0.0, 1000.0),
+    )
     in_front: bool = param(
         default=True,  # docs/results/ablation.md, slow-6
         description='Whether a surface in front of the depth of earlier images is evidence of a '

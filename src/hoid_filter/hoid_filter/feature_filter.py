@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from hoid_common.errors import MessageError
-from hoid_common.sync import MAX_COPY_AGE_NS
+from hoid_common.sync import MAX_COPY_AGE_NS, Rate
 from hoid_common.values import (
     BoolArray,
     CameraModel,
@@ -79,6 +79,7 @@ class FeatureFilter:
         self._motion = (
             MotionDetector(self._config.motion) if self._strategy.senses_motion else None
         )
+        self._motion_rate = Rate(self._config.motion.rate_hz)
         self._detected_mask: BoolArray | None = None  # (h, w), of the last image selected
         self._original: RgbdFrame | None = None  # last image that was no copy (see `_is_copy`)
 
@@ -108,12 +109,14 @@ class FeatureFilter:
         return DetectedCorners(frame, corners, time.thread_time() - start)
 
     def detect_motion(self, detected: DetectedCorners) -> None:
-        """Segment motion in the next image of the camera, unless it is a copy of another one."""
+        """Segment motion in an image of the camera that is due and no copy of another one."""
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1
             return
-        if self._motion is None or self._is_copy(frame):
+        if self._motion is None or not self._motion_rate.take_due(frame.stamp_ns):
+            return
+        if self._is_copy(frame):
             return
         view = MotionView(
             frame.stamp_ns,
@@ -145,7 +148,10 @@ class FeatureFilter:
         return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        return self._motion is None or self._motion.has_result(stamp_ns)
+        """Return whether `detect_motion` was called for this stamp, or would do nothing."""
+        if self._motion is None or not self._motion_rate.is_due(stamp_ns):
+            return True
+        return self._motion.has_result(stamp_ns)
 
     def select_and_describe(
         self,

@@ -215,6 +215,21 @@ def test_features_may_be_described_before_motion_is_segmented() -> None:
     assert on_square.mean() < 0.01
 
 
+def test_motion_is_segmented_at_a_rate_and_regions_stay_between() -> None:
+    config = FilterConfig(strategy='motion').updated({'motion.rate_hz': 15.0})
+    motion = FeatureFilter(config, CAMERA)
+    known, boxes = [], []
+    for i in range(20):
+        frame, square = passing(i)
+        known.append(motion.is_motion_known(frame.stamp_ns))
+        share, _ = corner_shares(motion, frame, square)
+        boxes.append([seen.box_xyxy_px for seen in motion.process(frame, None).objects])
+    assert known == [False, True] * 10
+    assert len(boxes[18]) == 1
+    assert boxes[18] == boxes[19]
+    assert share < 0.03
+
+
 @pytest.mark.slow
 def test_an_object_that_stops_becomes_static_again() -> None:
     motion = make_filter()

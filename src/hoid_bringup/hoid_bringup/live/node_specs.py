@@ -12,6 +12,7 @@ from typing import Any
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_common.config import EXPERT, Config
 from hoid_common.errors import ConfigError
+from hoid_common.io.yaml_file import load_params
 from hoid_common.process.signals import FAILURE_SIGNAL
 from hoid_detector.config import DetectorNodeConfig
 from hoid_filter.config import FilterNodeConfig
@@ -44,6 +45,13 @@ class NodeOptions:
     log_level: str = 'info'
     # Values of parameters by node and by dotted name.
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def given(self, node: str) -> dict[str, Any]:
+        """Return the parameters that the user gives to a node; none if it is not started."""
+        if node not in self.nodes:
+            return {}
+        from_file = load_params(self.params_file, node) if self.params_file else {}
+        return {**from_file, **self.parameters.get(node, {})}
 
 
 def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:

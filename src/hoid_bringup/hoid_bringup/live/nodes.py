@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from hoid_bringup.live.budget import use_cores, within_budget
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions, node_specs
 from hoid_bringup.live.supervisor import ProcessExit, Supervisor
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, has_model
@@ -106,6 +107,13 @@ def _add_process_options(parser: argparse.ArgumentParser) -> None:
         help='do not start the scene node: no dense map, grid, people and objects',
     )
     parser.add_argument(
+        '--cores',
+        type=int,
+        metavar='N',
+        help='use at most N processor cores (default: all); with one, objects are detected and '
+        'motion is segmented in fewer images, so that every image gets odometry',
+    )
+    parser.add_argument(
         '--restart',
         action='store_true',
         help='restart a node that ended, unless it refused its first start, instead of ending all',
@@ -121,7 +129,8 @@ def nodes_command(args: argparse.Namespace) -> None:
     require_node_limits()  # which the nodes inherit
     options = node_options(args)
     check_files(options)
-    specs = node_specs(without_detector(options))
+    options = within_budget(without_detector(options), use_cores(args.cores))
+    specs = node_specs(options)
     try:
         with suppress(KeyboardInterrupt):
             supervisor = Supervisor(specs, restart=args.restart, log_dir=args.log_dir)
@@ -209,9 +218,9 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
 
 def check_files(options: NodeOptions) -> None:
     """Refuse a model or a map that does not exist, before any node is started."""
-    if model := _given(options, DETECTOR).get('model'):
+    if model := options.given(DETECTOR).get('model'):
         find_model(model)
-    slam = _given(options, SLAM)
+    slam = options.given(SLAM)
     if name := slam.get('map_file'):
         existing_map(slam.get('map_directory', SlamNodeConfig().map_directory), name)
 
@@ -228,7 +237,7 @@ def without_detector(options: NodeOptions) -> NodeOptions:
     The options are unchanged if detector or filter is not to run, if the user gives a model or a
     strategy, or if a model is found or downloaded (see `has_model`).
     """
-    is_chosen = 'model' in _given(options, DETECTOR) or 'strategy' in _given(options, FILTER)
+    is_chosen = 'model' in options.given(DETECTOR) or 'strategy' in options.given(FILTER)
     if is_chosen or not {DETECTOR, FILTER} <= set(options.nodes) or has_model():
         return options
     _say(NO_DETECTOR)
@@ -238,14 +247,6 @@ def without_detector(options: NodeOptions) -> NodeOptions:
         nodes=tuple(node for node in options.nodes if node != DETECTOR),
         parameters={**options.parameters, FILTER: filter_parameters},
     )
-
-
-def _given(options: NodeOptions, node: str) -> dict[str, Any]:
-    """Return the parameters that the user gives to a node; none if the node is not started."""
-    if node not in options.nodes:
-        return {}
-    from_file = load_params(options.params_file, node) if options.params_file else {}
-    return {**from_file, **options.parameters[node]}
 
 
 def _chosen(args: argparse.Namespace) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from rosbags.interfaces import QosReliability
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.bag.contents import BagTopic
 from hoid_bags.storage.bag_types import COMPRESSED_IMAGE
+from hoid_bringup.live.budget import use_cores, within_budget
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_bringup.run.parameter_names import by_node
@@ -130,7 +131,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
         inputs['input.depth_units_per_m'] = bag.depth_units_per_m
     if config.lockstep and names.is_reliable:
         inputs['input.reliability'] = RELIABLE
-    return NodeOptions(
+    options = NodeOptions(
         nodes=config.nodes,
         remappings=tuple((a, b) for a, b in remappings if a != b),
         parameters={
@@ -140,6 +141,7 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
             SCENE: {**changed[SCENE], **inputs, 'map_directory': str(folder)},
         },
     )
+    return within_budget(options, use_cores(None))
 
 
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:

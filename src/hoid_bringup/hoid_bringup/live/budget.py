@@ -1,0 +1,57 @@
+"""How many processor cores the nodes use, and what is left out where there is only one."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from hoid_bringup.live.node_specs import DETECTOR, FILTER, NodeOptions
+from hoid_common.errors import ConfigError
+
+_LOG = logging.getLogger(__name__)
+ONE_CORE: Mapping[str, Mapping[str, Any]] = {
+    DETECTOR: {'rate_hz': 5.0},
+    FILTER: {'motion.rate_hz': 15.0},
+}
+"""Values on one core of parameters that the user has not given (decision 057)."""
+_SAID = {
+    DETECTOR: 'objects are detected in at most {0:g} images per second',
+    FILTER: 'motion is segmented in at most {0:g}',
+}
+
+
+def use_cores(number: int | None) -> int:
+    """Let this process, and those that it starts, use at most so many cores; return how many.
+
+    None: all cores that this process may use. ConfigError if the number is below 1.
+    """
+    if number is not None and number < 1:
+        raise ConfigError(f'--cores {number}: give a number from 1 on')
+    usable = sorted(os.sched_getaffinity(0))
+    if number is not None and number < len(usable):
+        os.sched_setaffinity(0, usable[:number])
+        return number
+    return len(usable)
+
+
+def within_budget(options: NodeOptions, num_cores: int) -> NodeOptions:
+    """Return options that leave out part of the work on one core, and log what is left out.
+
+    Odometry of every image comes first. Values that the user has given are kept.
+    """
+    if num_cores > 1:
+        return options
+    parameters = {**options.parameters}
+    said = []
+    for node, values in ONE_CORE.items():
+        given = options.given(node)
+        added = {name: value for name, value in values.items() if name not in given}
+        if node in options.nodes and added:
+            parameters[node] = {**parameters.get(node, {}), **added}
+            said.append(_SAID[node].format(*added.values()))
+    if said:
+        _LOG.warning('one core: %s', ', and '.join(said))
+    return replace(options, parameters=parameters)
