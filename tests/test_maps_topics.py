@@ -30,6 +30,7 @@ from hoid_benchmarks.rooms.object_scores import FoundObject, score_objects
 from hoid_benchmarks.rooms.object_truth import true_objects
 from hoid_benchmarks.rooms.placed_box import PlacedBox
 from hoid_common import se3
+from hoid_common.errors import counted
 from hoid_common.io.image_size import is_jpeg
 from hoid_common.ros import conversions, qos
 from hoid_common.se3 import T_BODY_OPTICAL
@@ -252,7 +253,7 @@ def check_object_services(peer: Peer, folder: Path) -> None:
 def find_objects(peer: Peer, **request: Any) -> list[MappedObject]:
     answer = peer.probe.call(FindObjects, FIND, FindObjects.Request(**request))
     assert answer.success
-    assert answer.message == f'{len(answer.objects)} objects'
+    assert answer.message == counted(len(answer.objects), 'object')
     assert answer.header.frame_id == 'map'
     return list(answer.objects)
 

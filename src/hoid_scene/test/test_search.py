@@ -214,6 +214,12 @@ def test_a_table_in_the_way_divides_no_room() -> None:
     assert set(np.unique(find_rooms(grid, points))) == {0, 1}
 
 
+def test_a_strip_that_nobody_has_seen_divides_no_room() -> None:
+    grid, points = flat(6, 5, *box_m(0.05, 0.05, 5.9, 4.9))
+    grid.cells[:, 50:66] = UNKNOWN
+    assert set(np.unique(find_rooms(grid, points))) == {0, 1}
+
+
 def test_rooms_are_named_by_what_is_in_them() -> None:
     walls = box_m(0.05, 0.05, 11.9, 4.9)
     doors = [box for x in (4.0, 8.0) for box in ((x, 0.05, x + 0.1, 2.0), (x, 2.9, x + 0.1, 4.9))]

@@ -22,7 +22,10 @@ from hoid_scene.objects.mapped_object import MapObject
 # Chosen, none is tuned. Heights between which a wall is searched for: above furniture and below
 # the lintels of doors. A cell has a wall from so many voxels there on.
 _WALL_LOW_M, _WALL_HIGH_M, _WALL_VOXELS = 1.3, 1.9, 4
-_GAP_M = 0.2  # gaps in walls up to this width are closed, and holes in the known space
+# Widths up to which gaps in walls, and holes in the known space that furniture hides, are closed.
+# With 1.0, a rendered floor has its six rooms and one corridor, and two rooms are one room each;
+# with 0.2, the floor has 10.
+_GAP_M, _HOLE_M = 0.2, 1.0
 _DOOR_M = 1.15  # passages up to this width divide rooms
 _MIN_AREA_M2 = 2.0  # smaller parts belong to the room beside them
 _CORRIDOR_RATIO = 3.0  # of length and width, from which on a room without a use is a corridor
@@ -94,10 +97,17 @@ def find_rooms(grid: Grid, points_map_m: Float32Array) -> NDArray[np.int32]:
         points_map_m: (N, 3) points of the dense map.
     """
     known, wall = _known_and_wall(grid, points_map_m)
-    kernel = np.ones((2 * round(_GAP_M / 2 / grid.resolution_m) + 1,) * 2, np.uint8)
-    closed = [cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel) for mask in (known, wall)]
-    is_open = (closed[0] > 0) & (closed[1] == 0)
+    known = _closed(known, round(_HOLE_M / grid.resolution_m))
+    is_open = (known > 0) & (_closed(wall, round(_GAP_M / grid.resolution_m)) == 0)
     return _without_small(_divided(is_open, grid.resolution_m), grid.resolution_m)
+
+
+def _closed(mask: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Return a mask (H, W) in which gaps up to a width in cells are closed."""
+    kernel = np.ones((width | 1, width | 1), np.uint8)
+    padded = np.pad(mask, width)  # beyond the border, nothing is set
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
+    return np.asarray(closed[width:-width, width:-width], np.uint8)
 
 
 def _known_and_wall(
