@@ -15,6 +15,7 @@ CAMERA = StereoCamera.from_model(MODEL, CameraConfig())
 _WALL_M = 3.0
 _DESCRIPTOR_FLIP = 0.03
 _MEMORY = 4  # keyframes back whose points are still known
+_FEW = 20  # points that a blurred keyframe recognizes
 
 
 class RingWorld:
@@ -68,12 +69,18 @@ def drifted(poses: FloatArray, step: FloatArray) -> FloatArray:
 
 
 def mapped(
-    atlas: Atlas, world: RingWorld, truth: FloatArray, poses: FloatArray, map_id: int = 0
+    atlas: Atlas,
+    world: RingWorld,
+    truth: FloatArray,
+    poses: FloatArray,
+    map_id: int = 0,
+    blurred: int | None = None,
 ) -> IntArray:
     """Add keyframes that see the world from `truth` but have the poses `poses`; return their rows.
 
     A landmark that was out of sight for some keyframes becomes a new point when it is seen again,
-    as happens in a tracker with drift.
+    as happens in a tracker with drift. Keyframe number `blurred` recognizes few points, and later
+    ones no others of those before it.
     """
     rows: list[int] = []
     known: list[dict[int, int]] = []
@@ -81,6 +88,9 @@ def mapped(
         frame, landmark = world.frame(T_true, 1_000_000_000 * map_id + n)
         i = atlas.add_keyframe(frame, T, map_id, rows[-1] if rows else None)
         recent = {w: j for points in known[-_MEMORY:] for w, j in points.items()}
+        if n == blurred:
+            recent = {w: recent[w] for w in [w for w in landmark.tolist() if w in recent][:_FEW]}
+            known.clear()
         j = np.array([recent.get(w, -1) for w in landmark.tolist()], np.int64)
         old, new = np.flatnonzero(j >= 0), np.flatnonzero(j < 0)
         atlas.observe(i, old, j[old])

@@ -167,6 +167,23 @@ def test_more_drift_than_the_path_explains_is_no_loop(caplog: pytest.LogCaptureF
     assert any(candidate.doubt.startswith('drift limit: ') for candidate in candidates)
 
 
+@pytest.mark.parametrize(('blurred', 'event'), [(None, LoopEvent.NOTHING), (18, LoopEvent.CLOSED)])
+def test_more_drift_is_a_loop_where_the_path_leads_over_a_blurred_keyframe(
+    blurred: int | None, event: LoopEvent
+) -> None:
+    """The second half is turned about its end by 18 degrees, 6 more than the path explains."""
+    truth, atlas = ring_poses(36, LAPS), Atlas(1.2, 8)
+    turn, about = se3.exp(np.deg2rad([0.0, 18.0, 0.0, 0.0, 0.0, 0.0])), np.eye(4)
+    about[:3, 3] = truth[-1, :3, 3]
+    poses = truth.copy()
+    poses[18:] = about @ turn @ se3.inverse(about) @ truth[18:]
+    rows = mapped(atlas, RingWorld(), truth, poses, blurred=blurred)
+    before_m = errors_m(atlas, rows, truth).max()
+    assert LoopCloser(atlas, CAMERA, SlamConfig()).process(int(rows[-1])) is event
+    if blurred is not None:
+        assert errors_m(atlas, rows, truth).max() < 0.2 * before_m
+
+
 def test_drift_far_beyond_that_of_the_loops_so_far_is_unusual() -> None:
     limit = DriftLimit(LoopConfig())
     assert limit.is_usual(180.0, np.deg2rad(12.9), 0.99)  # 4 + 9 degrees, 0.1 + 0.9 m

@@ -92,9 +92,15 @@ class MapTables:
         Keyframes are connected if they share `min_shared` points, or are parent and child in the
         spanning tree. For a rotation by 1 rad, `m_per_rad` is added.
         """
-        kf = self.keyframes
-        poses = kf.T_map_camera
+        poses = self.keyframes.T_map_camera
         return self.graph.path_length_m(poses, self.parents(), start, goal, min_shared, m_per_rad)
+
+    def is_connected(self, start: int, goal: int, min_shared: int) -> bool:
+        """Return whether a path of keyframes that share `min_shared` points joins two of them."""
+        poses = self.keyframes.T_map_camera
+        no_tree = np.full(len(poses), -1)
+        length_m = self.graph.path_length_m(poses, no_tree, start, goal, min_shared, 0.0)
+        return bool(np.isfinite(length_m))
 
     def parents(self) -> IntArray:
         """Return the (capacity,) row of each keyframe's parent; -1 for roots and empty rows."""
