@@ -121,9 +121,9 @@ def test_every_message_has_the_type_of_its_topic(is_map_level: bool) -> None:
     types = {output.name: output.type for output in tables}
     messages = [(o.topic, deserialize_message(o.data, types[o.topic])) for o in sent]
     names = [name for name, _ in messages]
-    objects = ['tracked_objects', 'people', 'tracked_objects/markers']
+    objects = [output.name for output in OBJECT_OUTPUTS]
     level = [] if is_map_level else ['/tf_static']
-    maps = ['object_map', 'object_map/markers']
+    maps = [output.name for output in OBJECT_MAP_OUTPUTS]
     before = ['cloud_map', *level, 'grid_map', *objects]
     assert names == [*before, 'cloud_map', 'grid_map', *objects, *maps]
     clouds = [message.width for name, message in messages if name == 'cloud_map']
