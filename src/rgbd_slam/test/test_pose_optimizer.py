@@ -12,6 +12,7 @@ from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import CameraModel, FloatArray
 from rgbd_slam.config.slam_config import CameraConfig
 from rgbd_slam.model.frame import StereoCamera
+from rgbd_slam.optimize.measured_noise import with_image_noise
 from rgbd_slam.optimize.pose_optimizer import (
     PoseEstimate,
     PosePrior,
@@ -24,10 +25,13 @@ CAMERA = StereoCamera.from_model(CameraModel(640, 480, 520.0, 520.0, 320.0, 240.
 SAMPLES = 200
 
 
-def variance_ratios(noise: float) -> tuple[float, float]:
-    """Return the smallest and the largest ratio of true to published variance at a pixel noise."""
+def variance_ratios(noise: float, usual_noise: float | None = None) -> tuple[float, float]:
+    """Return the smallest and the largest ratio of true to published variance at a pixel noise.
+
+    The usual noise is that of the images before; None: the same.
+    """
     rng = np.random.default_rng(0)
-    camera = replace(CAMERA, pixel_noise=noise)  # as measured
+    camera = replace(CAMERA, pixel_noise=noise if usual_noise is None else usual_noise)
     points_m = rng.uniform([-1.5, -1, 2], [1.5, 1, 5], (300, 3))
     scale: FloatArray = 1.2 ** rng.integers(0, 8, len(points_m)).astype(np.float64)
     exact_px = camera.project(points_m)
@@ -40,9 +44,10 @@ def variance_ratios(noise: float) -> tuple[float, float]:
         error_px = rng.normal(0, sigma_px)
         measured_px = exact_px + error_px
         measured_px[:, 2] = measured_px[:, 0] - disparity_px - error_px[:, 2]
-        estimate = optimize_pose(
-            camera, PoseProblem(points_m, measured_px, scale**-2.0), np.eye(4)
-        )
+        problem = PoseProblem(points_m, measured_px, scale**-2.0)
+        if usual_noise is not None:
+            problem = with_image_noise(camera, problem, np.eye(4))
+        estimate = optimize_pose(camera, problem, np.eye(4))
         twists.append(se3.log(estimate.T_camera_map))
         published.append(covariance(estimate))
     claimed, true = np.mean(published, axis=0), np.cov(np.array(twists).T)
@@ -54,6 +59,12 @@ def variance_ratios(noise: float) -> tuple[float, float]:
 @pytest.mark.parametrize('noise', [1.0, 1.5, 2.0])
 def test_the_covariance_matches_the_errors(noise: float) -> None:
     least, greatest = variance_ratios(noise)
+    assert least > 0.5
+    assert greatest < 2.0
+
+
+def test_the_covariance_of_a_blurred_image_matches_its_errors() -> None:
+    least, greatest = variance_ratios(3.0, usual_noise=0.6)
     assert least > 0.5
     assert greatest < 2.0
 

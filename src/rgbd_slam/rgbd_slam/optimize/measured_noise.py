@@ -20,6 +20,7 @@ from rgbd_slam.model.frame import StereoCamera, to_camera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.bundle_adjustment import BundleProblem, BundleSolution
+from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
 _SIGMA_PER_MEDIAN = 1.4826  # 1 / 0.6745, the median of |x| of a standard normal distribution
 # Not tuned.
@@ -60,6 +61,20 @@ class NoiseEstimator:
         disparity = (residual[0] - residual[2]) / sigma_px
         disparity = disparity[np.isfinite(disparity)]
         return np.array([_factor(part, _MIN_RESIDUALS, np.nan) for part in (pixel, disparity)])
+
+
+def with_image_noise(
+    camera: StereoCamera, problem: PoseProblem, T_camera_map: FloatArray
+) -> PoseProblem:
+    """Return a problem with the noise that the residuals of all its matches at a pose show.
+
+    In a blur most matches are outliers; the inliers are those that fit by chance, and their
+    residuals are small.
+    """
+    x = to_camera(T_camera_map, problem.points_m.T)
+    residual_px = problem.measured_px[:, :2].T - camera.project_rows(x)[:2]
+    noise = _factor(residual_px * np.sqrt(problem.inv_sigma2), _MIN_RESIDUALS, 1.0)
+    return replace(problem, variance=max(1.0, noise**2))
 
 
 def with_residual_noise(

@@ -48,6 +48,8 @@ class PoseProblem:
     points_m: FloatArray  # (N, 3) landmarks in the map frame
     measured_px: FloatArray  # (N, 3) u, v, u_right; u_right is NaN without depth
     inv_sigma2: FloatArray  # (N,) 1 / variance of u, and equally of v [1/px^2]
+    # Variance of the pixels of this image relative to the configured one, as far as it is larger.
+    variance: float = 1.0
 
     @classmethod
     def of(
@@ -68,7 +70,10 @@ class PoseProblem:
     def select(self, keep: BoolArray) -> PoseProblem:
         k = np.flatnonzero(keep)  # looked up once, not three times
         return PoseProblem(
-            self.points_m.take(k, 0), self.measured_px.take(k, 0), self.inv_sigma2[k]
+            self.points_m.take(k, 0),
+            self.measured_px.take(k, 0),
+            self.inv_sigma2[k],
+            self.variance,
         )
 
 
@@ -87,7 +92,7 @@ def optimize_pose(
     # The kernel weights pixels by their configured variance, and disparities and the prior
     # relative to them; the measured variance scales the sum of all.
     variance = camera.pixel_noise**2
-    scale = max(1.0, variance)
+    scale = max(variance, problem.variance)
     weighted = () if prior is None else (prior.T_camera_map, scale * prior.information)
     fit = hoid_native.optimize_pose(camera.lens, GATES, *problem.arrays, T_camera_map, *weighted)
     return PoseEstimate(fit.T_camera_map, fit.inliers, fit.information / scale, min(1.0, variance))

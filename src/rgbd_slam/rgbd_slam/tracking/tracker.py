@@ -29,6 +29,7 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.points import PointTally
 from rgbd_slam.model.tracked_frame import TrackedFrame, tracked_frame
 from rgbd_slam.optimize.alignment import align_image
+from rgbd_slam.optimize.measured_noise import with_image_noise
 from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
 from rgbd_slam.optimize.pose_optimizer import PosePrior, PoseProblem
 
@@ -268,6 +269,8 @@ class Tracker:
     ) -> _FramePose:
         """Optimize a pose on correspondences; return it with those that are inliers."""
         problem = PoseProblem.of(frame, found.k, found.position_m, self._atlas.octave_scale)
+        if not is_initial:
+            problem = with_image_noise(self._camera, problem, T_camera_map)
         num_observations = self._atlas.points.num_observations[found.point]
         is_in_map = found.point != NO_POINT
         min_observations = self._config.consensus.min_observations
