@@ -137,8 +137,7 @@ class SceneNode(ManagedNode):
             tracks = mapper.track_objects(request, image.depth_m, image.objects)
             self._outputs.publish_objects(tracks, request.stamp_ns)
             self._update_masks(tracks, request)
-        if request.map_objects:
-            mapper.map_objects(request, image.depth_m, image.objects, color)
+        if mapper.map_objects(request, image.depth_m, image.objects, color):
             self._outputs.note_object_change()
             self._outputs.publish_object_map(mapper, self._session.stamp_ns)
             if (expected := mapper.expected_objects()) is not None:

@@ -33,7 +33,7 @@ from hoid_scene.level.upright import find_upright
 from hoid_scene.level.upright_box import Level
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
-from hoid_scene.scene_scheduler import SceneRequest
+from hoid_scene.scene_scheduler import SceneRequest, has_detections
 from hoid_scene.search.rooms import Rooms, find_rooms
 from hoid_scene.tracks.object_sighting import DepthImage
 from hoid_scene.tracks.object_track import TrackedObject
@@ -132,8 +132,7 @@ class SceneMapper:
         """Use an image for the maps that it was requested for; see the next three methods."""
         if request.track_objects:
             self.track_objects(request, depth_m, objects)
-        if request.map_objects:
-            self.map_objects(request, depth_m, objects, lambda: image_bgr)
+        self.map_objects(request, depth_m, objects, lambda: image_bgr)
         if request.fuse:
             self.fuse(request, depth_m, image_bgr, objects)
 
@@ -154,15 +153,18 @@ class SceneMapper:
         depth_m: Float32Array,
         objects: tuple[DynamicObject, ...],
         color: Callable[[], ByteArray] | None = None,
-    ) -> None:
-        """Update the object map, if it is on, with an image and the latest tracks.
+    ) -> bool:
+        """Update the object map, if it is on and due, with an image and the latest tracks.
 
-        `color` returns the color image (H, W, 3); without it, objects get no colors or pictures.
+        Return whether the image was used. `color` returns the color image (H, W, 3); without it,
+        objects get no colors or pictures.
         """
-        if self.object_map is not None:
-            image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
-            judged = self._tracker.judged(objects, image, request.stamp_ns)
-            self.object_map.update(request, depth_m, judged, self._tracks, color)
+        is_due = request.map_objects and has_detections(objects)
+        if self.object_map is None or not is_due:
+            return False
+        image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
+        judged = self._tracker.judged(objects, image, request.stamp_ns)
+        return self.object_map.update(request, depth_m, judged, self._tracks, color)
 
     def fuse(
         self,

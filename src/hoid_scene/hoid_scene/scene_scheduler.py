@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from hoid_common import se3
 from hoid_common.poses.keyframe_poses import KeyframePoses, TrackedImage
 from hoid_common.sync import Rate
-from hoid_common.values import FloatArray
+from hoid_common.values import UNKNOWN, DynamicObject, FloatArray, ObjectState
 
 
 class SceneRequest(NamedTuple):
@@ -83,3 +83,9 @@ class SceneScheduler:
             map_objects,
             fuse,
         )
+
+
+def has_detections(objects: Sequence[DynamicObject]) -> bool:
+    """Return whether the detector saw an image, so that its boxes are not all predicted."""
+    known = [item for item in objects if item.class_name != UNKNOWN]
+    return not known or any(item.state is not ObjectState.PREDICTED for item in known)

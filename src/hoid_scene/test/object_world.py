@@ -43,11 +43,11 @@ class Box(NamedTuple):
 
 
 class ObjectWorld:
-    """A room with boxes, of which an object map gets a look every half second."""
+    """A room with boxes, of which an object map gets images, by default two a second."""
 
-    def __init__(self, min_score: float = 0.0) -> None:
+    def __init__(self, min_score: float = 0.0, look_ns: int = LOOK_NS) -> None:
         self.map = ObjectMap(CAMERA, min_score)
-        self.stamp_ns = 0
+        self.stamp_ns, self._look_ns = 0, look_ns
         self.color: ByteArray | None = None  # (H, W, 3) of all images; None: there is none
         self.keyframes = keyframes(np.eye(4))
 
@@ -64,7 +64,7 @@ class ObjectWorld:
         depth_m, seen = rendered(boxes, T_world_camera)
         T_map_camera = T_world_camera if T_map_world is None else T_map_world @ T_world_camera
         for _ in range(times):
-            self.stamp_ns += LOOK_NS
+            self.stamp_ns += self._look_ns
             request = SceneRequest(self.stamp_ns, T_map_camera, 0, self.keyframes, True, True)
             color = self.color
             image = None if color is None else partial(np.copy, color)

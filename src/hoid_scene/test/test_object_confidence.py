@@ -12,7 +12,7 @@ from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.search.object_query import ObjectQuery, find
 
 from .object_world import LOOK_NS, Box, ObjectWorld, rendered
-from .test_object_map import BEAR, BOOK, CUP, TABLE, at, only
+from .test_object_map import BEAR, BOOK, CUP, TABLE, at, only, track
 
 TV = Box('tv', (2.0, -0.4, -0.3), (2.1, 0.4, 0.3))
 FOOT = Box('cell phone', (1.98, -0.06, -0.3), (2.1, 0.06, -0.2))
@@ -146,3 +146,36 @@ def test_an_hour_of_a_flickering_detector_keeps_few_objects() -> None:
     assert np.mean(counts[-1000:]) < 1.2 * np.mean(counts[500:1500])
     assert world.map.num_voxels < 100_000
     assert only(world.map.objects(), 'teddy bear').state is ObjectState.AT_REST
+
+
+def test_while_an_object_is_not_sure_all_images_count() -> None:
+    """Of a sure one, three images a second do."""
+    world = ObjectWorld(look_ns=100_000_000)
+    assert world.look(TABLE, BEAR, times=4) == ()
+    assert only(world.look(TABLE, BEAR), 'teddy bear').num_sightings == 5
+    assert only(world.look(TABLE, BEAR, times=20), 'teddy bear').num_sightings <= 12
+
+
+@pytest.mark.parametrize(('score', 'is_sure'), [(0.3, False), (0.45, True)])
+def test_weak_detections_from_one_direction_are_no_proof(score: float, is_sure: bool) -> None:
+    objects = ObjectWorld().look(TABLE, BEAR._replace(score=score), times=30)
+    assert [item.class_name for item in objects] == ['teddy bear'] * is_sure
+
+
+def test_a_screen_that_is_too_large_for_a_laptop_is_no_laptop() -> None:
+    world = ObjectWorld()
+    for y_m in (-0.4, 0.0, 0.4, 0.8):
+        pose = at(0.0, y_m, -0.3 * y_m)
+        world.look(TV._replace(class_name='laptop'), T_map_body=pose, times=2)
+        objects = world.look(TV, T_map_body=pose)
+    assert [item.class_name for item in objects] == ['tv']
+
+
+@pytest.mark.parametrize(('x_m', 'is_known'), [(0.8, True), (1.5, False)])
+def test_a_person_in_front_handles_only_what_is_in_reach(x_m: float, is_known: bool) -> None:
+    """The filter compares boxes: the head of a person covers a part of the screen."""
+    screen = TV._replace(reason=ObjectState.HANDLED)
+    head = Box('person', (x_m, -0.1, -1.2), (x_m + 0.2, 0.1, -0.1), ObjectState.PERSON)
+    people = (track(head, ObjectState.PERSON),)
+    objects = ObjectWorld().look(screen, head, times=6, tracks=people)
+    assert [item.class_name for item in objects] == ['tv'] * is_known

@@ -10,7 +10,7 @@ import pytest
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import DynamicObject, FloatArray, ObjectState
 from hoid_scene.objects.mapped_object import MapObject, MappedObject
-from hoid_scene.objects.merging import are_inside_each_other
+from hoid_scene.objects.merging import Merging, are_inside_each_other
 from hoid_scene.objects.segmentation import Segment
 from hoid_scene.objects.voxel_set import trimmed_box
 from hoid_scene.place import Anchor, Place
@@ -79,11 +79,14 @@ def test_two_of_a_kind_beside_each_other_stay_two() -> None:
     assert y_m == pytest.approx([0.35, 0.49], abs=0.03)
 
 
-def thing(class_name: str, low_m: tuple[float, float, float]) -> MappedObject:
-    """Return an object of 20 cm on each side that was seen three times."""
-    points = np.array(low_m) + np.moveaxis(np.mgrid[:9, :9, :9], 0, -1).reshape(-1, 3) / 40
+def thing(
+    class_name: str, low_m: tuple[float, float, float], side_m: float = 0.2, object_id: int = 0
+) -> MappedObject:
+    """Return a cube that was seen three times."""
+    steps = np.moveaxis(np.mgrid[:9, :9, :9], 0, -1).reshape(-1, 3) / 8
+    points = np.array(low_m) + side_m * steps
     none, middle = np.empty(0, np.int64), points.mean(axis=0)
-    item = MappedObject(0, Place.at(middle, Anchor(0, 0, np.eye(4), np.eye(4))), 0)
+    item = MappedObject(object_id, Place.at(middle, Anchor(0, 0, np.eye(4), np.eye(4))), 0)
     seen = DynamicObject(class_name, (0.0, 0.0, 9.0, 9.0), 0.9, -1, ObjectState.AT_REST)
     segment = Segment(
         seen, (0, 0, 9, 9), none, points, middle, points.min(axis=0), points.max(axis=0), none
@@ -99,6 +102,13 @@ def test_objects_of_a_class_that_are_inside_each_other_are_one() -> None:
     assert are_inside_each_other(plant, thing('potted plant', (2.03, 0.02, 0.05)))
     assert not are_inside_each_other(plant, thing('vase', (2.03, 0.02, 0.05)))
     assert not are_inside_each_other(plant, thing('potted plant', (2.0, 0.13, 0.0)))
+
+
+def test_a_screen_is_not_the_desk_in_whose_box_it_stands() -> None:
+    """Their boxes share most of the screen, and the desk is twice as large."""
+    screen = thing('tv', (2.0, 0.0, 0.0), 0.5)
+    desk = thing('dining table', (1.8, -0.3, -0.4), 1.0, 1)
+    assert Merging().merged([screen, desk]) == [screen, desk]
 
 
 @pytest.mark.parametrize(('half_width_m', 'count'), [(0.25, 1), (0.45, 2)])

@@ -1,9 +1,12 @@
 """Images are selected for each map at its rate, whatever the frame rate."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from hoid_common.poses.keyframe_poses import NO_KEYFRAMES, TrackedImage
-from hoid_scene.scene_scheduler import SceneScheduler
+from hoid_common.values import UNKNOWN, DynamicObject, ObjectState
+from hoid_scene.scene_scheduler import SceneScheduler, has_detections
 
 PERIOD_NS = 33_333_333
 
@@ -58,3 +61,12 @@ def test_a_map_beside_the_main_one_is_fused_and_its_objects_are_not_tracked() ->
     assert not request.track_objects
     aside = image(is_in_main_map=False, is_growing=False)
     assert SceneScheduler(30.0, 30.0, 30.0).pick(aside, lambda: NO_KEYFRAMES) is None
+
+
+def test_an_image_whose_boxes_are_all_predicted_has_no_detections() -> None:
+    box = (0.0, 0.0, 9.0, 9.0)
+    predicted = DynamicObject('cup', box, 0.9, -1, ObjectState.PREDICTED)
+    moving = DynamicObject(UNKNOWN, box, 1.0, -1, ObjectState.MOVING)
+    assert not has_detections((predicted, moving))
+    assert has_detections((predicted, replace(predicted, state=ObjectState.AT_REST)))
+    assert has_detections(())

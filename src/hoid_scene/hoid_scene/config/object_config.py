@@ -89,8 +89,14 @@ class ObjectMapConfig(Config):
         expert=True,
     )
 
-    # Largest rate at which images are used (Hz): as good as 10 in six rooms (decision 052).
-    rate_hz: ClassVar[float] = 3.0
+    # Largest rate (Hz) of the images that are used for all objects: as good as 10 in six rooms
+    # (decision 052). Those with detections between them, up to the second rate, are used for
+    # objects in view that are not sure yet.
+    look_rate_hz: ClassVar[float] = 3.0
+    evidence_rate_hz: ClassVar[float] = 10.0
+    # Larger than the rate of cameras: the map chooses among all images, because boxes are detected
+    # in some only.
+    rate_hz: ClassVar[float] = 100.0
 
     def __post_init__(self) -> None:
         """Raise ConfigError if a value is invalid, or `label_cloud` is on without object map."""

@@ -11,8 +11,8 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, Detections, DynamicObject, FloatArray, IntArray
 from hoid_native import missed_voxels, pair_scores, transformed_parts
+from hoid_scene.objects.evidence import is_confusable
 from hoid_scene.objects.mapped_object import MappedObject
-from hoid_scene.objects.merging import is_confusable
 from hoid_scene.objects.object_view import STRIDE, ObjectView
 from hoid_scene.objects.segmentation import KnownBox, Prior, Segment
 

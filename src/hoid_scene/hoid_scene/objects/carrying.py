@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from hoid_common.values import NS_PER_S, FloatArray, ObjectState
 from hoid_scene.objects.mapped_object import MappedObject
+from hoid_scene.objects.segmentation import Segment
 from hoid_scene.tracks.object_track import FRESH_NS, REACH_M, TrackedObject
 
 # None of these numbers was tuned.
@@ -145,6 +147,21 @@ class Carrying:
             return False
         offsets_m = (np.concatenate(at) - item.surface.center_map_m())[:, :2]
         return bool(np.linalg.norm(offsets_m, axis=1).min() < REACH_M)
+
+
+def within_reach(segment: Segment, tracks: Sequence[TrackedObject]) -> Segment:
+    """Return a segment, as at rest if the filter calls it handled, but nobody can reach it.
+
+    The filter compares boxes in the image, in which a person may be far in front of an object.
+    """
+    state = segment.detection.state
+    people_m = [item.position_map_m for item in tracks if item.state is ObjectState.PERSON]
+    if not people_m or not segment.detection.is_dynamic or state is ObjectState.MOVING:
+        return segment
+    gaps_m = np.linalg.norm((np.array(people_m) - segment.center_map_m)[:, :2], axis=1)
+    if gaps_m.min() < REACH_M:
+        return segment
+    return segment._replace(detection=replace(segment.detection, state=ObjectState.AT_REST))
 
 
 def _link(objects: Sequence[MappedObject], tracks: Sequence[TrackedObject]) -> None:

@@ -5,16 +5,19 @@ A look is an image in which the object may be seen, a sighting one in which it w
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hoid_common.values import NS_PER_S, FloatArray
 
 # None of these numbers was tuned where no other source is named.
 _MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5  # of a sure object
-# Sum of the scores of independent detections from which on an object is sure; most wrong ones on
-# real clips have less.
-_SURE = 1.9
-_MIN_SEEN_RATIO = 0.5  # of the looks that show its surface, in which it must have been detected
+# Chosen: an object is sure if all of its detections are wrong with at most this probability. The
+# score of an independent detection is taken for the probability, at most this one, that it is
+# right; most wrong objects on real clips have a larger probability.
+_MAX_WRONG, _MAX_SCORE = 0.15, 0.95
+_MIN_SEEN_RATIO = 0.4  # of the looks that show its surface, in which it must have been detected
 # An object with at least so many sightings is kept, as one that is gone, after it was not detected
 # in so many successive looks at its place and in more than half of all looks.
 _MANY_SIGHTINGS, _MISSING_LOOKS = 6, 4
@@ -23,7 +26,20 @@ _MANY_SIGHTINGS, _MISSING_LOOKS = 6, 4
 _SEEN_GAIN, _MISSED_LOSS, _THROUGH_LOSS = 0.3, 0.03, 0.35
 _MAX_CLASSES = 8  # chosen: classes of an object that are kept
 _SAME_VIEW = np.cos(np.deg2rad(10.0))  # chosen: 17 cm to the side at a distance of 1 m
+# Chosen: an object that was detected within this time is probably still in view; a detection with
+# at most this weight changes little.
+_IN_VIEW_NS, _LEAST_WEIGHT = NS_PER_S // 2, 1 / 16
 _PER_VIEW, _MAX_VIEWS = 3, 64  # chosen: detections that count fully from a direction; bound
+
+_CONFUSABLE_CLASSES = (
+    frozenset({'chair', 'couch', 'bench', 'bed'}),
+    frozenset({'dining table', 'bed', 'bench', 'couch'}),
+    frozenset({'cup', 'bottle', 'vase', 'bowl', 'wine glass', 'potted plant'}),
+    frozenset({'tv', 'laptop', 'microwave', 'oven'}),
+    frozenset({'book', 'cell phone', 'remote', 'laptop', 'keyboard'}),
+    frozenset({'suitcase', 'backpack', 'handbag'}),
+    frozenset({'teddy bear', 'sports ball'}),
+)
 
 
 class Views:
@@ -36,6 +52,7 @@ class Views:
     def __init__(self) -> None:
         self.directions: FloatArray = np.empty((0, 3))  # (V, 3) unit vectors, object frame
         self.counts: list[int] = []  # V numbers of detections
+        self.last_weight = 1.0  # of the last detection
 
     def __len__(self) -> int:
         return len(self.counts)
@@ -53,7 +70,8 @@ class Views:
         else:
             nearest = int(np.argmax(cosine))
         self.counts[nearest] += count
-        return float(0.5 ** max(0, self.counts[nearest] - _PER_VIEW))
+        self.last_weight = 0.5 ** max(0, self.counts[nearest] - _PER_VIEW)
+        return self.last_weight
 
 
 class Evidence:
@@ -61,7 +79,8 @@ class Evidence:
 
     Attributes:
         scores: Sums of the scores of its detections, by class.
-        weight: Sum of the scores, each weighted by the independence of its view (`Views`).
+        weight: Minus the logarithm of the probability that all of them are wrong, each weighted by
+            the independence of its view (`Views`).
         num_sightings: Number of images in which it was detected with its surface.
         num_visible: Number of images that showed its surface.
         num_through: Number of successive looks that showed its place empty.
@@ -79,15 +98,25 @@ class Evidence:
         self.probability = 0.5
 
     @property
-    def class_name(self) -> str:
-        return max(self.scores, key=self.scores.__getitem__)
+    def class_names(self) -> list[str]:
+        """Return its possible classes: the one with the largest sum of scores, and like ones."""
+        names = sorted(self.scores, key=self.scores.__getitem__, reverse=True)
+        return [name for name in names if is_confusable(name, names[0])]
 
     @property
     def is_sufficient(self) -> bool:
         """Return whether it was detected often, long and certainly enough."""
         is_old = self.last_ns - self.first_ns >= _MIN_AGE_NS
-        is_often = self.num_sightings >= _MIN_SIGHTINGS and self.weight >= _SURE
+        is_often = self.num_sightings >= _MIN_SIGHTINGS and self.weight >= -math.log(_MAX_WRONG)
         return is_old and is_often and self.seen_ratio >= _MIN_SEEN_RATIO
+
+    def is_open(self, stamp_ns: int) -> bool:
+        """Return whether the next images may decide if there is such an object.
+
+        It was detected lately, and not often from the same direction.
+        """
+        is_in_view = 0 <= stamp_ns - self.last_ns < _IN_VIEW_NS
+        return is_in_view and not self.is_sufficient and self.views.last_weight > _LEAST_WEIGHT
 
     @property
     def seen_ratio(self) -> float:
@@ -111,7 +140,7 @@ class Evidence:
         """Count a detection with the unit vector (3,) from the camera, object frame."""
         self.num_sightings += 1
         self.num_visible += 1
-        self.weight += self.views.add(direction) * score
+        self.weight -= self.views.add(direction) * math.log(1 - min(score, _MAX_SCORE))
         self._add_scores({class_name: score})
 
     def _add_scores(self, scores: dict[str, float]) -> None:
@@ -153,3 +182,8 @@ class Evidence:
         self.first_ns = min(self.first_ns, other.first_ns)
         self.last_ns = max(self.last_ns, other.last_ns)
         self.probability = max(self.probability, other.probability)
+
+
+def is_confusable(first: str, second: str) -> bool:
+    """Return whether two classes are the same, or detectors confuse them."""
+    return first == second or any({first, second} <= group for group in _CONFUSABLE_CLASSES)

@@ -22,7 +22,7 @@ _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
 # Smallest and largest diagonal [m] of the box of what was seen of a sure object, by class. Chosen
 # from what shops sell, with half of it hidden; other classes have any size.
 _DIAGONALS_M = {
-    'tv': (0.38, 1.65), 'laptop': (0.2, 0.7), 'keyboard': (0.2, 0.8), 'mouse': (0.05, 0.25),
+    'tv': (0.38, 1.65), 'laptop': (0.2, 0.6), 'keyboard': (0.2, 0.8), 'mouse': (0.05, 0.25),
     'cell phone': (0.08, 0.3), 'remote': (0.08, 0.4), 'book': (0.1, 0.7), 'cup': (0.05, 0.35),
     'wine glass': (0.08, 0.4), 'bottle': (0.08, 0.7), 'bowl': (0.08, 0.6), 'vase': (0.08, 1.2),
     'clock': (0.08, 1.0), 'scissors': (0.08, 0.4), 'sports ball': (0.05, 0.7),
@@ -104,7 +104,13 @@ class MappedObject:
 
     @property
     def class_name(self) -> str:
-        return self.evidence.class_name
+        """Return the likeliest class that can have its size, or else the likeliest one."""
+        names = self.evidence.class_names
+        return next(filter(self._has_size_of, names), names[0])
+
+    def _has_size_of(self, class_name: str) -> bool:
+        low_m, high_m = _DIAGONALS_M.get(class_name, (0.0, np.inf))
+        return low_m <= 2 * self.surface.radius_m() <= high_m
 
     @property
     def map_id(self) -> int:
@@ -113,8 +119,7 @@ class MappedObject:
     @property
     def is_confirmed(self) -> bool:
         """Return whether there is surely such an object."""
-        low_m, high_m = _DIAGONALS_M.get(self.class_name, (0.0, np.inf))
-        return self.evidence.is_sufficient and low_m <= 2 * self.surface.radius_m() <= high_m
+        return self.evidence.is_sufficient and self._has_size_of(self.class_name)
 
     @property
     def is_present(self) -> bool:
@@ -131,9 +136,12 @@ class MappedObject:
 
     def add(self, segment: Segment, stamp_ns: int, T_map_camera: FloatArray) -> None:
         """Add a detection of the object at its place, with the surface that it shows."""
-        detection = segment.detection
-        direction = self.surface.add(segment, T_map_camera)
-        self.evidence.add(detection.class_name, detection.score, direction)
+        self.surface.add(segment, T_map_camera)
+        self.note_detected(segment, stamp_ns, T_map_camera)
+
+    def note_detected(self, segment: Segment, stamp_ns: int, T_map_camera: FloatArray) -> None:
+        detection, (ray, _) = segment.detection, self.surface.ray_to(segment, T_map_camera)
+        self.evidence.add(detection.class_name, detection.score, ray)
         self.note_seen(stamp_ns)
 
     def note_seen(self, stamp_ns: int) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.values import BoolArray
+from hoid_scene.objects.evidence import is_confusable
 from hoid_scene.objects.mapped_object import MappedObject
 from hoid_scene.objects.segmentation import BoxPx, Segment
 
@@ -33,15 +34,6 @@ _BARE = frozenset(
     }
 )  # fmt: skip
 _CHAIR, _CHAIR_M = 'chair', 0.65  # largest width and depth of a usual chair; chosen
-_CONFUSABLE_CLASSES = (
-    frozenset({'chair', 'couch', 'bench', 'bed'}),
-    frozenset({'dining table', 'bed', 'bench', 'couch'}),
-    frozenset({'cup', 'bottle', 'vase', 'bowl', 'wine glass', 'potted plant'}),
-    frozenset({'tv', 'laptop', 'microwave', 'oven'}),
-    frozenset({'book', 'cell phone', 'remote', 'laptop', 'keyboard'}),
-    frozenset({'suitcase', 'backpack', 'handbag'}),
-    frozenset({'teddy bear', 'sports ball'}),
-)
 
 
 class Merging:
@@ -90,6 +82,8 @@ class Merging:
             return are_inside_each_other(first, second)
         is_alike = is_confusable(first.class_name, second.class_name)
         small, large = sorted((first, second), key=lambda item: item.surface.radius_m())
+        if not is_alike and small.class_name in _BARE and large.class_name not in _BARE:
+            return False  # such as a screen and the desk in whose box it stands
         if not is_alike and large.surface.radius_m() > _SUPPORT_RATIO * small.surface.radius_m():
             is_part = large.class_name in _BARE
             near = large.surface.ratio_near(small.surface.solid_points_map_m()) if is_part else 0.0
@@ -111,11 +105,6 @@ def may_lie_on(radius_m: float, item: MappedObject) -> bool:
     """Return whether a thing of this radius may lie on a known object that is much larger."""
     is_large = item.surface.radius_m() > _SUPPORT_RATIO * radius_m
     return is_large and item.class_name not in _BARE
-
-
-def is_confusable(first: str, second: str) -> bool:
-    """Return whether two classes are the same, or detectors confuse them."""
-    return first == second or any({first, second} <= group for group in _CONFUSABLE_CLASSES)
 
 
 def are_inside_each_other(first: MappedObject, second: MappedObject) -> bool:

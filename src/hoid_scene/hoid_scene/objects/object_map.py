@@ -13,6 +13,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.poses.keyframe_poses import NO_KEYFRAMES, KeyframePoses
+from hoid_common.sync import Rate
 from hoid_common.values import (
     NS_PER_S,
     PERSON,
@@ -25,6 +26,7 @@ from hoid_common.values import (
     IntArray,
     ObjectState,
 )
+from hoid_scene.config.object_config import ObjectMapConfig
 from hoid_scene.dense.cloud_labels import CloudLabeler, CloudLabels
 from hoid_scene.grid.floor import Floor
 from hoid_scene.level.upright_box import Level
@@ -38,7 +40,7 @@ from hoid_scene.objects.association import (
     missed_rows,
     prior_of,
 )
-from hoid_scene.objects.carrying import Carrying
+from hoid_scene.objects.carrying import Carrying, within_reach
 from hoid_scene.objects.mapped_object import MapObject, MappedObject
 from hoid_scene.objects.merging import Merging, may_lie_on
 from hoid_scene.objects.object_map_state import ObjectMapState
@@ -70,6 +72,8 @@ class ObjectMap:
 
     def __init__(self, camera: CameraModel, min_score: float = 0.0) -> None:
         self._camera, self._min_score = ObjectCamera(camera), min_score
+        self._looks = Rate(ObjectMapConfig.look_rate_hz)
+        self._images = Rate(ObjectMapConfig.evidence_rate_hz)
         # Where the latest image should show known objects; None: there was none.
         self.expected: Detections | None = None
         self._keyframes: KeyframePoses = NO_KEYFRAMES
@@ -119,39 +123,46 @@ class ObjectMap:
         detections: Sequence[DynamicObject],
         tracks: Sequence[TrackedObject] = (),
         image: Callable[[], ByteArray] | None = None,
-    ) -> None:
-        """Update the objects with one image; images must come in order of time.
+    ) -> bool:
+        """Update the objects with one image; return whether it was used.
+
+        Images must come in order of time.
 
         `image` returns its colors (H, W, 3); it is called last, and only for colors and pictures
         of objects. None: these are left out.
 
-        The image is ignored if the request has no keyframes, or if its keyframe has been removed
-        since the request. Keyframe poses that are not older than the present ones are applied
-        first (`correct`).
+        All objects are updated three times a second, and those of which it is uncertain whether
+        they exist ten times. The image must have detections (`has_detections`). It is ignored if
+        the request has no keyframes, or if its keyframe has been removed since the request.
+        Keyframe poses that are not older than the present ones are applied first (`correct`).
         """
-        T_keyframe_camera = request.T_keyframe_camera
-        if request.keyframes is None or T_keyframe_camera is None:
-            return
-        if request.keyframes.version >= self._keyframes.version:
-            self.correct(request.keyframes)
-        anchor = anchor_at(self._keyframes, request.reference_uid, T_keyframe_camera)
+        anchor = self._anchor_of(request)
         if anchor is None:
-            return
-        stamp_ns, view = request.stamp_ns, self._camera.view(depth_m, anchor.T_map_camera)
+            return False
+        stamp_ns, is_look = request.stamp_ns, self._looks.take_due(request.stamp_ns)
+        open_ids = {i.object_id for i in self._objects if i.evidence.is_open(stamp_ns)}
+        if not (is_look or (open_ids and self._images.take_due(stamp_ns))):
+            return False
+        view = self._camera.view(depth_m, anchor.T_map_camera)
         measured = [item for item in detections if self._is_measured(item)]
         self._named_ns |= {item.class_name: stamp_ns for item in measured}
         view.fill_screens(depth_m, measured)
         near = self._near(anchor)
         seen = look_at(near, view)
-        segments = segment_all(measured, view, prior_of(measured, near, seen, view))
+        segments = [
+            within_reach(segment, tracks)
+            for segment in segment_all(measured, view, prior_of(measured, near, seen, view))
+        ]
         pairs = associate(segments, near, seen)
+        used = {o for o, item in enumerate(near) if is_look or item.object_id in open_ids}
         for s, o in pairs.items():
-            _add_sighting(near[o], segments[s], seen[o], view, stamp_ns)
+            if o in used:
+                _add_sighting(near[o], segments[s], seen[o], view, stamp_ns, is_look=is_look)
         self._merging.note_apart([(near[o], segments[s]) for s, o in pairs.items()])
         people = [item for item in measured if item.class_name == PERSON]
-        for o in set(range(len(near))) - set(pairs.values()):
+        for o in used - set(pairs.values()):
             _note_unseen(near[o], seen[o], people, view, stamp_ns)
-        left = [segment for s, segment in enumerate(segments) if s not in pairs]
+        left = [segment for s, segment in enumerate(segments) if s not in pairs and is_look]
         added = self._add_new(left, near, anchor, stamp_ns)
         self._objects = self._carrying.follow(self._objects, tracks, stamp_ns)
         self.expected = expected_boxes(near, seen, stamp_ns)
@@ -168,6 +179,16 @@ class ObjectMap:
                 for item, segment in known + added
             ]
             remember(looks, people, image, STRIDE, stamp_ns)
+        return True
+
+    def _anchor_of(self, request: SceneRequest) -> Anchor | None:
+        """Return the pose of an image by its keyframe, after newer keyframe poses are applied."""
+        T_keyframe_camera = request.T_keyframe_camera
+        if request.keyframes is None or T_keyframe_camera is None:
+            return None
+        if request.keyframes.version >= self._keyframes.version:
+            self.correct(request.keyframes)
+        return anchor_at(self._keyframes, request.reference_uid, T_keyframe_camera)
 
     def correct(self, keyframes: KeyframePoses) -> None:
         """Apply corrected keyframe poses: each object moves with its keyframe."""
@@ -311,17 +332,26 @@ def _recall(objects: Sequence[MappedObject], memories: Mapping[int, MemoryState]
 
 
 def _add_sighting(
-    item: MappedObject, segment: Segment, seen: Visibility, view: ObjectView, stamp_ns: int
+    item: MappedObject,
+    segment: Segment,
+    seen: Visibility,
+    view: ObjectView,
+    stamp_ns: int,
+    *,
+    is_look: bool,
 ) -> None:
     """Add the detection of a known object.
 
-    One that is not at rest adds no surface, because a person may hide a part of it.
+    One that is not at rest adds no surface, because a person may hide a part of it, nor does an
+    image between two looks: it repeats the errors of a look.
     """
     if segment.detection.is_dynamic:
         item.note_seen(stamp_ns)
-    else:
+        return
+    if is_look:
         item.surface.count_misses(missed_rows(segment, seen, view))
-        item.add(segment, stamp_ns, view.T_map_camera)
+        item.surface.add(segment, view.T_map_camera)
+    item.note_detected(segment, stamp_ns, view.T_map_camera)
 
 
 def _note_unseen(

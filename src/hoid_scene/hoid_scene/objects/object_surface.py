@@ -122,17 +122,21 @@ class ObjectSurface:
             self._cells = np.unique(voxel_keys(solid_m, _CELL_M, BITS))
         return self.place.T_place_map, self._cells, _CELL_M, BITS
 
-    def add(self, segment: Segment, T_map_camera: FloatArray) -> FloatArray:
-        """Add what an image shows; return the unit vector (3,) from the camera, object frame."""
+    def ray_to(self, segment: Segment, T_map_camera: FloatArray) -> tuple[FloatArray, float]:
+        """Return the unit vector (3,) from the camera to a segment, object frame, and how far."""
+        ray_m = self.T_map_object[:3, :3].T @ (segment.center_map_m - T_map_camera[:3, 3])
+        distance_m = max(float(norm(ray_m)), _MIN_DISTANCE_M)
+        return np.asarray(ray_m / distance_m), distance_m
+
+    def add(self, segment: Segment, T_map_camera: FloatArray) -> None:
+        """Add what an image shows."""
         self.voxels.add_points(se3.transform(self.place.T_place_map, segment.points_map_m))
         self.num_looks += 1
         self.is_cut &= segment.is_cut
-        ray_m = self.T_map_object[:3, :3].T @ (segment.center_map_m - T_map_camera[:3, 3])
-        distance_m = max(float(norm(ray_m)), _MIN_DISTANCE_M)
-        self.direction_m = self.direction_m + ray_m / distance_m
+        ray, distance_m = self.ray_to(segment, T_map_camera)
+        self.direction_m = self.direction_m + ray
         self.distance_m += distance_m
         self._forget_derived()
-        return np.asarray(ray_m / distance_m)
 
     def count_misses(self, rows: IntArray) -> None:
         """Count an image as evidence that the voxels `rows` (M,) do not belong to the object."""

@@ -22,7 +22,7 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array
 from hoid_scene.config.scene_config import SceneNodeConfig
-from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
+from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler, has_detections
 
 # Largest difference of the stamps of messages that belong to one image. Chosen: those of depth and
 # color of one image differ less, and those of two images at 30 Hz more.
@@ -145,7 +145,10 @@ class SceneImages:
 
     def _use(self, match: Match) -> None:
         picked, depth, color, objects_msg = match.values
-        if self._camera is None:
+        objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
+        request = picked.request
+        is_needed = request.fuse or request.track_objects or has_detections(objects)
+        if self._camera is None or not is_needed:
             return
         depth_m = self._alignment.align(
             conversions.depth_from_msg(depth, self._units_per_m),
@@ -153,7 +156,6 @@ class SceneImages:
             color.header,
             self._camera.size_px,
         )
-        objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
         self._on_image(SceneImage(self._at_present(picked), depth_m, color, objects))
 
     def color_of(self, image: SceneImage) -> ByteArray:
