@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hoid_benchmarks.objects.image_boxes import box_in_image
 from hoid_benchmarks.objects.list_scores import FoundBoxes, Verdict, score_list
+from hoid_benchmarks.objects.losses import why_missed
 from hoid_benchmarks.objects.object_list import ListedObject, listed_recordings, read_list
 from hoid_common.coco import COCO
 from hoid_common.errors import InputError
 from hoid_common.se3 import T_BODY_OPTICAL
-from hoid_common.values import CameraModel, Float32Array, ObjectState
+from hoid_common.values import CameraModel, DynamicObject, Float32Array, ObjectState
 from hoid_scene.objects.mapped_object import MapObject
 
 CAMERA = CameraModel(320, 240, 250.0, 250.0, 160.0, 120.0)
@@ -99,3 +102,35 @@ def test_a_box_is_cut_at_the_border_of_the_image() -> None:
     assert left < 4  # a point of the box is nearer to the border than this
     assert right == pytest.approx(160 - 0.5 / 1.1 * 250)
     assert not seen(-1.0, 0.0, 0.0).any()
+
+
+def mapped(class_name: str, state: ObjectState) -> MapObject:
+    return MapObject(
+        1, class_name, ((class_name, 1.5),), state, np.eye(4), np.ones(3), 5, 0, 0, 0.9
+    )
+
+
+def test_each_missed_object_has_the_step_that_lost_it() -> None:
+    cup = listed('cup', 'cup', x_px=0)
+    edges = tuple(box(0).tolist())
+    seen = DynamicObject('cup', edges, 0.5, -1, ObjectState.AT_REST)
+
+    def why(
+        objects: list[MapObject],
+        at_px: int,
+        *boxes: DynamicObject,
+        poses: tuple[int, ...] = (1,),
+    ) -> str:
+        found_boxes = [found(item.class_name, at_px) for item in objects]
+        verdicts = dict.fromkeys(cup.boxes_px, boxes)
+        return why_missed(cup, objects, found_boxes, verdicts, poses)
+
+    tentative = mapped('cup', ObjectState.TENTATIVE)
+    assert why([], 0, seen, poses=()) == 'no pose in the main map'
+    assert why([], 0) == 'never detected'
+    assert why([], 0, replace(seen, state=ObjectState.HANDLED)) == 'detected, but handled'
+    assert why([], 0, seen) == 'detected, but no surface'
+    assert why([tentative], 0, seen) == 'not sure: 5 detections of 0.30'
+    assert why([mapped('bowl', ObjectState.AT_REST)], 0, seen) == 'called bowl in 5 looks'
+    assert why([tentative], 8, seen).startswith('detected, but IoU 0.')
+    assert why([mapped('cup', ObjectState.GONE)], 0, seen) == 'gone'

@@ -8,7 +8,7 @@ a sheet of the best pictures of its objects.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,6 +24,7 @@ from hoid_benchmarks.objects.list_scores import (
     Verdict,
     score_list,
 )
+from hoid_benchmarks.objects.losses import why_missed
 from hoid_benchmarks.objects.object_list import (
     ListedObject,
     listed_recordings,
@@ -35,7 +36,7 @@ from hoid_benchmarks.rooms.room_run import MappedRoom, map_room
 from hoid_benchmarks.rooms.room_scores import level_error_deg
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.io.images import encode_jpeg
-from hoid_common.values import FloatArray, Trajectory
+from hoid_common.values import CameraModel, FloatArray, Trajectory
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.search.picture_sheet import picture_sheet
 
@@ -45,8 +46,8 @@ _HEADER = (
     'precision', 'recall', 'doubles per object', 'level deg',
 )  # fmt: skip
 _ERROR_HEADER = (
-    'recording', 'detector', 'error', 'object of the map', 'nearest listed object',
-    'sum of scores, images', 'size m',
+    'recording', 'detector', 'error', 'object of the map, or why it is missed',
+    'nearest listed object', 'sum of scores, images', 'size m',
 )  # fmt: skip
 _QUALITY = 85  # chosen: of a JPEG
 _SAME_IMAGE_NS = 20_000_000  # the association limit of the ATE
@@ -58,6 +59,7 @@ class _Row(NamedTuple):
     detector: str
     scores: ListScores
     objects: tuple[MapObject, ...]
+    why_missed: dict[str, str]  # by the name of a missed object
     level_deg: float  # error of the vertical of the grid; NaN: no grid, or no reference
 
 
@@ -95,18 +97,31 @@ def _evaluated(name: str, listed: list[ListedObject], store: Store, model: str, 
     trajectory = room.trajectory
     all_poses = zip(trajectory.stamps_ns.tolist(), trajectory.T_world_camera, strict=True)
     poses = {stamp_ns: T for stamp_ns, T in all_poses if stamp_ns in stamps_ns}
-    found = [
-        FoundBoxes(item.class_name, {k: box_in_image(item, T, camera) for k, T in poses.items()})
-        for item in present
-    ]
-    scores = score_list(found, listed)
+    everything = (*present, *room.tentative, *(o for o in room.objects if not o.is_present))
+    boxes = _boxes_of(everything, poses, camera)
+    scores = score_list(boxes[: len(present)], listed)
+    why = {
+        item.name: why_missed(item, everything, boxes, room.verdicts, poses)
+        for item in listed
+        if item.name in scores.missed
+    }
     images = {f.stamp_ns: f.image_bgr for f in sequence if f.stamp_ns in stamps_ns}
     path = out / f'{name}_{Path(model).stem}.jpg'
     write_picture(path, images, poses, camera, listed, present, scores)
     if (sheet := picture_sheet(present)) is not None:
         path.with_stem(f'{path.stem}_objects').write_bytes(encode_jpeg(sheet, _QUALITY))
     level_deg = _level_deg(room, sequence.ground_truth, reference_up(name))
-    return _Row(name, model, scores, present, level_deg)
+    return _Row(name, model, scores, present, why, level_deg)
+
+
+def _boxes_of(
+    objects: Sequence[MapObject], poses: Mapping[int, FloatArray], camera: CameraModel
+) -> list[FoundBoxes]:
+    """Return the boxes of objects in images with known poses T_map_camera, by stamp [ns]."""
+    return [
+        FoundBoxes(item.class_name, {k: box_in_image(item, T, camera) for k, T in poses.items()})
+        for item in objects
+    ]
 
 
 def _level_deg(room: MappedRoom, reference: Trajectory | None, up: FloatArray | None) -> float:
@@ -159,4 +174,4 @@ def _error_rows(rows: Sequence[_Row]) -> Iterator[tuple[str, ...]]:
                 seen = f'{item.class_scores[0][1]:.1f} in {item.num_sightings}'
                 yield row.recording, row.detector, verdict.value, number, match, seen, size
         for name in row.scores.missed:
-            yield row.recording, row.detector, 'missed', '', name, '', ''
+            yield row.recording, row.detector, 'missed', row.why_missed[name], name, '', ''

@@ -17,7 +17,7 @@ from hoid_synth.truth import box_iou
 # least this: ScanNet's benchmark of 3-D boxes asks for 0.25 of the volume, which is 0.25^(2/3) of
 # the area. An unsure object is treated as a crowd in COCO: a found object belongs to it if most of
 # its box is inside.
-_MIN_IOU, _MIN_INSIDE = 0.4, 0.5
+MIN_IOU, _MIN_INSIDE = 0.4, 0.5
 
 
 class Verdict(Enum):
@@ -53,10 +53,10 @@ class ListScores(NamedTuple):
 def score_list(found: Sequence[FoundBoxes], listed: Sequence[ListedObject]) -> ListScores:
     """Assign found objects to listed ones of their class, so that the overlap is largest."""
     sure = [item for item in listed if not item.is_unsure]
-    places = np.array([[_overlap(f, item) for item in sure] for f in found])
+    places = np.array([[overlap(f, item) for item in sure] for f in found])
     places = places.reshape(len(found), len(sure))
     is_class = np.array([[f.class_name in item.classes for item in sure] for f in found], bool)
-    fit = np.where(is_class.reshape(places.shape) & (places >= _MIN_IOU), places, 0)
+    fit = np.where(is_class.reshape(places.shape) & (places >= MIN_IOU), places, 0)
     rows, columns = linear_sum_assignment(fit, maximize=True)
     assigned = {r: c for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if fit[r, c]}
     unsure = [item for item in listed if item.is_unsure]
@@ -75,7 +75,7 @@ def score_list(found: Sequence[FoundBoxes], listed: Sequence[ListedObject]) -> L
     return ListScores(tuple(verdicts), tuple(nearest), tuple(missed), len(sure))
 
 
-def _overlap(found: FoundBoxes, listed: ListedObject) -> float:
+def overlap(found: FoundBoxes, listed: ListedObject) -> float:
     """Return the median IoU in the images of the listed object in which the map has a pose."""
     stamps_ns = sorted(listed.boxes_px.keys() & found.boxes_px.keys())
     if not stamps_ns:

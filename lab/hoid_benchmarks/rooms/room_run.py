@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -17,7 +17,7 @@ from hoid_bringup.run.offline import MapFiles
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.slam_status import SlamMode
 from hoid_common.sync import Rate
-from hoid_common.values import DynamicObject, RgbdFrame, Trajectory
+from hoid_common.values import DynamicObject, ObjectState, RgbdFrame, Trajectory
 from hoid_filter.feature_filter import FeatureFilter
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
@@ -35,6 +35,9 @@ Tracks = dict[int, tuple[TrackedObject, ...]]
 """Published object tracks by the stamp (ns) of their image."""
 ObjectHistory = dict[int, tuple[MapObject, ...]]
 """The objects of the map by the stamp (ns) of the image after which they are listed."""
+
+Verdicts = dict[int, tuple[DynamicObject, ...]]
+"""The filter's verdicts on the boxes of each image by its stamp (ns)."""
 
 
 class FusionObserver(Protocol):
@@ -57,6 +60,8 @@ class MappedRoom:
     history: ObjectHistory  # the objects of the map after each look
     trajectory: Trajectory  # final poses
     stats: SlamStats
+    tentative: tuple[MapObject, ...] = ()  # objects of the map that are not sure, at the end
+    verdicts: Verdicts = field(default_factory=dict)
 
 
 def map_room(
@@ -91,17 +96,18 @@ def map_room(
     publish = Rate(1 / config.scene.dense.publish_period_s)
     tracks: Tracks = {}
     history: ObjectHistory = {}
+    verdicts: Verdicts = {}
     for frame in tqdm(sequence, f'{sequence.name} {config.filter.strategy}', unit=' frames'):
         filtered = feature_filter.process(frame, detect(frame))
+        verdicts[frame.stamp_ns] = filtered.objects
         image = session.process(filtered.features).image
         request = scheduler.pick(image, session.map.keyframes)
         if request is None:
             continue
         if request.track_objects:
             tracks[frame.stamp_ns] = scene.track_objects(request, frame.depth_m, filtered.objects)
-        if request.map_objects:
-            color = partial(np.asarray, frame.image_bgr)
-            scene.map_objects(request, frame.depth_m, filtered.objects, color)
+        color = partial(np.asarray, frame.image_bgr)
+        if scene.map_objects(request, frame.depth_m, filtered.objects, color):
             history[frame.stamp_ns] = scene.mapped_objects()
         if request.fuse:
             scene.fuse(request, frame.depth_m, frame.image_bgr, filtered.objects)
@@ -124,6 +130,12 @@ def map_room(
         history,
         trajectory,
         session.slam.stats,
+        tuple(
+            item
+            for item in scene.mapped_objects(tentative=True)
+            if item.state is ObjectState.TENTATIVE
+        ),
+        verdicts,
     )
 
 
