@@ -150,7 +150,7 @@ def test_an_hour_of_a_flickering_detector_keeps_few_objects() -> None:
 
 def test_while_an_object_is_not_sure_all_images_count() -> None:
     """Of a sure one, three images a second do."""
-    world = ObjectWorld(look_ns=100_000_000)
+    world = ObjectWorld(look_ns=96_000_000)
     assert world.look(TABLE, BEAR, times=4) == ()
     assert only(world.look(TABLE, BEAR), 'teddy bear').num_sightings == 5
     assert only(world.look(TABLE, BEAR, times=20), 'teddy bear').num_sightings <= 12

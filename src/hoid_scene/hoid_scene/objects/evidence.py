@@ -12,7 +12,8 @@ import numpy as np
 from hoid_common.values import NS_PER_S, FloatArray
 
 # None of these numbers was tuned where no other source is named.
-_MIN_SIGHTINGS, _MIN_AGE_NS = 3, NS_PER_S * 2 // 5  # of a sure object
+# Of a sure object: three sightings over 0.4 s, or five.
+_MIN_SIGHTINGS, _MIN_AGE_NS, _AT_ONCE = 3, NS_PER_S * 2 // 5, 5
 # Chosen: an object is sure if all of its detections are wrong with at most this probability. The
 # score of an independent detection is taken for the probability, at most this one, that it is
 # right; most wrong objects on real clips have a larger probability.
@@ -106,7 +107,8 @@ class Evidence:
     @property
     def is_sufficient(self) -> bool:
         """Return whether it was detected often, long and certainly enough."""
-        is_old = self.last_ns - self.first_ns >= _MIN_AGE_NS
+        is_at_once = self.num_sightings >= _AT_ONCE
+        is_old = is_at_once or self.last_ns - self.first_ns >= _MIN_AGE_NS
         is_often = self.num_sightings >= _MIN_SIGHTINGS and self.weight >= -math.log(_MAX_WRONG)
         return is_old and is_often and self.seen_ratio >= _MIN_SEEN_RATIO
 
