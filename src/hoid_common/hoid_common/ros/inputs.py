@@ -30,7 +30,7 @@ from hoid_common.values import NS_PER_S, CameraModel
 
 Callback = Callable[[Any], None]
 
-_LARGE = (Image, CompressedImage, KeyframePoses)  # types that are read in no time at any size
+_LARGE = (Image, CompressedImage, KeyframePoses)  # types that hold arrays: deserialized at once
 # Chosen: time for which a new node waits for publishers that run already, for all its inputs
 # together. With the suite's transport profile they are known within 0.2 s.
 _DISCOVERY_S = 0.3
