@@ -1,4 +1,4 @@
-// Views of images and tables that the caller owns.
+// Pointers with shapes to images and tables of the caller, which kernels read and write in place.
 #pragma once
 
 #include <cstddef>
