@@ -12,7 +12,7 @@ from rgbd_slam.config.place_config import LoopConfig
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.loops.essential_graph import closed_poses, move_map, region_around
 from rgbd_slam.loops.loop_closer import Join, LoopCloser, LoopEvent
-from rgbd_slam.loops.loop_detection import DriftLimit
+from rgbd_slam.loops.loop_detection import DriftLimit, are_same_poses
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import Frame
 from rgbd_slam.places.geometric_verification import PlaceMatch, PlaceVerifier
@@ -148,6 +148,15 @@ def test_a_map_with_a_loop_that_has_grown_is_adjusted_once_more_in_the_end() -> 
     closer.process(int(rows[-1]))
     closer.settle(0.0)
     assert errors_m(atlas, rows, truth)[len(rows) // 2] < 0.01
+
+
+@pytest.mark.parametrize(('depth_m', 'are_same'), [(1.0, False), (4.0, True)])
+def test_a_confirming_pose_may_differ_more_if_its_points_are_far(
+    depth_m: float, are_same: bool
+) -> None:
+    points_m = np.random.default_rng(0).normal((0.0, 0.0, depth_m), 0.1, (50, 3))
+    aside = se3.exp(np.array([0.0, 0.0, 0.0, 0.08, 0.0, 0.0]))
+    assert are_same_poses(aside, np.eye(4), points_m) is are_same
 
 
 def test_more_drift_than_the_path_explains_is_no_loop(caplog: pytest.LogCaptureFixture) -> None:

@@ -80,6 +80,22 @@ def test_a_place_that_shares_a_third_of_its_points_is_not_the_same(
         assert (match is not None and len(match.k) > 40) == is_found
 
 
+def test_points_that_look_different_from_another_side_are_found_once_the_pose_is_known(
+    atlas: Atlas,
+) -> None:
+    """80 of 256 bits of most descriptors differ; the others alone are a third of all points."""
+    aside, strange = RingWorld(), RingWorld()
+    rng = np.random.default_rng(1)
+    changed = np.flatnonzero(rng.random(len(aside.points_m)) > 0.35)
+    bits = np.array([rng.permutation(256) < 80 for _ in changed])
+    aside.descriptors[changed] ^= np.packbits(bits, axis=1)
+    match = _verifier(atlas).verify(aside.frame(TRUTH[5] @ NEAR, 1)[0], 5)
+    assert match is not None
+    np.testing.assert_allclose(match.T_map_camera, TRUTH[5] @ NEAR, atol=3e-3)
+    strange.descriptors[changed] = RingWorld(seed=9).descriptors[changed]
+    assert _verifier(atlas).verify(strange.frame(TRUTH[5] @ NEAR, 1)[0], 5) is None
+
+
 def test_an_image_that_sees_through_the_map_is_contradicted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -31,9 +31,10 @@ _logger = logging.getLogger(__name__)
 # Not tuned; places_and_loops.md: no false loop with all checks together.
 _AROUND = 10  # neighbors of the matched keyframe whose points confirming keyframes must show
 _MAX_NEIGHBORS = 5  # neighbors of the new keyframe that may confirm the match
-# Largest difference of a confirming keyframe's pose from the expected one: 5 cm and 2 degrees.
-_SAME_M = 0.05
-_SAME_RAD = 0.035
+# Largest difference of a confirming keyframe's pose from the expected one: the points of the match
+# move by 3.5 % of their distance (2 degrees) in the median, because errors of depth, and of the
+# position that follows from it, grow with distance.
+_SAME_SHARE = 0.035
 # ORB-SLAM3, LoopClosing.cc, NewDetectCommonRegions and older DetectLoop: the latest keyframes are
 # no loop candidates. A late mapper may not have connected them with the new keyframe yet, so that
 # they would be recognized as a loop.
@@ -206,7 +207,9 @@ class LoopDetector:
             if n is None or n == i or earlier.map_id != keyframes.map_id[c]:
                 continue
             if keyframes.map_id[n] == keyframes.map_id[i]:
-                count += _are_same(earlier.T_camera_map, self._expected_pose(n, i, match))
+                expected = self._expected_pose(n, i, match)
+                points_m = self._atlas.points.position_m[match.j]
+                count += are_same_poses(earlier.T_camera_map, expected, points_m)
         return count
 
     def _num_confirming_neighbors(self, i: int, c: int, match: PlaceMatch) -> int:
@@ -223,7 +226,9 @@ class LoopDetector:
                 continue
             expected = self._expected_pose(n, i, match)
             found = self._finder.verifier.search(keyframes.frame(n), expected, matched)
-            count += found is not None and _are_same(found.T_camera_map, expected)
+            if found is not None:
+                points_m = self._atlas.points.position_m[found.j]
+                count += are_same_poses(found.T_camera_map, expected, points_m)
         return count
 
     def _expected_pose(self, n: int, i: int, match: PlaceMatch) -> FloatArray:
@@ -266,6 +271,8 @@ class LoopDetector:
         return found_share, ''
 
 
-def _are_same(T_camera_map: FloatArray, expected: FloatArray) -> bool:
-    turn_rad, distance_m = motion_size(T_camera_map @ se3.inverse(expected))
-    return turn_rad < _SAME_RAD and distance_m < _SAME_M
+def are_same_poses(T_camera_map: FloatArray, expected: FloatArray, points_m: FloatArray) -> bool:
+    """Return whether points (N, 3) of the map are at about the same place for two poses (4, 4)."""
+    a_m, b_m = (se3.transform(T, points_m) for T in (T_camera_map, expected))
+    moved = np.linalg.norm(a_m - b_m, axis=1) / np.linalg.norm(b_m, axis=1)
+    return bool(np.median(moved) < _SAME_SHARE)

@@ -18,6 +18,7 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
 from rgbd_slam.config.place_config import VerificationConfig
+from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.matching.feature_grid import FeatureGrid
 from rgbd_slam.matching.local_map import visible_points
 from rgbd_slam.matching.matching import (
@@ -154,12 +155,15 @@ class PlaceVerifier:
     def _found(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray
     ) -> PlaceMatch | None:
-        """Search points (P,) in a frame twice; refine the pose after each search."""
-        for radius in _SEARCH_RADII:
+        """Search points (P,) in a frame twice; refine the pose after each search.
+
+        In the narrow windows around the refined pose, matches may have the descriptor distance of
+        matches in tracking: from another side, a point looks different.
+        """
+        limits = self._config.max_hamming, TrackingConfig.max_hamming
+        for radius, max_hamming in zip(_SEARCH_RADII, limits, strict=True):
             view = visible_points(self._atlas, self._camera, T_camera_map, points, radius)
-            matches = match_by_projection(
-                view.queries, frame, self._config.max_hamming, self._config.ratio
-            )
+            matches = match_by_projection(view.queries, frame, max_hamming, self._config.ratio)
             if len(matches.k) < _MIN_MATCHES:
                 return None
             estimate = self._optimize(frame, matches.k, view.points[matches.q], T_camera_map)
