@@ -34,6 +34,7 @@ DISTRIBUTIONS = {
     'cv2': 'opencv-python-headless',
     'mcap_ros2': 'mcap-ros2-support',
     'rerun': 'rerun-sdk',
+    'skimage': 'scikit-image',
     'yaml': 'pyyaml',
 }
 # In the source tree only; tests use them, no package depends on them.

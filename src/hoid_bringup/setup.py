@@ -33,7 +33,6 @@ setup(
     extras_require={
         'test': ['hypothesis', 'pytest'],
         'experiments': ['evo', 'matplotlib'],
-        'mesh': ['scikit-image', 'trimesh'],
         'view': ['rerun-sdk'],
     },
     zip_safe=True,

@@ -21,6 +21,9 @@ setup(
     ],
     install_requires=['numpy', 'opencv-python-headless'],
     # Without pytest here `colcon test` runs no test at all.
-    extras_require={'test': ['hypothesis', 'pytest', 'pyyaml']},
+    extras_require={
+        'test': ['hypothesis', 'pytest', 'pyyaml'],
+        'mesh': ['scikit-image', 'scipy', 'trimesh'],
+    },
     zip_safe=True,
 )
