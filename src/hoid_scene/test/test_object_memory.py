@@ -75,13 +75,17 @@ def look(
 
 
 def test_the_best_picture_is_kept_and_images_are_asked_for_only_then() -> None:
-    memory, asked = ObjectMemory(), []
+    memory = ObjectMemory()
+    asked: list[tuple[int, int, int]] = []
 
     def shown(bgr: tuple[int, int, int], *people: DynamicObject, **how: Any) -> bool:
         before = memory.jpeg, len(asked)
-        remember(
-            [look(memory, **how)], people, lambda: asked.append(1) or image(bgr), 4, len(asked)
-        )
+
+        def decode() -> ByteArray:
+            asked.append(bgr)
+            return image(bgr)
+
+        remember([look(memory, **how)], people, decode, 4, len(asked))
         assert (len(asked) > before[1]) == (memory.jpeg != before[0])
         return memory.jpeg != before[0]
 

@@ -124,6 +124,6 @@ def test_tracking_and_mapping_use_the_noise_of_the_camera(
 def test_the_median_is_exactly_that_of_numpy(dtype: type) -> None:
     rng = np.random.default_rng(2)
     for count in range(1, 200):
-        values = rng.normal(0, 3, count).astype(dtype)
+        values: FloatArray = rng.normal(0, 3, count).astype(dtype)
         assert median(values) == np.median(values)
     assert median(np.full(4, np.inf)) == np.inf
