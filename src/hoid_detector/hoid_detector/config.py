@@ -28,8 +28,8 @@ class DetectorConfig(Config):
     rate_hz: float = param(
         0.0,  # decision 056
         'Largest number of images in which objects are detected per second of their stamps; 0 '
-        'means every image. In the images between, boxes are predicted. 10 saves two thirds of '
-        'the processor time of the network.',
+        'means every image. In the images between, boxes are predicted. Set it to 10 to save two '
+        'thirds of the processor time of the network.',
         limits=(0.0, 1000.0),
     )
     # As in YOLOv5's detect.py.
