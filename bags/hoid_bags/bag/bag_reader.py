@@ -217,7 +217,7 @@ class BagReader:
         return sorted(files, key=lambda file: file.metadata.start_time)
 
     def _open_each(self, paths: Iterable[Path], stack: ExitStack) -> list[_File]:
-        """Open files; the fault names files that cannot be opened, InputError if none can."""
+        """Open the files, and note those that cannot be opened; InputError if none can."""
         files, errors = [], []
         for path in paths:
             try:

@@ -188,7 +188,7 @@ def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tupl
 
 
 def _joined(path: Path, join: MapJoin, maps: Sequence[Path]) -> Iterator[str]:
-    """Yield the lines of `map merge` about one map: what it was joined with, and evidence."""
+    """Yield what `map merge` prints about one map: the maps it is joined with, and why."""
     names = ', '.join(str(maps[n]) for n in join.joined_with)
     line = f'{path}: joined with {names}' if names else f'{path}: not joined'
     if not names and not join.fits:

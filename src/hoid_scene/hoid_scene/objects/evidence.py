@@ -100,7 +100,7 @@ class Evidence:
 
     @property
     def class_names(self) -> list[str]:
-        """Return its possible classes: the one with the largest sum of scores, and like ones."""
+        """Return the class with the largest sum of scores, and those that resemble it."""
         names = sorted(self.scores, key=self.scores.__getitem__, reverse=True)
         return [name for name in names if is_confusable(name, names[0])]
 

@@ -25,9 +25,10 @@ class Relation(Enum):
 # no farther apart than this, and beside it if this far outside of its footprint.
 _TOUCH_M, _MARGIN_M = 0.12, 0.05
 _NEAR_M = 0.6  # chosen: gap between the boxes of things that stand next to each other
-# Furniture on which things lie below the top of its box, which has a back, with the share of the
-# height from which on they do; and what contains things.
+# Furniture with a back: the height of its seat as a share of the height of its box. Things on the
+# seat are below the top of the box.
 _SEATS = {'couch': 0.25, 'chair': 0.3, 'bed': 0.2, 'bench': 0.3, 'toilet': 0.3}
+# Classes of things that contain others.
 _CONTAINERS = frozenset(
     {
         'sink',

@@ -78,7 +78,7 @@ class SceneStore:
     def add_loaded(
         self, scene: SavedScene, num_loaded: int, objects: ObjectMap | None, uids: IntArray
     ) -> None:
-        """Store the dense map of a scene that was loaded, and the objects that there are now."""
+        """Store the dense map of a loaded scene, and all objects that the map now has."""
         database = self._database
         if database is None:
             return
