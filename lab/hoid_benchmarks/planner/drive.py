@@ -17,7 +17,8 @@ from hoid_benchmarks.planner.costmap import (
 )
 from hoid_common.values import NS_PER_S, PERSON, BoolArray, FloatArray, ObjectState
 from hoid_scene.config.navigation_config import NavigationConfig
-from hoid_scene.navigation_masks import CLOSED, Mask, MaskExtent, NavigationMasks
+from hoid_scene.grid.grid import GridExtent
+from hoid_scene.navigation_masks import CLOSED, Mask, NavigationMasks
 from hoid_scene.tracks.object_track import TrackedObject
 from hoid_synth.acting.stage import Stage
 
@@ -87,7 +88,7 @@ class _Planner:
         self._is_occupied, self._layers, self._goal_m = is_occupied, layers, goal_m
         self._masks = NavigationMasks(NavigationConfig(enabled=True))
         height, width = is_occupied.shape
-        self._extent = MaskExtent((0, 0), (height, width), CELL_M)
+        self._extent = GridExtent((0, 0), (height, width), CELL_M)
         self._keep_out, self._speed = self._both()
 
     def _both(self) -> tuple[Mask, Mask]:

@@ -27,7 +27,7 @@ from hoid_bringup.run.outputs import num_frames_of_run
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import Summary
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.files import write_error
+from hoid_common.io.files import write_file
 from hoid_common.io.tum_text import read_tum
 from rgbd_slam.robot_frames import camera_mount
 
@@ -186,10 +186,8 @@ def evaluate_command(args: argparse.Namespace) -> None:
     result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), num_frames)
     print(evaluation_report(result))
     if args.json is not None:
-        try:
-            args.json.write_text(json.dumps(asdict(result), indent=2) + '\n', encoding='utf-8')
-        except OSError as error:
-            raise write_error(args.json, error) from error
+        text = json.dumps(asdict(result), indent=2) + '\n'
+        write_file(args.json, text.encode())
 
 
 def _config(args: argparse.Namespace) -> RunConfig:

@@ -12,10 +12,11 @@ import pytest
 
 from hoid_bringup import cli
 from hoid_bringup.commands import dropped_frames, run_report
-from hoid_bringup.run.outputs import staged, write_outputs
+from hoid_bringup.run.outputs import write_outputs
 from hoid_bringup.run.provenance import Provenance, commit
 from hoid_bringup.run.summary import FilterCounts, RunResult, Spread, summarize
 from hoid_common.errors import InputError
+from hoid_common.io.files import staged
 from hoid_common.io.tum_text import read_tum, write_tum
 from hoid_common.slam_status import SlamState, SlamStatus
 from hoid_common.values import Trajectory

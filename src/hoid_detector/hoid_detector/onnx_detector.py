@@ -59,10 +59,6 @@ class OnnxDetector:
         _LOG.info('%s', self.description)
 
     @property
-    def config(self) -> DetectorConfig:
-        return self._config
-
-    @property
     def description(self) -> str:
         network = self.network
         size = 'x'.join(map(str, network.size_wh)) if network.size_wh else 'any size'
@@ -77,7 +73,7 @@ class OnnxDetector:
         self.check_classes(config.classes)
         names = np.array(self.class_names)
         self._is_reported = np.isin(names, config.classes or names)
-        self._config = config
+        self.config = config
 
     def check_classes(self, classes: tuple[str, ...]) -> None:
         for name in classes:
@@ -94,7 +90,7 @@ class OnnxDetector:
         if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or 0 in image_bgr.shape:
             raise MessageError(f'image must be (height, width, 3), got {image_bgr.shape}')
         start_s = time.perf_counter()
-        config = self._config
+        config = self.config
         quarters = nearest_quarter(config.camera_roll_deg)
         upright = turned(image_bgr, quarters)
         size_wh = _input_size(self.network, upright.shape[1::-1], config)
@@ -124,7 +120,7 @@ class OnnxDetector:
     ) -> tuple[Candidates, Candidates]:
         """Return the candidates from `score_threshold` on, and weaker ones if they are used."""
         with _named(self.network):
-            least, weakest = self._config.score_threshold, self._config.expected_score_threshold
+            least, weakest = self.config.score_threshold, self.config.expected_score_threshold
             found = self.layout.decode(outputs, size_wh, min(least, weakest or least))
             highest = float(np.nanmax(found.scores, initial=0))
             if MAX_SCORE < highest < np.inf:

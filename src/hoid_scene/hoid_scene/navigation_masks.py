@@ -6,7 +6,7 @@ The masks are for the costmap filters of Nav2 (Macenski et al., "The Marathon 2"
 from __future__ import annotations
 
 from collections import Counter
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hoid_common.sync import Rate
 from hoid_common.values import BoolArray, FloatArray, ObjectState
 from hoid_scene.config.navigation_config import NavigationConfig
-from hoid_scene.grid.grid import Grid
+from hoid_scene.grid.grid import GridExtent
 from hoid_scene.grid.steady_grid import GridPatch, patch_of
 from hoid_scene.tracks.object_track import TrackedObject
 
@@ -24,35 +24,14 @@ _STEP_S = 0.2  # chosen: a person walks 0.25 m in this time, less than the margi
 _MAX_CELLS = 1_000_000  # chosen: of the counts; 62,500 m2
 
 
-class MaskExtent(NamedTuple):
-    """The cells of a mask: those of the published grid, as Nav2's costmap has them.
-
-    Nav2 applies a keep-out mask only where the costmap is updated and the mask has cells, and a
-    speed filter keeps its last limit where the mask has none (nav2_costmap_2d, keepout_filter.cpp
-    and speed_filter.cpp).
-    """
-
-    low: tuple[int, int]  # column and row of cell (0, 0), counted from the origin of the map frame
-    shape: tuple[int, int]  # numbers of rows and columns
-    resolution_m: float
-
-    @classmethod
-    def of(cls, grid: Grid) -> Self:
-        height, width = grid.cells.shape
-        return cls(grid.low, (height, width), grid.resolution_m)
-
-    def centers_m(self) -> tuple[FloatArray, FloatArray]:
-        """Return x (W,) of the centers of the columns and y (H,) of those of the rows."""
-        rows, columns = (np.arange(count, dtype=np.float64) + 0.5 for count in self.shape)
-        x_m = np.asarray((self.low[0] + columns) * self.resolution_m)
-        return x_m, np.asarray((self.low[1] + rows) * self.resolution_m)
-
-
 class Mask(NamedTuple):
     """Cells over the plane z = 0 of the map frame; row 0 is at the smallest y."""
 
     cells: NDArray[np.int8]  # (H, W) in [0, 100]
-    extent: MaskExtent
+    # That of the published grid, as Nav2's costmap has it: Nav2 applies a keep-out mask only where
+    # the costmap is updated and the mask has cells, and a speed filter keeps its last limit where
+    # the mask has none (nav2_costmap_2d, keepout_filter.cpp and speed_filter.cpp).
+    extent: GridExtent
 
 
 def changed_cells(before: Mask | None, mask: Mask) -> GridPatch | None:
@@ -96,7 +75,7 @@ class NavigationMasks:
                 self._crossings[cell] += 1
         return self._due.take_due(stamp_ns)
 
-    def keep_out(self, extent: MaskExtent) -> Mask:
+    def keep_out(self, extent: GridExtent) -> Mask:
         """Return the mask of the places to keep out of: CLOSED, and 0 everywhere else.
 
         The places are discs (see `_area_of`). Cells within `footprint_radius_m` of the robot's
@@ -112,7 +91,7 @@ class NavigationMasks:
         )
         return Mask(np.where(is_closed, CLOSED, 0).astype(np.int8), extent)
 
-    def speed(self, extent: MaskExtent) -> Mask:
+    def speed(self, extent: GridExtent) -> Mask:
         """Return by how many percent to go more slowly in each cell."""
         out = np.zeros(extent.shape, np.int8)
         if self._crossings:

@@ -149,7 +149,7 @@ def test_a_ply_file_holds_the_points(tmp_path: Path) -> None:
     cloud = ColoredCloud(
         np.array([[1, 2, 3], [4, 5, 6]], np.float32), np.array([[1, 2, 3], [255, 0, 7]], np.uint8)
     )
-    write_ply(tmp_path / 'a.ply', cloud)
+    write_ply(tmp_path / 'a.ply', *cloud)
     body = (tmp_path / 'a.ply').read_bytes().split(b'end_header\n')[1]
     assert len(body) == 2 * 15
     assert body[12:15] == bytes([3, 2, 1])

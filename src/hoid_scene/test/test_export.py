@@ -19,7 +19,7 @@ def test_a_ply_reads_back(tmp_path: Path, count: int) -> None:
     rng = np.random.default_rng(count)
     points_m = rng.normal(size=(count, 3)).astype(np.float32)
     cloud = ColoredCloud(points_m, rng.integers(0, 256, (count, 3), np.uint8))
-    write_ply(tmp_path / 'a.ply', cloud)
+    write_ply(tmp_path / 'a.ply', *cloud)
     for read, written in zip(read_ply(tmp_path / 'a.ply'), cloud, strict=True):
         np.testing.assert_array_equal(read, written)
 

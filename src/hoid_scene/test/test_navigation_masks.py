@@ -14,8 +14,8 @@ from hoid_common.values import NS_PER_S, FloatArray, ObjectState
 from hoid_scene.config.navigation_config import NavigationConfig
 from hoid_scene.config.scene_config import SceneConfig, SceneNodeConfig
 from hoid_scene.dense.submap import ColoredCloud
-from hoid_scene.grid.grid import Grid
-from hoid_scene.navigation_masks import Mask, MaskExtent, NavigationMasks, changed_cells
+from hoid_scene.grid.grid import Grid, GridExtent
+from hoid_scene.navigation_masks import Mask, NavigationMasks, changed_cells
 from hoid_scene.ros.map_messages import (
     FilterType,
     filter_info_to_msg,
@@ -27,7 +27,7 @@ from hoid_scene.tracks.object_track import TrackedObject
 
 from .nav2_costmap import LETHAL, Costmap, cells_of
 
-EXTENT = MaskExtent((-100, -100), (200, 200), 0.05)  # 10 m around the origin
+EXTENT = GridExtent((-100, -100), (200, 200), 0.05)  # 10 m around the origin
 CONFIG = NavigationConfig(enabled=True, horizon_s=2.0, margin_m=0.4)
 FAR = np.eye(4)
 FAR[:3, 3] = -10.0, -10.0, 1.0
@@ -195,7 +195,7 @@ def test_masks_are_published_twice_a_second() -> None:
 def test_messages_have_the_place_of_the_cells_and_the_meaning_for_nav2() -> None:
     header = Header(frame_id='map')
     cells = np.array([[0, 100, 0], [0, 0, 50]], np.int8)
-    msg = mask_to_msg(Mask(cells, MaskExtent((-4, 2), (2, 3), 0.25)), header)
+    msg = mask_to_msg(Mask(cells, GridExtent((-4, 2), (2, 3), 0.25)), header)
     assert (msg.info.width, msg.info.height, msg.info.resolution) == (3, 2, 0.25)
     assert (msg.info.origin.position.x, msg.info.origin.position.y) == (-1.0, 0.5)
     assert msg.info.origin.orientation.w == 1.0

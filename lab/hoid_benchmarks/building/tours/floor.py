@@ -58,7 +58,7 @@ def floor(seed: int, num_rooms: int, sequences: Path, out: Path) -> Outcome:
     config = RunConfig().updated({'filter.strategy': 'hoid+', 'detector.model': TRUTH})
     room = map_room(sequence, config)
     out.mkdir(parents=True, exist_ok=True)
-    write_ply(out / f'floor-{seed}-{num_rooms}.ply', room.cloud)
+    write_ply(out / f'floor-{seed}-{num_rooms}.ply', *room.cloud)
     scores, T = score(room, truth), truth.stage.T_world_camera
     row: dict[str, Any] = {
         'rooms': num_rooms,

@@ -15,7 +15,12 @@ from hoid_bags.live.ros_session import ros_session
 from hoid_bags.progress import progress
 from hoid_bringup.live.live_recorder import LiveRecorder
 from hoid_bringup.live.node_specs import node_specs
-from hoid_bringup.live.replay_plan import BagNames, ReplayConfig, node_options, player_spec
+from hoid_bringup.live.replay_plan import (
+    ReplayConfig,
+    camera_info_topic,
+    node_options,
+    player_spec,
+)
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import ProcessExit, Supervisor, last_line
 from hoid_bringup.run.outputs import write_outputs
@@ -81,7 +86,7 @@ class _LiveRun:
     def run(self, summary_options: Mapping[str, Any], *, show_progress: bool) -> RunResult:
         check_shared_memory(len(self._nodes) + _NUM_OTHER_PROCESSES)
         with ros_session('hoid_replay') as node:
-            recorder = LiveRecorder(node, BagNames.of(self._bag).camera_info)
+            recorder = LiveRecorder(node, camera_info_topic(self._bag).name.lstrip('/'))
             with Supervisor(self._nodes, log_dir=self._log_dir) as nodes:
                 self._wait_until_ready(recorder, nodes)
                 with Supervisor([self._player], log_dir=self._log_dir) as player:
@@ -178,7 +183,7 @@ class _LiveRun:
 
 def _first_camera_info(bag: BagSequence) -> bytes:
     """Return the first message of camera_info, serialized; InputError if there is none."""
-    topic = f'/{BagNames.of(bag).camera_info}'
+    topic = camera_info_topic(bag).name
     with BagReader(bag.path) as reader:
         for message in reader.messages([topic]):
             return message.data

@@ -62,74 +62,51 @@ class ReplayConfig(Config):
         return tuple(n for n in (DETECTOR, FILTER, SLAM, SCENE) if is_needed.get(n, True))
 
 
-@dataclass(frozen=True)
-class BagNames:
-    """Names of the topics of a bag, without the leading slash, as they are played to the nodes."""
-
-    color: str
-    depth: str
-    camera_info: str
-    true_detections: str | None  # ground-truth boxes; None: the bag has none
-    is_reliable: bool  # whether the topics are played with reliable QoS
-
-    @classmethod
-    def of(cls, bag: BagSequence) -> BagNames:
-        """Return the topics of a bag to which the nodes subscribe.
-
-        InputError if the bag has no camera_info, or the name of an image topic does not show
-        whether its images are compressed.
-        """
-        found = bag.topics
-        if found.camera_info is None:
-            raise InputError(
-                f'{bag.path}: has no camera_info topic, which the nodes need; record it, or use '
-                '"hoid run --calibration"'
-            )
-        for topic in (found.color, found.depth):
-            if is_compressed(topic.name) != (topic.type_name == COMPRESSED_IMAGE):
-                raise InputError(
-                    f'{bag.path}: {topic.name} is {topic.type_name}, but its name says otherwise, '
-                    'so that the nodes cannot subscribe to it: use "hoid run"'
-                )
-        truth = found.true_detections
-        return cls(
-            found.color.name.lstrip('/'),
-            found.depth.name.lstrip('/'),
-            found.camera_info.name.lstrip('/'),
-            truth.name.lstrip('/') if truth is not None else None,
-            not any(_is_best_effort(t) for t in (found.color, found.depth, found.camera_info)),
+def camera_info_topic(bag: BagSequence) -> BagTopic:
+    """Return the camera_info of a bag, which the nodes need; InputError if it has none."""
+    if bag.topics.camera_info is None:
+        raise InputError(
+            f'{bag.path}: has no camera_info topic, which the nodes need; record it, or use '
+            '"hoid run --calibration"'
         )
+    return bag.topics.camera_info
 
 
 def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOptions:
     """Return the options of the nodes for a bag; they save files in `folder`.
 
-    InputError if the bag lacks ground-truth boxes that are to be used, or as in `BagNames.of`.
+    InputError if the bag has no camera_info, or no ground-truth boxes that are to be used, or if
+    the name of an image topic does not show whether its images are compressed.
     """
-    names = BagNames.of(bag)
-    remappings = [
-        (topics.RGB_IMAGE, names.color),
-        (topics.DEPTH_IMAGE, names.depth),
-        (topics.CAMERA_INFO, names.camera_info),
-    ]
+    found, info = bag.topics, camera_info_topic(bag)
+    for topic in (found.color, found.depth):
+        if is_compressed(topic.name) != (topic.type_name == COMPRESSED_IMAGE):
+            raise InputError(
+                f'{bag.path}: {topic.name} is {topic.type_name}, but its name says otherwise, '
+                'so that the nodes cannot subscribe to it: use "hoid run"'
+            )
+    names = {
+        topics.RGB_IMAGE: found.color.name,
+        topics.DEPTH_IMAGE: found.depth.name,
+        topics.CAMERA_INFO: info.name,
+        **dict(zip((topics.IMU, topics.ACCELEROMETER), config.imu, strict=False)),
+    }
     if config.uses_truth:
-        if names.true_detections is None:
+        if found.true_detections is None:
             raise InputError(
                 f'{bag.path}: has no ground-truth boxes for "--detector {TRUTH}"; use a bag of '
                 '"hoid synth", or a detector'
             )
-        remappings.append((topics.DETECTIONS, names.true_detections))
-    own_names = (topics.IMU, topics.ACCELEROMETER)
-    remappings += [
-        (own, name.lstrip('/')) for own, name in zip(own_names, config.imu, strict=False)
-    ]
+        names[topics.DETECTIONS] = found.true_detections.name
+    remappings = [(own, name.lstrip('/')) for own, name in names.items()]
     changed = by_node(config.run.changed())
     inputs: dict[str, Any] = {}
     if bag.depth_offset_ns:
         inputs['input.depth_offset_s'] = bag.depth_offset_ns / NS_PER_S
     if bag.depth_units_per_m:
         inputs['input.depth_units_per_m'] = bag.depth_units_per_m
-    if config.lockstep and names.is_reliable:
+    is_weak = any(map(_is_best_effort, (found.color, found.depth, info)))
+    if config.lockstep and not is_weak:
         inputs['input.reliability'] = RELIABLE
     options = NodeOptions(
         nodes=config.nodes,
@@ -152,8 +129,8 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     IMU with a thousand messages per second would take processor time from all nodes (decision
     018).
     """
-    color = bag.topics.color.name.lstrip('/')
     found = bag.topics
+    color = found.color.name.lstrip('/')
     played = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
         played.append(found.true_detections)

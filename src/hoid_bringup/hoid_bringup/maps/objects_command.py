@@ -13,7 +13,7 @@ import numpy as np
 
 from hoid_bringup.maps.map_command import scene_of
 from hoid_common.errors import InputError
-from hoid_common.io.files import write_error
+from hoid_common.io.files import write_file
 from hoid_common.io.images import encode_jpeg
 from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
@@ -137,16 +137,16 @@ def _write_files(
 ) -> None:
     frame = FrameConfig().map
     if args.yaml is not None:
-        _write(args.yaml, objects_yaml(objects, frame).encode())
+        write_file(args.yaml, objects_yaml(objects, frame).encode())
     if args.json is not None:
-        _write(args.json, objects_json(objects, where, frame).encode())
+        write_file(args.json, objects_json(objects, where, frame).encode())
     if args.pictures is not None:
         if (sheet := picture_sheet(objects)) is not None:
-            _write(args.pictures / 'all.jpg', encode_jpeg(sheet, _QUALITY))
+            write_file(args.pictures / 'all.jpg', encode_jpeg(sheet, _QUALITY))
         for item in objects:
             if item.jpeg:
                 name = re.sub(r'\W', '_', item.class_name)
-                _write(args.pictures / f'{item.object_id}_{name}.jpg', item.jpeg)
+                write_file(args.pictures / f'{item.object_id}_{name}.jpg', item.jpeg)
 
 
 def _query(args: argparse.Namespace, objects: Sequence[MapObject]) -> ObjectQuery:
@@ -173,11 +173,3 @@ def _age_or_time(text: str) -> int | datetime:
             f'{text!r} is neither a time, as 2026-11-27T18:00, nor an age, as 30m, 3h or 2d'
         ) from None
     return time if time.tzinfo else time.replace(tzinfo=UTC)
-
-
-def _write(path: Path, data: bytes) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
-    except OSError as error:
-        raise write_error(path, error) from error

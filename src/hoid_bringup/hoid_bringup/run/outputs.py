@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-
-import numpy as np
 
 from hoid_bringup.evaluate.evaluation import AlignedTrajectory, align
 from hoid_bringup.evaluate.plots import plot_run
 from hoid_bringup.run.summary import RunResult, Summary, summarize
 from hoid_common.errors import InputError
-from hoid_common.io.files import scratch_folder, write_error
+from hoid_common.io.files import staged
 from hoid_common.io.tum_text import write_tum
-from hoid_common.values import FloatArray, Trajectory
-from hoid_scene import export
+from hoid_common.values import Trajectory
+from hoid_scene.export import write_ply
 from hoid_scene.grid.grid import write_map_server
 
 # Names of the files in the output folder of a run.
@@ -42,7 +38,7 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
         write_tum(stage / KEYFRAMES, result.keyframes)
         write_ply(stage / MAP, result.map_points_m)
         if result.cloud is not None:
-            export.write_ply(stage / CLOUD, result.cloud)
+            write_ply(stage / CLOUD, *result.cloud)
         if result.grid is not None:
             write_map_server(result.grid, stage / GRID)
         aligned = _aligned_or_none(result.final, result.ground_truth)
@@ -64,31 +60,6 @@ def num_frames_of_run(trajectory: Path) -> int | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return number if isinstance(number, int) and number > 0 else None
-
-
-@contextmanager
-def staged(out_dir: Path) -> Iterator[Path]:
-    """Yield a temporary folder, whose files are moved to `out_dir` at the end of the block.
-
-    If the block raises an error, the folder is removed and `out_dir` keeps its files. InputError
-    if the folder cannot be written, or the disk is full.
-    """
-    with scratch_folder(out_dir, 'results') as stage:
-        try:
-            yield stage
-            for path in sorted(stage.iterdir()):
-                path.replace(out_dir / path.name)
-        except OSError as error:
-            raise write_error(out_dir, error) from error
-
-
-def write_ply(path: Path, points_m: FloatArray) -> None:
-    """Write (N, 3) points in m as a binary little-endian PLY file of float32."""
-    header = (
-        f'ply\nformat binary_little_endian 1.0\nelement vertex {len(points_m)}\n'
-        'property float x\nproperty float y\nproperty float z\nend_header\n'
-    )
-    path.write_bytes(header.encode() + np.ascontiguousarray(points_m, '<f4').tobytes())
 
 
 def _aligned_or_none(estimate: Trajectory, truth: Trajectory | None) -> AlignedTrajectory | None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -14,7 +13,7 @@ from rerun import blueprint as rrb
 
 from hoid_common import se3
 from hoid_common.io import images
-from hoid_common.io.files import write_error
+from hoid_common.io.files import staged
 from hoid_common.values import (
     NS_PER_S,
     ByteArray,
@@ -59,31 +58,19 @@ class ViewLog:
 
     def __init__(self, path: Path, *, is_map: bool = False) -> None:
         self._path, self._is_map = path, is_map
-        self._unfinished = path.with_name(f'.{path.name}.partial')
+        self._staged = staged(path.parent, path)
 
     def __enter__(self) -> Self:
+        unfinished = self._staged.__enter__() / self._path.name
         self._stream = rr.RecordingStream('hoid')
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            self._unfinished.touch()
-        except OSError as error:
-            raise write_error(self._path, error) from error
-        self._stream.save(self._unfinished, default_blueprint=_layout(is_map=self._is_map))
+        self._stream.save(unfinished, default_blueprint=_layout(is_map=self._is_map))
         self._stream.log(MAP, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         self._stream.flush()
         self._stream.disconnect()
-        if error is None:
-            self._unfinished.replace(self._path)
-        else:
-            self._unfinished.unlink(missing_ok=True)
+        self._staged.__exit__(*error)
 
     def points(self, points_m: Float32Array) -> None:
         """Log (N, 3) map points in the map frame."""

@@ -41,6 +41,31 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
 
 
 @contextmanager
+def staged(folder: Path, target: Path | None = None) -> Iterator[Path]:
+    """Yield a scratch folder, whose files are moved to `folder` at the end of the block.
+
+    If the block raises an error, `folder` keeps its files. InputError, which names `target` if
+    there is only one file, if they cannot be written.
+    """
+    try:
+        with scratch_folder(folder, 'results') as stage:
+            yield stage
+            for path in sorted(stage.iterdir()):
+                path.replace(folder / path.name)
+    except OSError as error:
+        raise write_error(target or folder, error) from error
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write a file into a folder, which is made if it is missing; InputError if it cannot be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    except OSError as error:
+        raise write_error(path, error) from error
+
+
+@contextmanager
 def _made(folder: Path) -> Iterator[None]:
     """Make a missing folder with its parents; remove those that are empty at the end."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]

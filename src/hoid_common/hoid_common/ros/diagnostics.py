@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -128,9 +127,7 @@ class Diagnostics:
             self._node.get_logger().info(text)
 
     def status(self) -> DiagnosticStatus:
-        return self._status([*self._missing_inputs().values(), *self._other_problems().values()])
-
-    def _status(self, texts: Sequence[str]) -> DiagnosticStatus:
+        texts = [*self._missing_inputs().values(), *self._other_problems().values()]
         warnings = [_Problem(DiagnosticStatus.WARN, text) for text in texts]
         problems = [*self._problems.values(), *warnings]
         level = max((level for level, _ in problems), default=DiagnosticStatus.OK)
@@ -213,9 +210,9 @@ class Diagnostics:
 
     def _publish(self) -> None:
         self._check_namesakes()
-        missing, others = self._missing_inputs(), self._other_problems()
-        msg = DiagnosticArray(status=[self._status([*missing.values(), *others.values()])])
+        msg = DiagnosticArray(status=[self.status()])
         msg.header.stamp = self._node.get_clock().now().to_msg()
+        missing, others = self._missing_inputs(), self._other_problems()
         self._input_log.update(time.monotonic(), self._watches, missing, others)
         self._publisher.publish(msg)
 

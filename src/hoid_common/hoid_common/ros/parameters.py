@@ -69,8 +69,8 @@ class Parameters(Generic[C]):
         leaves = {leaf.name: leaf for leaf in defaults.node_params()}
         is_expert = EXPERT not in leaves or given.get(EXPERT, leaves[EXPERT].value) is True
         self._leaves = {n: leaf for n, leaf in leaves.items() if is_expert or not leaf.spec.expert}
-        self._config = defaults.updated({n: v for n, v in given.items() if n in self._leaves})
-        for leaf in self._config.params():
+        self.config = defaults.updated({n: v for n, v in given.items() if n in self._leaves})
+        for leaf in self.config.params():
             if leaf.name in self._leaves:
                 # `updated` has checked and converted the override; the original may be an int
                 # where a float is declared, which rclpy would reject.
@@ -82,10 +82,6 @@ class Parameters(Generic[C]):
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
-    @property
-    def config(self) -> C:
-        return self._config
-
     def _retyped(self, parameter: Parameter) -> Parameter:
         leaf, value = self._leaves.get(parameter.name), parameter.value
         if leaf is not None and isinstance(leaf.value, float) and type(value) is int:
@@ -95,7 +91,7 @@ class Parameters(Generic[C]):
         return parameter
 
     def _updated(self, parameters: Iterable[Parameter]) -> C:
-        return self._config.updated(
+        return self.config.updated(
             {p.name: _from_ros(p.value) for p in parameters if p.name in self._leaves}
         )
 
@@ -110,8 +106,8 @@ class Parameters(Generic[C]):
 
     def _apply(self, parameters: list[Parameter]) -> None:
         new = self._updated(parameters)
-        if new != self._config:
-            self._config = new
+        if new != self.config:
+            self.config = new
             if self._on_change is not None:
                 self._on_change(new)
 

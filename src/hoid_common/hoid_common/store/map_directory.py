@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from hoid_common.errors import InputError
-from hoid_common.io.files import abandoned_scratch_folders, scratch_folder, write_error
+from hoid_common.io.files import abandoned_scratch_folders, staged
 from hoid_common.io.untrusted import expand_home
 from hoid_common.store.database import SUFFIX
 
@@ -85,14 +85,8 @@ def write_whole(path: Path, write: Callable[[Path], T]) -> T:
     `write` gets the path in a scratch folder to which it must write the main file; others beside
     it are moved along. Returns its result. InputError if they cannot be written.
     """
-    try:
-        with scratch_folder(path.parent, 'partial') as aside:
-            done = write(aside / path.name)
-            for file in sorted(aside.iterdir()):
-                file.replace(path.parent / file.name)
-    except OSError as error:
-        raise write_error(path, error) from error
-    return done
+    with staged(path.parent, path) as aside:
+        return write(aside / path.name)
 
 
 def remove_abandoned(directory: str) -> list[str]:

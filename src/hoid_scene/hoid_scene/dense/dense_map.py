@@ -16,7 +16,7 @@ import numpy as np
 from hoid_common.poses.keyframe_poses import NO_KEYFRAMES, KeyframePoses
 from hoid_common.values import CameraModel, FloatArray, IntArray
 from hoid_scene.config.dense_config import DenseConfig
-from hoid_scene.dense.depth_view import DepthCamera, DepthView
+from hoid_scene.dense.depth_view import DepthView
 from hoid_scene.dense.fusion import Fusion, PosedView
 from hoid_scene.dense.submap import ColoredCloud, Submap, move_to_disk, num_in_memory
 from hoid_scene.dense.submap_state import SubmapState
@@ -61,44 +61,33 @@ class DenseMap:
         self, camera: CameraModel, config: DenseConfig, store: ViewStore | None = None
     ) -> None:
         self._config, self._fusion = config, Fusion(camera, config)
+        self.camera = self._fusion.camera
         self._store = ViewStore.temporary() if store is None else store
-        self._keyframes = NO_KEYFRAMES
-        self._submaps: list[Submap] = []  # in the order in which they were created
+        self.keyframes = NO_KEYFRAMES
+        self.submaps: list[Submap] = []  # in the order in which they were created
         self._views: dict[int, StoredView] = {}  # by slot, in the order of storing
         self._next_slot = 0
         self._camera_m = np.zeros(3)  # position of the camera at the last image, map frame
         self._clouds: dict[Submap, tuple[int, ColoredCloud]] = {}  # with the submap's revision
 
     def __len__(self) -> int:
-        return sum(map(len, self._submaps))
-
-    @property
-    def camera(self) -> DepthCamera:
-        return self._fusion.camera
-
-    @property
-    def submaps(self) -> Sequence[Submap]:
-        return self._submaps
+        return sum(map(len, self.submaps))
 
     @property
     def views(self) -> tuple[StoredView, ...]:
         return tuple(self._views.values())
 
     @property
-    def keyframes(self) -> KeyframePoses:
-        return self._keyframes
-
-    @property
     def num_bent(self) -> int:
-        return sum(submap.is_bent for submap in self._submaps)
+        return sum(submap.is_bent for submap in self.submaps)
 
     @property
     def num_in_memory(self) -> int:
         """Return the number of voxels that are in memory; the others are in a file."""
-        return num_in_memory(self._submaps)
+        return num_in_memory(self.submaps)
 
     def shown(self) -> list[Submap]:
-        return [s for s in self._submaps if s.place.map_id == self._keyframes.main_map]
+        return [s for s in self.submaps if s.place.map_id == self.keyframes.main_map]
 
     def read(self, slot: int) -> DepthView | None:
         """Return the stored image of a slot, or None if it has been removed."""
@@ -114,9 +103,9 @@ class DenseMap:
         T_keyframe_camera = request.T_keyframe_camera
         if request.keyframes is None or T_keyframe_camera is None:
             return
-        if request.keyframes.version >= self._keyframes.version:
+        if request.keyframes.version >= self.keyframes.version:
             self.correct(request.keyframes)
-        if self._keyframes.row_of(request.reference_uid) is None:
+        if self.keyframes.row_of(request.reference_uid) is None:
             return
         view, slot = StoredView(request.reference_uid, T_keyframe_camera), self._next_slot
         self._store.put(slot, view, image)
@@ -125,7 +114,7 @@ class DenseMap:
     def restore(self) -> None:
         """Fuse the images of the store that an earlier process has filled."""
         for slot, view in list(self._store.views()):
-            if self._keyframes.row_of(view.keyframe_uid) is None:
+            if self.keyframes.row_of(view.keyframe_uid) is None:
                 self._store.discard(slot)
             else:
                 self._fuse(slot, view, self._store.read(slot))
@@ -142,8 +131,8 @@ class DenseMap:
         self, posed: PosedView, only: Collection[Submap] | None = None
     ) -> Sequence[Submap]:
         """Fuse an image into the submaps, without storing it; see `Fusion.integrate`."""
-        created = self._fusion.integrate(posed, self._submaps, only)
-        self._submaps += created
+        created = self._fusion.integrate(posed, self.submaps, only)
+        self.submaps += created
         return created
 
     def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> bool:
@@ -156,11 +145,11 @@ class DenseMap:
         Returns:
             Whether there were bent submaps, which have been fused again if `force` is set.
         """
-        before, self._keyframes = self._keyframes, keyframes
+        before, self.keyframes = self.keyframes, keyframes
         if before is not NO_KEYFRAMES:
             self._reattach(before)
         moved = _moved_uids(before, keyframes)
-        self._remove([s for s in self._submaps if not s.follow(before, keyframes)])
+        self._remove([s for s in self.submaps if not s.follow(before, keyframes)])
         if moved or force:
             self._find_bent(moved, force=force)
         is_bent = self.num_bent > 0
@@ -174,7 +163,7 @@ class DenseMap:
         The region, of radius `region_m`, is around the bent submap that is nearest to the camera.
         Return False if there was no bent submap.
         """
-        bent = [submap for submap in self._submaps if submap.is_bent]
+        bent = [submap for submap in self.submaps if submap.is_bent]
         if not bent:
             return False
         centers_m = np.array([submap.center_map_m for submap in bent])
@@ -196,7 +185,7 @@ class DenseMap:
         return True
 
     def clear(self) -> None:
-        self._remove(list(self._submaps))
+        self._remove(list(self.submaps))
         for slot in list(self._views):
             self._discard(slot)
 
@@ -209,16 +198,16 @@ class DenseMap:
 
     def export(self, keyframe_uids: IntArray) -> SubmapState:
         """Return the record of the submaps whose anchors are among ascending uids (K,)."""
-        return SubmapState.of_submaps(self._submaps, keyframe_uids, self._config)
+        return SubmapState.of_submaps(self.submaps, keyframe_uids, self._config)
 
     def load(self, state: SubmapState, keyframe_uids: IntArray) -> None:
         """Add saved submaps. Their voxels are on disk until an image changes them."""
-        loaded = [s for s in state.submaps(self._keyframes, keyframe_uids, self._config) if len(s)]
+        loaded = [s for s in state.submaps(self.keyframes, keyframe_uids, self._config) if len(s)]
         if loaded:
             move_to_disk(loaded)
         for submap in loaded:
             submap.keep_as_saved()
-        self._submaps += loaded
+        self.submaps += loaded
 
     def _cloud_of(self, submap: Submap) -> ColoredCloud:
         known = self._clouds.get(submap)
@@ -228,7 +217,7 @@ class DenseMap:
         return known[1]
 
     def _remove(self, removed: Collection[Submap]) -> None:
-        self._submaps = [submap for submap in self._submaps if submap not in removed]
+        self.submaps = [submap for submap in self.submaps if submap not in removed]
         for submap in removed:
             self._clouds.pop(submap, None)
 
@@ -236,7 +225,7 @@ class DenseMap:
         """Move the submaps farthest from the camera to disk if too many voxels are in memory."""
         if self.num_in_memory <= self._config.max_voxels:
             return
-        loaded = [submap for submap in self._submaps if submap.is_in_memory and len(submap)]
+        loaded = [submap for submap in self.submaps if submap.is_in_memory and len(submap)]
         centers_m = np.array([submap.center_map_m for submap in loaded])
         order = np.argsort(np.linalg.norm(centers_m - camera_m, axis=1), kind='stable')
         total = np.cumsum([len(loaded[i]) for i in order])
@@ -245,12 +234,12 @@ class DenseMap:
 
     def _discard(self, slot: int) -> None:
         del self._views[slot]
-        for submap in self._submaps:
+        for submap in self.submaps:
             submap.forget(slot)
         self._store.discard(slot)
 
     def _posed(self, slot: int, image: DepthView) -> PosedView:
-        anchor = anchor_at(self._keyframes, *self._views[slot])
+        anchor = anchor_at(self.keyframes, *self._views[slot])
         assert anchor is not None
         return PosedView(image, slot, anchor)
 
@@ -259,11 +248,11 @@ class DenseMap:
         if not slots:
             return np.empty((0, 4, 4))
         T = np.array([self._views[slot].T_keyframe_camera for slot in slots])
-        return np.asarray(self._keyframes.T_map_camera[self._rows(slots)] @ T)
+        return np.asarray(self.keyframes.T_map_camera[self._rows(slots)] @ T)
 
     def _rows(self, slots: list[int]) -> IntArray:
         uids = np.array([self._views[slot].keyframe_uid for slot in slots], np.int64)
-        return self._keyframes.rows_of(uids)
+        return self.keyframes.rows_of(uids)
 
     def _find_bent(self, moved: set[int], *, force: bool) -> None:
         """Update which submaps are bent.
@@ -276,7 +265,7 @@ class DenseMap:
         touched = set(slots)
         voxels = _FORCED_VOXELS if force else _BENT_VOXELS
         poses = dict(zip(self._views, self._poses(list(self._views)), strict=True))
-        for submap in self._submaps:
+        for submap in self.submaps:
             if submap.fused.isdisjoint(touched) and submap.place.uid not in moved:
                 continue
             is_bent = submap.bend_m(poses) > voxels * self._config.voxel_m
@@ -288,7 +277,7 @@ class DenseMap:
         slots = list(self._views)
         T = self._poses(slots)
         near = np.linalg.norm(T[:, :3, 3] - posed.anchor.T_map_camera[:3, 3], axis=1) < _NEAR_M
-        near &= self._keyframes.map_ids[self._rows(slots)] == posed.anchor.map_id
+        near &= self.keyframes.map_ids[self._rows(slots)] == posed.anchor.map_id
         rows = np.flatnonzero(near)
         if len(rows) > _MAX_NEAR:
             self._discard(slots[rows[_most_redundant(T[rows])]])
@@ -298,11 +287,11 @@ class DenseMap:
 
         If none of its keyframes remains, they are discarded.
         """
-        remaining = set(self._keyframes.uids.tolist())
+        remaining = set(self.keyframes.uids.tolist())
         removed = set(before.uids.tolist()) - remaining
         if not removed:
             return
-        substitutes = {uid: before.substitute(uid, self._keyframes) for uid in removed}
+        substitutes = {uid: before.substitute(uid, self.keyframes) for uid in removed}
         for slot, view in list(self._views.items()):
             if view.keyframe_uid in removed:
                 near = substitutes[view.keyframe_uid]

@@ -20,6 +20,20 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # nav_msgs/OccupancyGrid
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 
 
+class GridExtent(NamedTuple):
+    """The cells of a grid over a plane of its frame."""
+
+    low: tuple[int, int]  # column and row of cell (0, 0), counted from the origin of the frame
+    shape: tuple[int, int]  # numbers of rows and columns
+    resolution_m: float
+
+    def centers_m(self) -> tuple[FloatArray, FloatArray]:
+        """Return x (W,) of the centers of the columns and y (H,) of those of the rows."""
+        rows, columns = (np.arange(count, dtype=np.float64) + 0.5 for count in self.shape)
+        x_m = np.asarray((self.low[0] + columns) * self.resolution_m)
+        return x_m, np.asarray((self.low[1] + rows) * self.resolution_m)
+
+
 @dataclass(frozen=True, eq=False)
 class Grid:
     """An occupancy grid over the floor; row 0 is at the smallest y, as in nav_msgs/OccupancyGrid.
@@ -33,6 +47,11 @@ class Grid:
     # (4, 4) transform from the level frame; affine, not rigid, if that has the map's x and y.
     T_map_level: FloatArray
     low: tuple[int, int]  # x and y of the corner of cell (0, 0) in the level frame, in cells
+
+    @property
+    def extent(self) -> GridExtent:
+        height, width = self.cells.shape
+        return GridExtent(self.low, (height, width), self.resolution_m)
 
     @property
     def origin_m(self) -> tuple[float, float]:

@@ -37,15 +37,10 @@ class SteadyGrid:
     """Extends each grid to cover the one before it, so that the published map never shrinks."""
 
     def __init__(self) -> None:
-        self._last: Grid | None = None
-
-    @property
-    def last(self) -> Grid | None:
-        """Return the grid of the last call of `take_patch`; None: there is none."""
-        return self._last
+        self.last: Grid | None = None  # of the last call of `take_patch`
 
     def clear(self) -> None:
-        self._last = None
+        self.last = None
 
     def place(self, grid: Grid) -> Grid:
         """Return the grid extended by unknown cells, so that its borders are at multiples of 2 m.
@@ -58,7 +53,7 @@ class SteadyGrid:
         block = max(1, round(_STEP_M / grid.resolution_m))
         low = np.array(grid.low) // block * block
         high = -(-(np.array(grid.low) + grid.cells.shape[::-1]) // block) * block
-        last = self._last
+        last = self.last
         if last is not None and last.resolution_m == grid.resolution_m:
             low = np.minimum(low, last.low)
             high = np.maximum(high, np.array(last.low) + last.cells.shape[::-1])
@@ -75,11 +70,7 @@ class SteadyGrid:
         None is returned if no cell has changed, if size, origin or resolution have changed, and at
         the first call.
         """
-        last, self._last = self._last, placed
-        if last is None or _extent(last) != _extent(placed):
+        last, self.last = self.last, placed
+        if last is None or last.extent != placed.extent:
             return None
         return patch_of(last.cells, placed.cells)
-
-
-def _extent(grid: Grid) -> tuple[tuple[int, int], float, tuple[int, ...]]:
-    return grid.low, grid.resolution_m, grid.cells.shape

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ from tf2_msgs.msg import TFMessage
 from vision_msgs.msg import LabelInfo, VisionClass
 
 from hoid_common.ros import conversions
+from hoid_common.ros.conversions.arrays import array_field
 from hoid_common.ros.large_messages.serialized import cloud_to_cdr
 from hoid_common.values import ByteArray, FloatArray
 from hoid_scene.dense.cloud_labels import CloudLabels
@@ -102,7 +102,7 @@ def occupancy_to_msg(
     info = MapMetaData(
         map_load_time=header.stamp, resolution=cell_m, width=width, height=height, origin=origin
     )
-    return OccupancyGrid(header=header, info=info, data=array('b', cells.tobytes()))
+    return OccupancyGrid(header=header, info=info, data=array_field('b', cells))
 
 
 def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
@@ -117,7 +117,7 @@ def grid_update_to_msg(maps: SceneMaps) -> OccupancyGridUpdate | None:
         y=patch.row,
         width=width,
         height=height,
-        data=array('b', patch.cells.tobytes()),
+        data=array_field('b', patch.cells),
     )
 
 

@@ -8,7 +8,7 @@ from copy import deepcopy
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, Vector3
+from geometry_msgs.msg import Pose
 from hoid_msgs.msg import MappedObject, TrackedObjectArray
 from hoid_msgs.msg import ObjectEvent as ObjectEventMsg
 from hoid_msgs.msg import TrackedObject as TrackedObjectMsg
@@ -24,6 +24,7 @@ from vision_msgs.msg import (
 from visualization_msgs.msg import Marker, MarkerArray
 
 from hoid_common.ros import conversions
+from hoid_common.ros.conversions.geometry import point_to_msg, vector_to_msg
 from hoid_common.values import FloatArray, ObjectState
 from hoid_scene.memory.history import ObjectEvent
 from hoid_scene.objects.mapped_object import MapObject
@@ -70,7 +71,7 @@ def track_markers_to_msg(objects: tuple[TrackedObject, ...], header: Header) -> 
             item.track_id,
             item.class_name,
             item.state,
-            Pose(position=_point(item.position_map_m)),
+            Pose(position=point_to_msg(item.position_map_m)),
             item.size_m,
         )
         for item in objects
@@ -121,7 +122,7 @@ def mapped_object_to_msg(item: MapObject) -> MappedObject:
         state=item.state.value,
         is_new=item.is_new,
         pose=conversions.pose_to_msg(item.T_map_object),
-        size=_vector(item.size_m),
+        size=vector_to_msg(item.size_m),
         probability=item.probability,
         score=item.score,
         views=item.num_views,
@@ -130,7 +131,7 @@ def mapped_object_to_msg(item: MapObject) -> MappedObject:
         last_seen=conversions.stamp_to_msg(item.last_ns),
         person=item.holder_id,
         was_moved=item.moved_from_map_m is not None,
-        moved_from=_point(moved_from_m),
+        moved_from=point_to_msg(moved_from_m),
         moved_at=conversions.stamp_to_msg(item.moved_ns),
         colors=item.colors,
     )
@@ -151,17 +152,17 @@ def _track_to_msg(item: TrackedObject) -> TrackedObjectMsg:
         class_name=item.class_name,
         state=item.state.value,
         score=float(item.score),
-        position=_point(item.position_map_m),
-        velocity=_vector(item.velocity_map_mps),
-        size=_vector(item.size_m),
+        position=point_to_msg(item.position_map_m),
+        velocity=vector_to_msg(item.velocity_map_mps),
+        size=vector_to_msg(item.size_m),
     )
 
 
 def _person_to_msg(item: TrackedObject) -> Person:
     return Person(
         name=str(item.track_id),
-        position=_point(item.position_map_m),
-        velocity=_point(item.velocity_map_mps),
+        position=point_to_msg(item.position_map_m),
+        velocity=point_to_msg(item.velocity_map_mps),
         reliability=float(item.score),
     )
 
@@ -177,7 +178,7 @@ def _detection(item: MapObject, header: Header) -> Detection3D:
     return Detection3D(
         header=conversions.header_to_msg(item.last_ns, header.frame_id),
         results=results,
-        bbox=BoundingBox3D(center=pose, size=_vector(item.size_m)),
+        bbox=BoundingBox3D(center=pose, size=vector_to_msg(item.size_m)),
         id=str(item.object_id),
     )
 
@@ -189,7 +190,7 @@ def _markers(boxes: Sequence[_LabeledBox], header: Header) -> MarkerArray:
         words = ', '.join([*states, *(['new'] if item.is_new else [])])
         box = _marker(item, header, 'objects', Marker.CUBE)
         box.color = _COLORS[item.state]
-        box.scale = _vector(np.maximum(item.size_m, _MIN_SIZE_M))
+        box.scale = vector_to_msg(np.maximum(item.size_m, _MIN_SIZE_M))
         label = _marker(item, header, 'labels', Marker.TEXT_VIEW_FACING)
         label.pose.position.z += float(item.size_m[2]) / 2 + _LABEL_M
         label.scale.z = _LABEL_M
@@ -204,13 +205,3 @@ def _marker(item: _LabeledBox, header: Header, namespace: str, kind: Any) -> Mar
     return Marker(
         header=header, ns=namespace, id=item.number, type=kind, action=Marker.ADD, pose=pose
     )
-
-
-def _point(values: FloatArray) -> Point:
-    x, y, z = values.tolist()
-    return Point(x=float(x), y=float(y), z=float(z))
-
-
-def _vector(values: FloatArray) -> Vector3:
-    x, y, z = values.tolist()
-    return Vector3(x=float(x), y=float(y), z=float(z))

@@ -31,7 +31,7 @@ from hoid_scene.dense.cloud_labels import CloudLabels
 from hoid_scene.dense.submap import ColoredCloud
 from hoid_scene.grid.grid import Grid
 from hoid_scene.grid.steady_grid import GridPatch, SteadyGrid
-from hoid_scene.navigation_masks import Mask, MaskExtent, NavigationMasks, changed_cells
+from hoid_scene.navigation_masks import Mask, NavigationMasks, changed_cells
 from hoid_scene.ros import map_messages
 from hoid_scene.ros import object_messages as of_objects
 from hoid_scene.ros.map_messages import FilterType, SceneMaps, filter_info_to_msg, mask_to_msg
@@ -222,7 +222,7 @@ class SceneOutputs:
         grid = self._steady.last
         if grid is None or not self._is_map_level:
             return
-        header, extent = header_to_msg(stamp_ns, self.frame), MaskExtent.of(grid)
+        header, extent = header_to_msg(stamp_ns, self.frame), grid.extent
         for output, info, mask_of in zip(
             MASK_OUTPUTS, MASK_INFO_OUTPUTS, (masks.keep_out, masks.speed), strict=True
         ):

@@ -53,7 +53,7 @@ class SceneServices:
     def _save_cloud(self, request: SaveMap.Request) -> str:
         mapper, path = self._dense(request, CLOUD)
         cloud = mapper.cloud()
-        write_whole(path, lambda aside: write_ply(aside, cloud))
+        write_whole(path, lambda aside: write_ply(aside, *cloud))
         return f'{counted(len(cloud.points_m), "point")} written to {path}'
 
     def _save_grid(self, request: SaveMap.Request) -> str:

@@ -17,15 +17,12 @@ from hoid_common.values import ByteArray, Float32Array
 
 
 def bytes_field(values: NDArray[Any] | bytes) -> array[int]:
-    field = array('B')
-    field.frombytes(values if isinstance(values, bytes) else values.tobytes())
-    return field
+    return array('B', values if isinstance(values, bytes) else values.tobytes())
 
 
-def floats_field(values: NDArray[Any]) -> array[float]:
-    field = array('f')
-    field.frombytes(values.astype(np.float32, copy=False).tobytes())
-    return field
+def array_field(kind: str, values: NDArray[Any]) -> array[Any]:
+    """Return the field of the elements of an array, converted to a type code such as 'f'."""
+    return array(kind, values.astype(np.dtype(kind), copy=False).tobytes())
 
 
 def float_array(field: Any, name: str, length: int) -> Float32Array:

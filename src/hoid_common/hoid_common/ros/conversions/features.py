@@ -11,7 +11,7 @@ from std_msgs.msg import Header
 
 from hoid_common.errors import MessageError
 from hoid_common.messages import stamp_from_msg
-from hoid_common.ros.conversions.arrays import byte_array, bytes_field, float_array, floats_field
+from hoid_common.ros.conversions.arrays import array_field, byte_array, bytes_field, float_array
 from hoid_common.values import DESCRIPTOR_BYTES, Features, FeatureVerdicts
 
 # A FeatureVerdicts message with more elements is refused. Chosen: over three times the maximum of
@@ -69,11 +69,11 @@ def features_to_msg(
         header=header,
         image_width=image_size_px[0],
         image_height=image_size_px[1],
-        uv_px=floats_field(features.uv_px),
-        depth_m=floats_field(features.depth_m),
+        uv_px=array_field('f', features.uv_px),
+        depth_m=array_field('f', features.depth_m),
         octave=bytes_field(features.octave),
-        angle_deg=floats_field(features.angle_deg),
-        response=floats_field(features.response),
+        angle_deg=array_field('f', features.angle_deg),
+        response=array_field('f', features.response),
         descriptors=bytes_field(features.descriptors),
         may_seed=bytes_field(features.may_seed[:0] if seeds_all else features.may_seed),
         num_detected=counts.num_detected,

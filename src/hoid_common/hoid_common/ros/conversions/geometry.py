@@ -30,9 +30,18 @@ from hoid_common.values import NS_PER_S, FloatArray
 _ROS_ORDER = np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])  # the permutation is its own inverse
 
 
+def point_to_msg(xyz: FloatArray) -> Point:
+    x, y, z = xyz.tolist()
+    return Point(x=x, y=y, z=z)
+
+
+def vector_to_msg(xyz: FloatArray) -> Vector3:
+    x, y, z = xyz.tolist()
+    return Vector3(x=x, y=y, z=z)
+
+
 def pose_to_msg(T_a_b: FloatArray) -> Pose:
-    x, y, z = T_a_b[:3, 3].tolist()
-    return Pose(position=Point(x=x, y=y, z=z), orientation=_quaternion(T_a_b))
+    return Pose(position=point_to_msg(T_a_b[:3, 3]), orientation=_quaternion(T_a_b))
 
 
 def pose_with_sigmas_from_msg(msg: PoseWithCovariance) -> tuple[FloatArray, float, float]:
@@ -53,16 +62,14 @@ def transform_to_msg(
     msg = TransformStamped(child_frame_id=child)
     msg.header.stamp = stamp_to_msg(stamp_ns)
     msg.header.frame_id = parent
-    x, y, z = T_parent_child[:3, 3].tolist()
-    msg.transform.translation = Vector3(x=x, y=y, z=z)
+    msg.transform.translation = vector_to_msg(T_parent_child[:3, 3])
     msg.transform.rotation = _quaternion(T_parent_child)
     return msg
 
 
 def twist_to_msg(twist: FloatArray) -> Twist:
     """Return the message of a twist (6,): angular velocity in rad/s, then linear in m/s."""
-    wx, wy, wz, vx, vy, vz = twist.tolist()
-    return Twist(linear=Vector3(x=vx, y=vy, z=vz), angular=Vector3(x=wx, y=wy, z=wz))
+    return Twist(linear=vector_to_msg(twist[3:]), angular=vector_to_msg(twist[:3]))
 
 
 def odometry_to_msg(
@@ -79,7 +86,7 @@ def odometry_to_msg(
     those of the odometry frame. `twist` (6,) is in the base frame: angular velocity in rad/s, then
     linear in m/s, and so is its covariance.
     """
-    A = _block_rotation(T_odom_base)
+    A = np.kron(np.eye(2), T_odom_base[:3, :3])
     rotated = (A @ covariance @ A.T)[_ROS_ORDER]
     msg = Odometry(header=header, child_frame_id=child_frame_id)
     msg.pose.pose = pose_to_msg(T_odom_base)
@@ -107,12 +114,6 @@ def _quaternion(T: FloatArray) -> Quaternion:
     )
     norm = sqrt(x * x + y * y + z * z + w * w)
     return Quaternion(x=x / norm, y=y / norm, z=z / norm, w=w / norm)
-
-
-def _block_rotation(T: FloatArray) -> FloatArray:
-    A = np.zeros((6, 6))
-    A[:3, :3] = A[3:, 3:] = T[:3, :3]
-    return A
 
 
 def stamp_to_msg(stamp_ns: int) -> Time:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from dataclasses import fields
 from typing import Any
 
@@ -11,7 +10,6 @@ from geometry_msgs.msg import Vector3
 from hoid_msgs.msg import KeyframePoses as KeyframePosesMsg
 from hoid_msgs.msg import SlamStatus as SlamStatusMsg
 from hoid_msgs.msg import TrackedImage as TrackedImageMsg
-from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
@@ -24,6 +22,7 @@ from hoid_common.poses.keyframe_poses import (
     SessionKeyframes,
     TrackedImage,
 )
+from hoid_common.ros.conversions.arrays import array_field
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import CameraModel, FloatArray
 
@@ -106,15 +105,15 @@ def keyframe_poses_to_msg(poses: SessionKeyframes, header: Header) -> KeyframePo
         session=poses.session,
         is_level=poses.is_level,
         version=keyframes.version,
-        uids=_field('q', keyframes.uids),
-        map_ids=_field('q', keyframes.map_ids),
+        uids=array_field('q', keyframes.uids),
+        map_ids=array_field('q', keyframes.map_ids),
         main_map=keyframes.main_map,
-        poses=_field('d', keyframes.T_map_camera[:, :3]),
+        poses=array_field('d', keyframes.T_map_camera[:, :3]),
         num_loaded=loaded.number,
         source=loaded.source,
-        saved_uids=_field('q', loaded.saved_uids),
-        loaded_uids=_field('q', loaded.loaded_uids),
-        camera_base=[] if base is None else _field('d', base[:3]),
+        saved_uids=array_field('q', loaded.saved_uids),
+        loaded_uids=array_field('q', loaded.loaded_uids),
+        camera_base=[] if base is None else array_field('d', base[:3]),
     )
 
 
@@ -196,12 +195,6 @@ def _camera(msg: KeyframePosesMsg) -> CameraModel | None:
         return CameraModel(*size_px, fx_px, fy_px, cx_px, cy_px, *lens)
     except (ConfigError, ValueError) as error:
         raise MessageError(f'keyframe_poses: {error}') from error
-
-
-def _field(kind: str, values: NDArray[np.generic]) -> array[int]:
-    field = array(kind)
-    field.frombytes(np.ascontiguousarray(values, np.dtype(kind)).tobytes())
-    return field
 
 
 def _transforms(rows: FloatArray) -> FloatArray:

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from threading import Event, Thread, get_ident
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
@@ -25,14 +24,10 @@ class ServiceThread:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._group = ThreadCallbackGroup()
-        self._executor = GroupExecutor(node, self._group)
+        self.group = ThreadCallbackGroup()
+        self._executor = GroupExecutor(node, self.group)
         self._is_ended = Event()
         self._thread = Thread(target=self._run, name='services', daemon=True)
-
-    @property
-    def group(self) -> CallbackGroup:
-        return self._group
 
     def start(self, on_failure: Callable[[Exception], None]) -> None:
         """Start the thread, which calls `on_failure` with each error of a service."""
@@ -47,7 +42,7 @@ class ServiceThread:
             self._thread.join(_JOIN_TIMEOUT_S)
 
     def _run(self) -> None:
-        self._group.thread_id = get_ident()
+        self.group.thread_id = get_ident()
         while not self._is_ended.is_set():
             try:
                 self._executor.spin_once()
