@@ -70,11 +70,9 @@ def read_camera_yaml(path: Path) -> CameraModel:
         raise InputError(
             f'{path}: distortion_model "{model}" is not one of {", ".join(DISTORTION_MODELS)}'
         )
-    distortion = (
-        _numbers(path, loaded, 'distortion_coefficients')
-        if 'distortion_coefficients' in loaded
-        else ()
-    )
+    distortion: tuple[float, ...] = ()
+    if 'distortion_coefficients' in loaded:
+        distortion = _numbers(path, loaded, 'distortion_coefficients')
     size = [_positive_int(path, loaded, key) for key in ('image_width', 'image_height')]
     try:
         return CameraModel(

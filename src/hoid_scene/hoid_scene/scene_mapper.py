@@ -65,7 +65,7 @@ class SceneMapper:
         object_map: The objects at rest; None: the object map is off.
 
     Args:
-        object_map: Parameters of the object map; None, or not enabled: there is none.
+        object_map: Parameters of the object map; if not enabled, there is none.
         views: Store of the images of the dense map, which is empty; None: a temporary one.
     """
 
@@ -74,7 +74,7 @@ class SceneMapper:
         camera: CameraModel,
         dense: DenseConfig,
         objects: ObjectTrackerConfig,
-        object_map: ObjectMapConfig | None = None,
+        object_map: ObjectMapConfig = ObjectMapConfig(),  # noqa: B008 - immutable
         *,
         is_map_level: bool = False,
         views: ViewStore | None = None,
@@ -84,9 +84,8 @@ class SceneMapper:
         self.dense = DenseMap(camera, dense, views)
         self._tracker = ObjectTracker(objects)
         self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
-        mapped = object_map or ObjectMapConfig()
-        self.object_map = ObjectMap(camera, mapped.prior_score) if mapped.enabled else None
-        self._is_prior, self._is_labeled = mapped.prior_score > 0, mapped.label_cloud
+        self.object_map = ObjectMap(camera, object_map.prior_score) if object_map.enabled else None
+        self._is_prior, self._is_labeled = object_map.prior_score > 0, object_map.label_cloud
         self._floors: LocalFloors | None = None
         self._level = Level(_UP)
         self._num_fused = self._num_leveled = 0  # images, now and when the level was found last

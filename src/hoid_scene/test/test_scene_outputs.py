@@ -92,7 +92,9 @@ def floor_scene(object_map: ObjectMapConfig | None = None) -> SceneMapper:
 
     With an object map, there is a bag on the floor.
     """
-    scene = SceneMapper(CAMERA, DenseConfig(), ObjectTrackerConfig(), object_map)
+    scene = SceneMapper(
+        CAMERA, DenseConfig(), ObjectTrackerConfig(), object_map or ObjectMapConfig()
+    )
     pitch = np.eye(4)
     pitch[[0, 0, 2, 2], [0, 2, 0, 2]] = np.sqrt(0.5) * np.array([1, 1, -1, 1])
     T_map_camera = pitch @ T_BODY_OPTICAL

@@ -16,7 +16,7 @@ from hoid_bringup.live.budget import use_cores, within_budget
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, NodeOptions
 from hoid_bringup.live.supervisor import ProcessSpec
 from hoid_bringup.run.parameter_names import by_node
-from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_bringup.run.run_config import NO_TRUTH, TRUTH, RunConfig
 from hoid_common import topics
 from hoid_common.config import Config, param
 from hoid_common.errors import InputError
@@ -75,10 +75,24 @@ def camera_info_topic(bag: BagSequence) -> BagTopic:
 def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOptions:
     """Return the options of the nodes for a bag; they save files in `folder`.
 
-    InputError if the bag has no camera_info, or no ground-truth boxes that are to be used, or if
-    the name of an image topic does not show whether its images are compressed.
+    InputError if the bag lacks a topic, or the nodes cannot subscribe to an image topic.
     """
-    found, info = bag.topics, camera_info_topic(bag)
+    changed, inputs = by_node(config.run.changed()), _inputs(bag, config)
+    options = NodeOptions(
+        nodes=config.nodes,
+        remappings=_remappings(bag, config),
+        parameters={
+            DETECTOR: {**changed[DETECTOR], **inputs},
+            FILTER: {**changed[FILTER], **inputs},
+            SLAM: {**changed[SLAM], **inputs, 'map_directory': str(folder)},
+            SCENE: {**changed[SCENE], **inputs, 'map_directory': str(folder)},
+        },
+    )
+    return within_budget(options, use_cores(None))
+
+
+def _remappings(bag: BagSequence, config: ReplayConfig) -> tuple[tuple[str, str], ...]:
+    found = bag.topics
     for topic in (found.color, found.depth):
         if is_compressed(topic.name) != (topic.type_name == COMPRESSED_IMAGE):
             raise InputError(
@@ -88,37 +102,28 @@ def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOp
     names = {
         topics.RGB_IMAGE: found.color.name,
         topics.DEPTH_IMAGE: found.depth.name,
-        topics.CAMERA_INFO: info.name,
+        topics.CAMERA_INFO: camera_info_topic(bag).name,
         **dict(zip((topics.IMU, topics.ACCELEROMETER), config.imu, strict=False)),
     }
     if config.uses_truth:
         if found.true_detections is None:
-            raise InputError(
-                f'{bag.path}: has no ground-truth boxes for "--detector {TRUTH}"; use a bag of '
-                '"hoid synth", or a detector'
-            )
+            raise InputError(f'{bag.path}: {NO_TRUTH}')
         names[topics.DETECTIONS] = found.true_detections.name
-    remappings = [(own, name.lstrip('/')) for own, name in names.items()]
-    changed = by_node(config.run.changed())
+    relative = [(own, name.lstrip('/')) for own, name in names.items()]
+    return tuple((own, name) for own, name in relative if own != name)
+
+
+def _inputs(bag: BagSequence, config: ReplayConfig) -> dict[str, Any]:
+    """Return the parameters of all nodes for the images of a bag."""
     inputs: dict[str, Any] = {}
     if bag.depth_offset_ns:
         inputs['input.depth_offset_s'] = bag.depth_offset_ns / NS_PER_S
     if bag.depth_units_per_m:
         inputs['input.depth_units_per_m'] = bag.depth_units_per_m
-    is_weak = any(map(_is_best_effort, (found.color, found.depth, info)))
-    if config.lockstep and not is_weak:
+    played = (bag.topics.color, bag.topics.depth, camera_info_topic(bag))
+    if config.lockstep and not any(map(_is_best_effort, played)):
         inputs['input.reliability'] = RELIABLE
-    options = NodeOptions(
-        nodes=config.nodes,
-        remappings=tuple((a, b) for a, b in remappings if a != b),
-        parameters={
-            DETECTOR: {**changed[DETECTOR], **inputs},
-            FILTER: {**changed[FILTER], **inputs},
-            SLAM: {**changed[SLAM], **inputs, 'map_directory': str(folder)},
-            SCENE: {**changed[SCENE], **inputs, 'map_directory': str(folder)},
-        },
-    )
-    return within_budget(options, use_cores(None))
+    return inputs
 
 
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:

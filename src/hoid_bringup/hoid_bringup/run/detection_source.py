@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 
 from hoid_bags.sequence import Sequence
-from hoid_bringup.run.run_config import TRUTH, RunConfig
+from hoid_bringup.run.run_config import NO_TRUTH, TRUTH, RunConfig
 from hoid_common.errors import InputError
 from hoid_common.sync import Rate
 from hoid_common.values import Detections, RgbdFrame
@@ -41,10 +41,7 @@ def detection_source(
     if config.detector.model == TRUTH:
         exact = sequence.true_detections
         if exact is None:
-            raise InputError(
-                f'{sequence.name}: has no ground-truth boxes for "--detector {TRUTH}"; '
-                'use a bag of "hoid synth", or a detector'
-            )
+            raise InputError(f'{sequence.name}: {NO_TRUTH}')
         return _at_rate(lambda frame: exact.get(frame.stamp_ns), config.detector.rate_hz)
     detector = OnnxDetector(find_model(config.detector.model or None), config.detector)
     if warning := detector.network.provider_warning:

@@ -18,6 +18,9 @@ from rgbd_slam.config.node_config import SlamNodeConfig
 
 TRUTH = 'truth'
 """Value of `detector.model` for the ground-truth boxes of a rendered bag instead of a detector."""
+NO_TRUTH = (
+    f'has no ground-truth boxes for "--detector {TRUTH}"; use a bag of "hoid synth", or a detector'
+)
 SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 """Short names of parameters that every summary contains, whether they were changed or not."""
 
