@@ -53,11 +53,9 @@ def convert(
 ) -> None:
     """Convert a recording in files to a bag, image by image; without camera, with its own.
 
-    Raises:
-        InputError: The recording or one of its files cannot be used, or the bag exists already or
-            cannot be written. No part of the new bag remains.
-        MessageError: An image cannot be encoded.
-        ConfigError: A list of the recording contains a file name that no file can have.
+    InputError if the recording or one of its files cannot be used, or the bag exists already or
+    cannot be written. No part of the new bag remains. MessageError if an image cannot be encoded.
+    ConfigError if a list of the recording contains a file name that no file can have.
     """
     config = config or ConvertConfig()
     source = open_tum_folder(folder, camera, config.depth_units_per_m or None)

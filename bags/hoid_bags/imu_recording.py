@@ -77,10 +77,8 @@ def read_imu_file(path: Path) -> ImuRecording:
     TUM's `accelerometer.txt`. Comments at the start or the name of the file state which sensor; if
     they do not, the numbers are accelerations if their median has about the length of gravity. The
     first line decides between three and six; further numbers of a line are ignored. The samples
-    are in order of time, each stamp once; rows without stamp or numbers are left out.
-
-    Raises:
-        InputError: The file cannot be read, the first stamp is no time, or no line is usable.
+    are in order of time, each stamp once; rows without stamp or numbers are left out. InputError
+    if the file cannot be read, the first stamp is no time, or no line is usable.
     """
     columns = next((min(len(row.text.split()), 6) for row in read_rows(path)), 0)
     if columns < 3:
@@ -103,9 +101,8 @@ def read_imu_file(path: Path) -> ImuRecording:
 def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
     """Return the samples of a topic of sensor_msgs/Imu in order of time, each stamp once.
 
-    Raises:
-        InputError: The bag has no such topic, the topic has another type, a message is damaged, or
-            there is no sample of either sensor.
+    InputError if the bag has no such topic, the topic has another type, a message is damaged, or
+    there is no sample of either sensor.
     """
     topic = f'/{topic.lstrip("/")}'
     samples: list[ImuSample] = []

@@ -123,10 +123,9 @@ def open_recording(
 ) -> Sequence:
     """Open a recording with the options of the command line; print what was taken on stderr.
 
-    Raises:
-        InputError: The recording or the camera file cannot be read.
-        ConfigError: The depth units are not positive, a folder lists a file with an impossible
-            name, or `--driver` is given for a folder.
+    InputError if the recording or the camera file cannot be read. ConfigError if the depth units
+    are not positive, a folder lists a file with an impossible name, or `--driver` is given for a
+    folder.
     """
     topics, camera = chosen_topics(args), chosen_camera(args)
     found = open_sequence(

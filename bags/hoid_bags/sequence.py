@@ -65,16 +65,15 @@ def open_sequence(
 ) -> Sequence:
     """Open a recording in files (see `open_tum_folder`) or a bag (see `BagSequence`).
 
+    InputError if the path does not exist, or is no usable recording. ConfigError if the depth
+    units are not positive, or a list names an impossible file.
+
     Args:
         camera: Camera of the recording; None: its own.
         depth_units_per_m: Depth units per meter; None: those of the layout, or of the encoding.
         choice: Topics of a bag that the user names; the others are found (see `find_topics`).
         max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
         depth_offset_ns: Time by which the stamps of depth images are too late.
-
-    Raises:
-        InputError: The path does not exist, or is no usable recording.
-        ConfigError: The depth units are not positive, or a list names an impossible file.
     """
     if not path.exists():
         raise InputError(f'{path}: no such file or folder')

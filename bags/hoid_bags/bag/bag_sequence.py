@@ -61,19 +61,14 @@ class BagSequence:
         depth_offset_ns: int = 0,
         depth_units_per_m: float = 0.0,
     ) -> None:
-        """Open a bag.
+        """Open a bag; for all arguments see `open_sequence`.
+
+        InputError if the path is no bag, its topics cannot be chosen (see `find_topics`), no
+        camera is given or usable, no message of an image topic is usable, no color and depth image
+        make a pair, or stamps are too close to each other for any camera.
 
         Args:
-            camera: The camera to use in place of the bag's own `camera_info`.
-            choice: Topics that the user names; the others are found.
-            max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
-            depth_offset_ns: Time by which the stamps of depth images are too late.
             depth_units_per_m: Depth units per meter; 0: 1000 for whole numbers, 1 for floats.
-
-        Raises:
-            InputError: The path is no bag, its topics cannot be chosen (see `find_topics`), no
-                camera is given or usable, no message of an image topic is usable, no color and
-                depth image make a pair, or stamps are too close to each other for any camera.
         """
         self.path = path
         self.depth_offset_ns, self.depth_units_per_m = depth_offset_ns, depth_units_per_m

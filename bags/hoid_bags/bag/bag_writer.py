@@ -73,12 +73,10 @@ class BagWriter:
         )
 
     def write(self, topic: str, stamp_ns: int, message: Message) -> None:
-        """Write a message on a topic of `add_topic`."""
         connection = self._connections[topic]
         self.write_serialized(topic, stamp_ns, serialize(message, connection.msgtype))
 
     def write_serialized(self, topic: str, stamp_ns: int, data: bytes | memoryview) -> None:
-        """Write the CDR bytes of a message on a topic of `add_topic`."""
         try:
             self._writer.write(self._connections[topic], stamp_ns, data)
         except OSError as error:

@@ -46,10 +46,8 @@ def copy_bag(
 
     The copy of a ROS 1 bag has messages of ROS 2, and lacks topics of types that ROS 2 lacks, with
     a warning. With `expand`, the images of videos and RGBD messages replace these messages.
-
-    Raises:
-        InputError: Nothing can be read, the definition of a message type is unknown, or the new
-            bag exists already or cannot be written.
+    InputError if nothing can be read, the definition of a message type is unknown, or the new bag
+    exists already or cannot be written.
     """
     with BagReader(source) as reader, BagWriter(target, compress=compress) as writer:
         parts = reader.parts if expand else ()

@@ -56,6 +56,11 @@ def play(
 ) -> None:
     """Play a bag to its end or for the configured time; with `loop`, until a KeyboardInterrupt.
 
+    InputError if the bag can be played only in part or not at all, a message type is unknown, or
+    the subscribers of `min_subscribers` or the odometry of lockstep are missing. MessageError if a
+    message is too short for the header of its type (with `loop` or lockstep). ConfigError if the
+    namespace is not a valid name.
+
     Args:
         topic_names: Topics to play; empty means all but /clock.
         choice: Topics of the images, which lockstep pairs; those that are not named are found.
@@ -63,12 +68,6 @@ def play(
             it, to pair images; published stamps stay as they are.
         namespace: Prefix of every topic except /clock and /diagnostics.
         min_subscribers: Least number of subscribers by topic before playing.
-
-    Raises:
-        InputError: The bag can be played only in part or not at all, a message type is unknown, or
-            the subscribers of `min_subscribers` or the odometry of lockstep are missing.
-        MessageError: A message is too short for the header of its type (with `loop` or lockstep).
-        ConfigError: The namespace is not a valid name.
     """
     config = config or PlayConfig()
     plan = open_plan(path, config, topic_names)
@@ -132,13 +131,11 @@ class Player:
 
         Once there are enough, the wait ends when their number has not changed for 0.3 s (1 s in
         lockstep). If some are still missing after `wait_s` seconds and no minimum is given, a
-        warning is logged.
+        warning is logged. InputError if a minimum is given, and is still missing after `wait_s`
+        seconds.
 
         Args:
             minimum: Least number of subscribers by topic; empty: one subscriber of any topic.
-
-        Raises:
-            InputError: A minimum is given, and is still missing after `wait_s` seconds.
         """
         now_s = time.monotonic()
         deadline_s, changed_s, count = now_s + self._config.wait_s, now_s, (0, 0)

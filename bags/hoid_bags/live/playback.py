@@ -91,9 +91,8 @@ class PlaybackPlan:
 def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> PlaybackPlan:
     """Return the plan by which a bag is played; without names, all topics but /clock.
 
-    Raises:
-        InputError: The path is no readable bag, the bag lacks a topic or has no messages to play,
-            or the last message to play is before the chosen start.
+    InputError if the path is no readable bag, the bag lacks a topic or has no messages to play, or
+    the last message to play is before the chosen start.
     """
     with BagReader(path) as reader:
         chosen = topics_to_play(reader, topics)

@@ -57,18 +57,15 @@ def record(
 
     Each topic is subscribed to when its first publisher appears. If the process is killed, a
     hidden folder remains with all messages except those of about the last half second; `repair`
-    turns it into a bag.
+    turns it into a bag. ConfigError if the duration is negative, or the namespace is not a valid
+    name. InputError if nothing arrived, a message type is unknown, or the bag exists already or
+    cannot be written. No part of the new bag remains.
 
     Args:
         duration_s: Time to record after the first message, in s of real time; 0 = until
             interrupted.
         use_sim_time: Whether log times are those of /clock instead of the wall clock. Messages
             that arrive before the first time on /clock are not recorded then.
-
-    Raises:
-        ConfigError: The duration is negative, or the namespace is not a valid name.
-        InputError: Nothing arrived, a message type is unknown, or the bag exists already or cannot
-            be written. No part of the new bag remains.
     """
     if not duration_s >= 0:  # also refuses NaN
         raise ConfigError(f'--duration {duration_s:g}: must be at least 0')

@@ -27,10 +27,8 @@ _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -> Iterator[Node]:
     """Initialize ROS for the block, and yield a new node.
 
-    In the block, SIGINT and the first termination signal raise KeyboardInterrupt.
-
-    Raises:
-        ConfigError: The namespace is not a valid ROS namespace.
+    In the block, SIGINT and the first termination signal raise KeyboardInterrupt. ConfigError if
+    the namespace is not a valid ROS namespace.
     """
     arguments = ['--ros-args', '-p', f'use_sim_time:={str(use_sim_time).lower()}']
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)

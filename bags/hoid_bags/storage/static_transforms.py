@@ -14,7 +14,6 @@ def vector(kind: str, values: FloatArray) -> Message:
 
 
 def transform(T_parent_child: FloatArray) -> Message:
-    """Return the geometry_msgs/Transform of a (4, 4) matrix."""
     return new_message(
         'geometry_msgs/msg/Transform',
         translation=vector('Vector3', T_parent_child[:3, 3]),

@@ -122,18 +122,14 @@ def open_tum_folder(
     max_gap_ns: int = MAX_PAIR_GAP_NS,
     depth_offset_ns: int = 0,
 ) -> TumFolder:
-    """Open a recording in files, and check its lists of images.
+    """Open a recording in files, and check its lists; for all arguments see `open_sequence`.
+
+    InputError if a file is missing or unusable, the camera is unknown, or no images make a pair.
+    ConfigError if the depth units are not positive, or a list names an impossible file.
 
     Args:
         camera: Camera of the recording; None: the one that its files state or, for TUM, the
             published one whose name the folder's name contains.
-        depth_units_per_m: Depth units per meter in the files; None: those of the layout.
-        max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.
-        depth_offset_ns: Time by which the stamps of depth images are too late.
-
-    Raises:
-        InputError: A file is missing or unusable, the camera is unknown, or no images make a pair.
-        ConfigError: The depth units are not positive, or a list names an impossible file.
     """
     if depth_units_per_m is not None and not 0 < depth_units_per_m < np.inf:
         raise ConfigError(f'depth units per meter must be positive, got {depth_units_per_m}')

@@ -92,10 +92,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status.
 
     The status is 0 after success, or if the reader of stdout has ended; 1 after a HoidError or an
-    OSError, which is printed in one line; and 130 after an interrupt.
-
-    Raises:
-        SystemExit: The usage is wrong (status 2), or help was requested (status 0).
+    OSError, which is printed in one line; and 130 after an interrupt. SystemExit if the usage is
+    wrong (status 2), or help was requested (status 0).
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     chosen = _command_in(argv)

@@ -79,9 +79,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def run_command(args: argparse.Namespace) -> None:
     """Run SLAM on every frame of a recording, write the results and print a report.
 
-    Raises:
-        HoidError: An argument is invalid or the run fails. For a damaged recording, this is raised
-            after the readable part was processed.
+    HoidError if an argument is invalid or the run fails. For a damaged recording, this is raised
+    after the readable part was processed.
     """
     config = with_mount(_config(args), args.mount)
     if config.live_only:
@@ -145,9 +144,8 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
 def replay_command(args: argparse.Namespace) -> None:
     """Play a recording in real time to the nodes, write the results and print a report.
 
-    Raises:
-        HoidError: An argument is invalid or the replay fails. For a damaged bag, this is raised
-            after the readable part was played.
+    HoidError if an argument is invalid or the replay fails. For a damaged bag, this is raised
+    after the readable part was played.
     """
     from hoid_bringup.live.replay import replay  # imports ROS, which other commands do not need
 

@@ -102,7 +102,6 @@ def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
 
 
 def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
-    """Return the nodes to start, by the values of the launch arguments."""
     camera = camera_remappings(context)
     grid = value(context, 'map_topic')
     grids = [(topics.GRID_MAP, grid), (topics.GRID_MAP_UPDATES, f'{grid}_updates')]
@@ -129,8 +128,7 @@ def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
 def rviz(context: LaunchContext) -> Node:
     """Return RViz with the displays of the suite.
 
-    Raises:
-        RuntimeError: RViz is not installed. Launch then ends before it has started any node.
+    RuntimeError if RViz is not installed. Launch then ends before it has started any node.
     """
     try:
         get_package_share_directory('rviz2')
@@ -149,5 +147,4 @@ def rviz(context: LaunchContext) -> Node:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the launch arguments and the nodes."""
     return LaunchDescription([*ARGUMENTS, OpaqueFunction(function=suite)])

@@ -23,5 +23,4 @@ ARGUMENTS = [
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the launch arguments and the node."""
     return one_node('hoid_detector', {'model': 'model', 'base_frame': 'base_frame'}, ARGUMENTS)

@@ -21,5 +21,4 @@ ARGUMENT = Argument(
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the launch arguments and the node."""
     return one_node('hoid_filter', {'strategy': 'strategy'}, [ARGUMENT])

@@ -58,8 +58,7 @@ def mesh_of(
 ) -> Mesh:
     """Return the mesh of a cloud, whose front is where the cameras (K, 4, 4) see it from.
 
-    Raises:
-        InputError: The cloud has no surface.
+    InputError if the cloud has no surface.
     """
     points_m = cloud.points_m.astype(np.float64)
     tree = cKDTree(points_m)

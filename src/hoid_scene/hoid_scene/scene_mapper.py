@@ -177,10 +177,8 @@ class SceneMapper:
         Pixels in or near the boxes of dynamic objects add no surface, but voxels in front of the
         surface that they show are removed (carved). Tracks decide which objects are dynamic: the
         filter may call them handled for seconds after they were put down, or as long as a person
-        is near. The image is ignored if its keyframe does not exist any more.
-
-        Raises:
-            MapFileError: The image cannot be stored.
+        is near. The image is ignored if its keyframe does not exist any more. MapFileError if the
+        image cannot be stored.
         """
         image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
         judged = self._tracker.judged(objects, image, request.stamp_ns)

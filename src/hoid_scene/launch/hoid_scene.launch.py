@@ -12,5 +12,4 @@ from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the launch arguments and the node."""
     return one_node('hoid_scene', {}, [])

@@ -52,10 +52,8 @@ class Evaluation:
 def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
     """Associate estimated and true poses, and align the estimate to the ground truth.
 
-    The alignment is a rigid transform without scale (Umeyama).
-
-    Raises:
-        InputError: Fewer than three poses are associated, or they do not determine a rotation.
+    The alignment is a rigid transform without scale (Umeyama). InputError if fewer than three
+    poses are associated, or they do not determine a rotation.
     """
     fewest = min(len(estimate), len(truth))
     if fewest < MIN_POSES:

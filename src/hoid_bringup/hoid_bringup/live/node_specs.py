@@ -59,10 +59,8 @@ def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
 
     They contain the values of `parameters` and not the name of a temporary file with them, so that
     a node can be restarted even if temporary files were removed. If a parameter for experts is
-    among them, the parameters for experts of its node are switched on.
-
-    Raises:
-        ConfigError: A given parameter is internal: it exists in offline runs only.
+    among them, the parameters for experts of its node are switched on. ConfigError if a given
+    parameter is internal: it exists in offline runs only.
     """
     return tuple(_spec(package, options) for package in options.nodes)
 

@@ -47,14 +47,13 @@ def replay(
 ) -> Summary:
     """Start the nodes, play a bag to them, and write the results.
 
+    HoidError if the bag lacks topics of the nodes, a node does not start or ends early, the output
+    folder cannot be written, or shared memory is scarce.
+
     Args:
         out_dir: Folder for the results. Its folder `logs`, for those of the processes, is emptied.
         options: Options for the summary; None or empty: strategy, seed and all changed parameters.
         recording: Path for the summary, if the bag was converted; None: that of the bag.
-
-    Raises:
-        HoidError: The bag lacks topics of the nodes, a node does not start or ends early, the
-            output folder cannot be written, or shared memory is scarce.
     """
     summary_options = {
         **(options or config.run.summary_options()),

@@ -21,10 +21,8 @@ def export(content: MapFile, scene: SavedScene, out: Path | None, *, is_semantic
 
     PLY and GLB have a mesh of the dense map with the colors of vertices, or with those of the
     classes of objects if `is_semantic` is set; JSON has the objects, but tentative ones.
-
-    Raises:
-        ConfigError: The ending of the file is missing or another one.
-        InputError: The map has no dense map, or a package is missing.
+    ConfigError if the ending of the file is missing or another one. InputError if the map has no
+    dense map, or a package is missing.
     """
     if out is None or out.suffix not in (_PLY, _GLB, _JSON):
         raise ConfigError('export needs --out FILE.ply, FILE.glb or FILE.json')

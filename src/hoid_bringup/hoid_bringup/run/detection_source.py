@@ -27,14 +27,12 @@ def detection_source(
 
     It returns None for each frame if the strategy needs no detections, for frames that the
     detector leaves out by its rate, and for those without a message of ground-truth boxes.
+    InputError if ground-truth boxes are requested, and the recording has none. ModelError if the
+    detector model is not found, or cannot be used.
 
     Args:
         expected: Function that returns where the object map expects objects; a detector uses it
             with `detector.expected_score_threshold`.
-
-    Raises:
-        InputError: Ground-truth boxes are requested, and the recording has none.
-        ModelError: The detector model is not found, or cannot be used.
     """
     if not config.needs_detections:
         return lambda _frame: None

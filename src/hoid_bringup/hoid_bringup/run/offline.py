@@ -57,15 +57,14 @@ class MapFiles(NamedTuple):
 class OfflinePipeline:
     """Detector, filter and SLAM in one process, with one call of `process` for each frame.
 
+    HoidError if there is no usable detector model, or no ground-truth boxes although they are
+    configured, or the calibration file of the IMU cannot be used.
+
     Args:
         detect: Function that returns the detections of a frame; None: the configured detector.
         find_features: Function that returns the features of a frame; None: the configured filter.
         dense: Whether to make the dense map and the grid as well.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
-
-    Raises:
-        HoidError: There is no usable detector model, or no ground-truth boxes although they are
-            configured, or the calibration file of the IMU cannot be used.
     """
 
     def __init__(
@@ -107,10 +106,9 @@ class OfflinePipeline:
     def load_map(self, path: Path, *, localize: bool) -> None:
         """Load a saved map, in which the run may only localize.
 
-        Raises:
-            MapFileError: The file is not a valid map, the map has other octaves or its dense map
-                other voxels than the configuration, or the map is to be extended and its camera
-                differs too much.
+        MapFileError if the file is not a valid map, the map has other octaves or its dense map
+        other voxels than the configuration, or the map is to be extended and its camera differs
+        too much.
         """
         content = map_file.load(path)
         uids = self._session.map.load(content, extend=not localize)
@@ -233,14 +231,13 @@ def run_offline(
 ) -> Summary:
     """Process every frame of a recording and write the results.
 
+    HoidError if the recording, the detector model or a map file is invalid, or the results cannot
+    be written.
+
     Args:
         options: Options for the summary; None: strategy, seed and all changed parameters.
         recording: Path of the recording for the summary.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
-
-    Raises:
-        HoidError: The recording, the detector model or a map file is invalid, or the results
-            cannot be written.
     """
     check_writable(out_dir)
     maps.check()

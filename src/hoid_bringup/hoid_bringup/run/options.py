@@ -90,7 +90,6 @@ def add_set_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def recording(args: argparse.Namespace) -> Sequence:
-    """Open the recording that the command line names."""
     return open_recording(args, args.input, _max_gap_ns(args))
 
 
@@ -129,7 +128,6 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
 
 
 def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunConfig:
-    """Return the configuration with the parameters of the command line."""
     return (base or RunConfig()).updated(given_parameters(args))
 
 

@@ -29,8 +29,7 @@ SHORT_NAMES = {'filter': 'filter.strategy', 'seed': 'slam.seed'}
 class RunConfig(Config):
     """Parameters of an offline run or a replay, with the same names as in the nodes.
 
-    Raises:
-        ConfigError: A value is out of range, or SLAM cannot use the features of the filter.
+    ConfigError if a value is out of range, or SLAM cannot use the features of the filter.
     """
 
     detector: DetectorNodeConfig = section(DetectorNodeConfig)  # its `model` may be TRUTH

@@ -240,10 +240,7 @@ def move_to_disk(submaps: Sequence[Submap]) -> None:
 
     The arrays become read-only memory maps, so that all reading works as before and the operating
     system decides which part of the file stays in memory. The file is deleted when no submap uses
-    it any more.
-
-    Raises:
-        OSError: The file cannot be written.
+    it any more. OSError if the file cannot be written.
     """
     for name in ('keys', 'values'):
         arrays = [getattr(submap, name) for submap in submaps]

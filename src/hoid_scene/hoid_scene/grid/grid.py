@@ -147,10 +147,7 @@ def write_map_server(grid: Grid, stem: Path) -> None:
     """Write a grid as `stem`.yaml and `stem`.pgm for the `trinary` mode of Nav2's map server.
 
     The origin in the file is the corner of cell (0, 0) in the level frame, with height and yaw 0.
-
-    Raises:
-        InputError: The grid has no cell.
-        OSError: A file cannot be written.
+    InputError if the grid has no cell. OSError if a file cannot be written.
     """
     if grid.cells.size == 0:
         raise InputError('no cell of the grid is confirmed yet: show the camera the place longer')

@@ -95,7 +95,6 @@ def grid_to_msg(maps: SceneMaps) -> OccupancyGrid | None:
 def occupancy_to_msg(
     cells: NDArray[np.int8], cell_m: float, origin_m: tuple[float, float, float], header: Header
 ) -> OccupancyGrid:
-    """Return the message of the cells (H, W) of a grid."""
     height, width = cells.shape
     origin = Pose()  # without rotation: Nav2 ignores it
     origin.position.x, origin.position.y, origin.position.z = origin_m

@@ -155,8 +155,7 @@ def write(database: Database, scene: SavedScene) -> None:
 def add_to_file(path: Path, scene: SavedScene) -> None:
     """Add a scene to a map file that is not in use.
 
-    Raises:
-        MapFileError: There is no such file, it is no map, or it cannot be written.
+    MapFileError if there is no such file, it is no map, or it cannot be written.
     """
     with Database.open(path, TABLES) as database:
         write(database, scene)

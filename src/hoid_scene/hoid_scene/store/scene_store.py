@@ -37,10 +37,8 @@ class StoredSession(NamedTuple):
 class SceneStore:
     """The scene of one session on the disk.
 
-    Its methods raise MapFileError if the database cannot be read or written.
-
-    Raises:
-        MapFileError: Another process of this name has the store.
+    Its methods raise MapFileError if the database cannot be read or written; so does the
+    constructor if another process of this name has the store.
     """
 
     def __init__(self, path: Path, owner: str) -> None:
