@@ -62,6 +62,24 @@ def test_missed_person_is_predicted_along_the_motion() -> None:
     assert kept[:, : middle - 40].all()
 
 
+def test_an_image_that_the_detector_left_out_has_the_mask_of_the_one_before() -> None:
+    # The person touches the wall, so that no region lies mostly in the box, and the mask is what
+    # is near the person's depth. A box that was missed has no such certainty.
+    depth_m = np.full((HEIGHT, WIDTH), 1.7, np.float32)
+    strategy = plus()
+    seen, left_out, missed = (
+        strategy.classify(view(heard, depth_m, stamp_ns=n * FRAME_NS)).detected_mask
+        for n, heard in enumerate(
+            (detections(('person', PERSON)), None, Detections.none(2 * FRAME_NS))
+        )
+    )
+    assert seen is not None
+    assert seen.any()
+    np.testing.assert_array_equal(left_out, seen)
+    assert missed is not None
+    assert np.count_nonzero(missed) < np.count_nonzero(seen)
+
+
 def test_prediction_ends_after_its_time_and_can_be_switched_off() -> None:
     for strategy, late_ns in ((plus(), 400_000_001), (plus(coast_s=0.0), 1)):
         _, stamp_ns = walk(strategy, 20)

@@ -22,8 +22,8 @@ _SAMPLED = np.s_[STRIDE_PX // 2 :: STRIDE_PX, STRIDE_PX // 2 :: STRIDE_PX]
 # in octave 0, shows the moving object.
 _MARGIN_PX = 8
 _MARGIN_KERNEL = np.ones((2 * round(_MARGIN_PX / STRIDE_PX) + 1,) * 2, np.uint8)
-# Chosen: a predicted box is enlarged by this ratio of its width and height to each side, because
-# it may be displaced by as much.
+# Chosen: the box of a missed object is enlarged by this ratio of its width and height to each
+# side, because it may be displaced by as much.
 _PREDICTION_MARGIN = 0.1
 
 
@@ -96,13 +96,15 @@ def mask_objects(
 ) -> BoolArray:
     """Return the mask (h, w) of the dynamic objects, without a margin.
 
-    Of each box, enlarged if it is predicted, only the surface near the object's depth is masked.
-    The whole box is masked if that depth is unknown, or with `keep_background` off.
+    Of each box, enlarged if the object is missed, only the surface near the object's depth is
+    masked. The whole box is masked if that depth is unknown, or with `keep_background` off. An
+    object is missed if the newest detections lack it; in an image that the detector left out, its
+    box is predicted, but as certain as in the image before (decision 056).
     """
     dynamic = [n for n, reason in enumerate(reasons) if reason is not ObjectState.AT_REST]
     if not dynamic:
         return np.zeros(low_depth_m.shape, np.bool_)
-    is_seen = np.array([reasons[n] is not ObjectState.PREDICTED for n in dynamic], np.bool_)
+    is_seen = np.array([not snapshot.tracks[n].is_missed for n in dynamic], np.bool_)
     is_person = [snapshot.tracks[n].is_person for n in dynamic]
     boxes = snapshot.boxes_xyxy_px[dynamic]
     margin = _PREDICTION_MARGIN * (boxes[:, 2:] - boxes[:, :2]) * ~is_seen[:, None]
