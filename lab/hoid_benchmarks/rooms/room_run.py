@@ -101,7 +101,8 @@ def map_room(
         filtered = feature_filter.process(frame, detect(frame))
         verdicts[frame.stamp_ns] = filtered.objects
         image = session.process(filtered.features).image
-        request = scheduler.pick(image, session.map.keyframes)
+        picked = scheduler.pick(image, session.map.keyframes)
+        request = scheduler.narrow(picked, filtered.objects)
         if request is None:
             continue
         if request.track_objects:

@@ -33,7 +33,7 @@ from hoid_scene.level.upright import find_upright
 from hoid_scene.level.upright_box import Level
 from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.objects.object_map import ObjectMap
-from hoid_scene.scene_scheduler import SceneRequest, has_detections
+from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.search.rooms import Rooms, find_rooms
 from hoid_scene.tracks.object_sighting import DepthImage
 from hoid_scene.tracks.object_track import TrackedObject
@@ -155,11 +155,11 @@ class SceneMapper:
     ) -> bool:
         """Update the object map, if it is on and due, with an image and the latest tracks.
 
-        Return whether the image was used. `color` returns the color image (H, W, 3); without it,
-        objects get no colors or pictures.
+        Its objects must be detected, not all predicted (`SceneScheduler.narrow`). Return whether
+        the image was used. `color` returns the color image (H, W, 3); without it, objects get no
+        colors or pictures.
         """
-        is_due = request.map_objects and has_detections(objects)
-        if self.object_map is None or not is_due:
+        if self.object_map is None or not request.map_objects:
             return False
         image = DepthImage.of(self.camera, depth_m, request.T_map_camera)
         judged = self._tracker.judged(objects, image, request.stamp_ns)

@@ -65,13 +65,17 @@ class SceneScheduler:
     def pick(
         self, image: TrackedImage | None, keyframes: Callable[[], KeyframePoses]
     ) -> SceneRequest | None:
-        """Return the request for an image, or None if no map needs it."""
+        """Return the request for an image, or None if no map needs it.
+
+        Once the objects of the image are known, `narrow` must follow.
+        """
         if image is None:
             return None
-        is_due = [rate is not None and rate.take_due(image.stamp_ns) for rate in self._rates]
-        fuse = is_due[0] and image.is_growing
-        track_objects = is_due[1] and image.is_in_main_map
-        map_objects = is_due[2] and (image.is_growing or image.is_in_main_map)
+        dense, tracks, object_map = self._rates
+        fuse = image.is_growing and _take(dense, image.stamp_ns)
+        track_objects = image.is_in_main_map and tracks is not None
+        is_known = image.is_growing or image.is_in_main_map
+        map_objects = is_known and object_map is not None
         if not (fuse or track_objects or map_objects):
             return None
         return SceneRequest(
@@ -83,6 +87,29 @@ class SceneScheduler:
             map_objects,
             fuse,
         )
+
+    def narrow(
+        self, request: SceneRequest | None, objects: Sequence[DynamicObject]
+    ) -> SceneRequest | None:
+        """Return the request without the maps for which its image is not due, or None.
+
+        Tracks and object map take their rates of images with detections, which the detector may
+        find in some images only: predicted boxes do not show where an object is.
+        """
+        if request is None:
+            return None
+        _, tracks, object_map = self._rates
+        is_seen = has_detections(objects)
+        narrowed = request._replace(
+            track_objects=request.track_objects and is_seen and _take(tracks, request.stamp_ns),
+            map_objects=request.map_objects and is_seen and _take(object_map, request.stamp_ns),
+        )
+        is_used = narrowed.fuse or narrowed.track_objects or narrowed.map_objects
+        return narrowed if is_used else None
+
+
+def _take(rate: Rate | None, stamp_ns: int) -> bool:
+    return rate is not None and rate.take_due(stamp_ns)
 
 
 def has_detections(objects: Sequence[DynamicObject]) -> bool:

@@ -137,7 +137,8 @@ class OfflinePipeline:
         done = self._session.process(filtered.features)
         track_ms = _MS_PER_S * (time.thread_time() - start_s)
         self._scene.is_map_level = self._session.map.frames.is_level
-        request = self._scheduler.pick(done.image, self._session.map.keyframes)
+        picked = self._scheduler.pick(done.image, self._session.map.keyframes)
+        request = self._scheduler.narrow(picked, filtered.objects)
         if request is not None:
             self._scene.use(request, frame.depth_m, frame.image_bgr, filtered.objects)
         if self._imu is not None:

@@ -22,7 +22,7 @@ from hoid_common.ros.inputs import Inputs
 from hoid_common.sync import Match, StampMatcher
 from hoid_common.values import ByteArray, CameraModel, DynamicObject, Float32Array
 from hoid_scene.config.scene_config import SceneNodeConfig
-from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler, has_detections
+from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 
 # Largest difference of the stamps of messages that belong to one image. Chosen: those of depth and
 # color of one image differ less, and those of two images at 30 Hz more.
@@ -146,9 +146,8 @@ class SceneImages:
     def _use(self, match: Match) -> None:
         picked, depth, color, objects_msg = match.values
         objects = () if objects_msg is None else conversions.dynamic_objects_from_msg(objects_msg)
-        request = picked.request
-        is_needed = request.fuse or request.track_objects or has_detections(objects)
-        if self._camera is None or not is_needed:
+        request = self._scheduler.narrow(picked.request, objects)
+        if self._camera is None or request is None:
             return
         depth_m = self._alignment.align(
             conversions.depth_from_msg(depth, self._units_per_m),
@@ -156,7 +155,8 @@ class SceneImages:
             color.header,
             self._camera.size_px,
         )
-        self._on_image(SceneImage(self._at_present(picked), depth_m, color, objects))
+        current = self._at_present(picked._replace(request=request))
+        self._on_image(SceneImage(current, depth_m, color, objects))
 
     def color_of(self, image: SceneImage) -> ByteArray:
         """Return the (H, W, 3) color of an image; raise MessageError if it cannot be used."""
