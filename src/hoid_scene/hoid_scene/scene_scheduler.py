@@ -8,7 +8,10 @@ from typing import NamedTuple
 from hoid_common import se3
 from hoid_common.poses.keyframe_poses import KeyframePoses, TrackedImage
 from hoid_common.sync import Rate
-from hoid_common.values import UNKNOWN, DynamicObject, FloatArray, ObjectState
+from hoid_common.values import NS_PER_S, UNKNOWN, DynamicObject, FloatArray, ObjectState
+
+# Chosen: periods of the tracks for which they wait for an image with detections.
+_PATIENCE = 1.25
 
 
 class SceneRequest(NamedTuple):
@@ -37,6 +40,22 @@ class SceneRequest(NamedTuple):
         return se3.inverse(self.keyframes.T_map_camera[row]) @ self.T_map_camera
 
 
+class _TrackRate:
+    """Selects images with detections at a rate, and others where these are rarer than that."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._seen = Rate(rate_hz)
+        self._patience_ns = round(_PATIENCE * NS_PER_S / rate_hz)
+        self._since_ns: int | None = None  # stamp of the image selected last, or of the first one
+
+    def take_due(self, stamp_ns: int, *, is_seen: bool) -> bool:
+        since_ns = stamp_ns if self._since_ns is None else self._since_ns
+        is_late = not 0 <= stamp_ns - since_ns < self._patience_ns
+        is_due = self._seen.take_due(stamp_ns) if is_seen else is_late
+        self._since_ns = stamp_ns if is_due else since_ns
+        return is_due
+
+
 class SceneScheduler:
     """Selects the images for the dense map, the object tracks and the object map.
 
@@ -59,8 +78,9 @@ class SceneScheduler:
         tracks_rate_hz: float | None,
         object_map_rate_hz: float | None = None,
     ) -> None:
-        rates = (dense_rate_hz, tracks_rate_hz, object_map_rate_hz)
-        self._rates = tuple(None if rate_hz is None else Rate(rate_hz) for rate_hz in rates)
+        self._dense = None if dense_rate_hz is None else Rate(dense_rate_hz)
+        self._tracks = None if tracks_rate_hz is None else _TrackRate(tracks_rate_hz)
+        self._object_map = None if object_map_rate_hz is None else Rate(object_map_rate_hz)
 
     def pick(
         self, image: TrackedImage | None, keyframes: Callable[[], KeyframePoses]
@@ -71,11 +91,10 @@ class SceneScheduler:
         """
         if image is None:
             return None
-        dense, tracks, object_map = self._rates
-        fuse = image.is_growing and _take(dense, image.stamp_ns)
-        track_objects = image.is_in_main_map and tracks is not None
         is_known = image.is_growing or image.is_in_main_map
-        map_objects = is_known and object_map is not None
+        fuse = image.is_growing and _take(self._dense, image.stamp_ns)
+        track_objects = image.is_in_main_map and self._tracks is not None
+        map_objects = is_known and self._object_map is not None
         if not (fuse or track_objects or map_objects):
             return None
         return SceneRequest(
@@ -93,16 +112,17 @@ class SceneScheduler:
     ) -> SceneRequest | None:
         """Return the request without the maps for which its image is not due, or None.
 
-        Tracks and object map take their rates of images with detections, which the detector may
-        find in some images only: predicted boxes do not show where an object is.
+        The detector may leave images out, and predicted boxes do not show where an object is: the
+        object map takes images with detections, the tracks others only while these are rarer.
         """
         if request is None:
             return None
-        _, tracks, object_map = self._rates
-        is_seen = has_detections(objects)
+        is_seen, stamp_ns, tracks = has_detections(objects), request.stamp_ns, self._tracks
         narrowed = request._replace(
-            track_objects=request.track_objects and is_seen and _take(tracks, request.stamp_ns),
-            map_objects=request.map_objects and is_seen and _take(object_map, request.stamp_ns),
+            track_objects=request.track_objects
+            and tracks is not None
+            and tracks.take_due(stamp_ns, is_seen=is_seen),
+            map_objects=request.map_objects and is_seen and _take(self._object_map, stamp_ns),
         )
         is_used = narrowed.fuse or narrowed.track_objects or narrowed.map_objects
         return narrowed if is_used else None

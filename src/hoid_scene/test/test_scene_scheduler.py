@@ -47,6 +47,11 @@ def test_tracks_take_the_images_in_which_the_detector_found_objects(phase: int) 
     assert sum(request.fuse for request in requests.values()) == 9
 
 
+def test_tracks_keep_their_rate_with_a_slower_detector() -> None:
+    requests = requests_of(SceneScheduler(None, 10.0), lambda i: (PREDICTED if i % 6 else SEEN,))
+    assert list(requests)[:6] == [0, 4, 6, 10, 12, 16]
+
+
 def test_the_object_map_has_a_rate_of_its_own_and_needs_keyframes() -> None:
     requests = requests_of(SceneScheduler(None, None, 2.0), lambda _: ()).values()
     assert len(requests) == 6
