@@ -73,7 +73,7 @@ def convert(
             (color.topic, color.type_name, len(source.color), _images(source.color, color)),
             (depth.topic, depth.type_name, len(source.depth), _images(source.depth, depth)),
             *_poses(source.ground_truth),
-            *_samples(*source.imu),
+            *_samples(*source.layout.imu(source.path)),
         ]
         for topic, type_name, _, _ in streams:
             writer.add_topic(topic, type_name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import reduce
 from pathlib import Path
@@ -42,6 +43,12 @@ class ImuRecording(NamedTuple):
         )
 
 
+def joined_imu(names: Sequence[str], recording: Path) -> ImuRecording:
+    """Return the samples of files and topics (see `read_imu`) as those of one IMU."""
+    found = (read_imu(name, recording) for name in names)
+    return reduce(ImuRecording.joined, found, ImuRecording())
+
+
 def read_imu(name: str, recording: Path) -> ImuRecording:
     """Return the samples of a text file or, if no file has this name, of a topic of a bag."""
     if is_bag(recording) and not Path(name).is_file():
@@ -59,15 +66,12 @@ def read_own_imu(recording: Path) -> ImuRecording:
         with BagReader(recording) as reader:
             own = {item.name for item in reader.topics if item.type_name == types.IMU}
         names = [name for name in (topics.IMU, topics.ACCELEROMETER) if f'/{name}' in own]
+        found = joined_imu(names, recording)
     else:
-        layout = find_layout(recording) or TUM
-        paths = [recording / name for name in (layout.gyro, layout.accelerometer)]
-        names = [str(path) for path in paths if layout.read_imu is None and path.is_file()]
-        if layout.read_imu is not None and (found := layout.read_imu(recording)) != (None, None):
-            return ImuRecording(*found)
-    if not names:
+        found = ImuRecording(*(find_layout(recording) or TUM).imu(recording))
+    if found == ImuRecording():
         raise InputError(f'{recording}: has no samples of an IMU')
-    return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))
+    return found
 
 
 def read_imu_file(path: Path) -> ImuRecording:

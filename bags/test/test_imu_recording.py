@@ -1,6 +1,5 @@
 """Samples of an IMU are read from text files and from topics of a bag."""
 
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from hoid_bags.bag import bag_messages
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.imu_recording import (
     ImuRecording,
+    joined_imu,
     read_imu,
     read_imu_file,
     read_imu_topic,
@@ -189,7 +189,7 @@ def test_an_imu_as_drivers_publish_it(method: str, tmp_path: Path) -> None:
         for topic, messages in found.items():
             for i, message in messages:
                 writer.write(topic, int(i), message)
-    imu = reduce(ImuRecording.joined, (read_imu(topic, tmp_path / 'bag') for topic in found))
+    imu = joined_imu(list(found), tmp_path / 'bag')
     assert imu.rates is not None
     assert imu.accelerations is not None
     np.testing.assert_allclose(imu.rates.values, [rate_at(i) for i in range(NUM_SAMPLES)])

@@ -63,7 +63,7 @@ def test_truth_and_accelerometer(
     make_folder: FolderMaker, with_truth: Callable[[Path], Path], camera: CameraModel
 ) -> None:
     folder = open_tum_folder(with_truth(make_folder(1)), camera)
-    truth, accelerometer = folder.ground_truth, folder.imu[1]
+    truth, accelerometer = folder.ground_truth, folder.layout.imu(folder.path)[1]
     assert truth is not None
     assert truth.stamps_ns.tolist() == [1_305_031_102_175_300_000, 1_305_031_102_200_000_000]
     expected = np.array([[0, -1, 0, 1.5], [1, 0, 0, -0.25], [0, 0, 1, 2.0], [0, 0, 0, 1]])

@@ -16,7 +16,7 @@ from hoid_bags.tum import datasets, phones, sens
 from hoid_bags.tum.cameras import TUM_DEPTH_UNITS_PER_M
 from hoid_bags.tum.listing import FolderCamera, Images
 from hoid_common.errors import InputError
-from hoid_common.io.tum_text import NumberTable, read_tum
+from hoid_common.io.tum_text import NumberTable, read_numbers, read_tum
 from hoid_common.values import Trajectory
 
 COLOR_LIST = 'rgb.txt'
@@ -53,6 +53,16 @@ class Layout(NamedTuple):
         if path.is_file():
             return path
         return min(path.glob(self.truth), default=None) if self.truth else None
+
+    def imu(self, path: Path) -> tuple[NumberTable | None, NumberTable | None]:
+        """Return angular velocities (N, 3) in rad/s and accelerations in m/s^2; None: none."""
+        if self.read_imu is not None:
+            return self.read_imu(path)
+        gyro, accelerometer = (
+            read_numbers(file, columns=3) if file.is_file() else None
+            for file in (path / self.gyro, path / self.accelerometer)
+        )
+        return gyro, accelerometer
 
 
 def find_layout(path: Path) -> Layout | None:

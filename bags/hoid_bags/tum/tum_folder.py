@@ -18,7 +18,6 @@ from hoid_common.errors import ConfigError, InputError, MessageError
 from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
 from hoid_common.io.images import depth_m_from_units
-from hoid_common.io.tum_text import NumberTable, read_numbers
 from hoid_common.values import CameraModel, RgbdFrame, Trajectory
 
 _LOG = logging.getLogger(__name__)
@@ -73,17 +72,6 @@ class TumFolder:
         except InputError as error:
             _LOG.warning('%s; errors are not computed', error)
             return None
-
-    @cached_property
-    def imu(self) -> tuple[NumberTable | None, NumberTable | None]:
-        """Return angular velocities (N, 3) in rad/s and accelerations in m/s^2; None: none."""
-        if self.layout.read_imu is not None:
-            return self.layout.read_imu(self.path)
-        gyro, accelerometer = (
-            read_numbers(path, columns=3) if path.is_file() else None
-            for path in (self.path / self.layout.gyro, self.path / self.layout.accelerometer)
-        )
-        return gyro, accelerometer
 
     @cached_property
     def pairs(self) -> tuple[tuple[ListedImage, ListedImage], ...]:

@@ -7,10 +7,9 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import asdict
-from functools import reduce
 from pathlib import Path
 
-from hoid_bags.imu_recording import ImuRecording, read_imu
+from hoid_bags.imu_recording import joined_imu
 from hoid_bags.options import add_recording_arguments
 from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
 from hoid_bringup.live.replay_plan import ReplayConfig
@@ -91,17 +90,11 @@ def run_command(args: argparse.Namespace) -> None:
     summary = run_offline(
         sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps,
         T_base_camera=None if args.mount is None else camera_mount(*args.mount),
-        imu=_imu(args.imu, args.input),
+        imu=joined_imu(args.imu, args.input) if args.imu else None,
     )  # fmt: skip
     print(run_report(summary, args.out))
     if sequence.fault:
         raise InputError(sequence.fault)
-
-
-def _imu(names: Sequence[str], recording: Path) -> ImuRecording | None:
-    if not names:
-        return None
-    return reduce(ImuRecording.joined, (read_imu(name, recording) for name in names))
 
 
 def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:
