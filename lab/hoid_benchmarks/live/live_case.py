@@ -19,7 +19,12 @@ from hoid_benchmarks.live.cases import LiveCase
 from hoid_benchmarks.live.listener import Listener
 from hoid_benchmarks.live.usage import Usage, UsageMeter
 from hoid_bringup.live.node_specs import DETECTOR, FILTER, SCENE, SLAM, node_specs
-from hoid_bringup.live.replay_plan import BagNames, ReplayConfig, node_options, player_spec
+from hoid_bringup.live.replay_plan import (
+    ReplayConfig,
+    camera_info_topic,
+    node_options,
+    player_spec,
+)
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import Supervisor
 from hoid_common.errors import InputError
@@ -72,8 +77,7 @@ def run_case(
                 ros_session('hoid_live') as node,
                 Supervisor(nodes, log_dir=folder / 'logs') as running,
             ):
-                names = BagNames.of(bag)
-                listener = Listener(node, names.camera_info, everything=case.everything)
+                listener = Listener(node, camera_info_topic(bag).name, everything=case.everything)
                 _await_nodes(listener, running, bag)
                 player = player_spec(bag, config)
                 with Supervisor([player], log_dir=folder / 'logs') as playing:
@@ -83,7 +87,7 @@ def run_case(
 
 
 def _await_nodes(listener: Listener, running: Supervisor, bag: BagSequence) -> None:
-    topic = f'/{BagNames.of(bag).camera_info}'
+    topic = camera_info_topic(bag).name
     with BagReader(bag.path) as reader:
         camera_info = next(reader.messages([topic])).data
     end_s = time.monotonic() + _READY_S
