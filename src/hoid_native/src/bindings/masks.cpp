@@ -131,9 +131,9 @@ Args:
     areas_xyxy_px: (N, 4) boxes of whole pixels within the image; x2 and y2 are exclusive.
     depths_m: (N,) depths of the objects. NaN = unknown: the whole box is masked.
     reaches_m: (N,) largest difference between an object's depth and the depths of its regions.
-    seen: (N,) whether the object was detected in this image and not predicted. If the regions of a
-        detected object fill little of its box, the object has merged with its surroundings; then
-        all pixels of the box near its depth are masked.)");
+    seen: (N,) whether the object was not missed in this image. If the regions of a detected object
+        fill little of its box, the object has merged with its surroundings; then all pixels of the
+        box near its depth are masked.)");
 }
 
 }  // namespace hoid::bindings
