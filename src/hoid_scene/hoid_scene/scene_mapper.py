@@ -25,7 +25,7 @@ from hoid_scene.dense.depth_view import in_boxes
 from hoid_scene.dense.submap import ColoredCloud, Submap, transform
 from hoid_scene.dense.submap_state import SubmapState
 from hoid_scene.dense.view_store import ViewStore
-from hoid_scene.grid.floor import Floor, find_floor
+from hoid_scene.grid.floor import ON_FLOOR_M, Floor, find_floor
 from hoid_scene.grid.free_space import mark_free_space
 from hoid_scene.grid.grid import Grid, SubmapCells, cells_of, compose_grid
 from hoid_scene.grid.local_floors import LocalFloors
@@ -47,9 +47,6 @@ _FLOOR_POINTS = 50_000  # chosen: about so many points of the cloud are used to 
 # Chosen, less than half a voxel: the old floor is kept if the new one differs by less, because
 # `LocalFloors` corrects small differences.
 _SAME_FLOOR_M = 0.01
-# Chosen: more than the noise of the floor, of which the boxes of furniture show a part between the
-# legs. Points lower than this have no label.
-_ON_FLOOR_M = 0.04
 
 
 class SceneMapper:
@@ -243,8 +240,8 @@ class SceneMapper:
             self._update_floor(cloud)
         found = self.object_map.label(cloud.points_m)
         if self.floor is not None:
-            heights_m = _heights_m(cloud.points_m.astype(np.float64), self.floor)
-            found.labels[heights_m < _ON_FLOOR_M] = NO_CLASS
+            heights_m = self.floor.distances_m(cloud.points_m.astype(np.float64))
+            found.labels[heights_m < ON_FLOOR_M] = NO_CLASS
         return found
 
     def grid(self, cloud: ColoredCloud) -> Grid | None:
@@ -301,7 +298,7 @@ class SceneMapper:
         if floor is None:
             return
         if self.floor is not None:
-            old, new = (_heights_m(points, f) for f in (self.floor, floor))
+            old, new = (f.distances_m(points) for f in (self.floor, floor))
             if np.abs(new - old).max() < _SAME_FLOOR_M:
                 return
         self._floors = LocalFloors(floor)
@@ -314,7 +311,3 @@ class SceneMapper:
         keyframes = self.dense.keyframes
         poses = keyframes.T_map_camera[keyframes.is_main]
         return poses[:: max(1, -(-len(poses) // _MAX_CAMERAS))]
-
-
-def _heights_m(points_m: FloatArray, floor: Floor) -> FloatArray:
-    return np.asarray((points_m - floor.T_map_floor[:3, 3]) @ floor.T_map_floor[:3, 2])

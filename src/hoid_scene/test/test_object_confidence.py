@@ -7,7 +7,11 @@ import pytest
 
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import DynamicObject, ObjectState
+from hoid_scene.grid.floor import Floor
+from hoid_scene.level.upright_box import Level
 from hoid_scene.objects import object_map
+from hoid_scene.objects.object_surface import ObjectSurface
+from hoid_scene.place import Place
 from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.search.object_query import ObjectQuery, find
 
@@ -17,6 +21,7 @@ from .test_object_map import BEAR, BOOK, CUP, TABLE, at, only, track
 TV = Box('tv', (2.0, -0.4, -0.3), (2.1, 0.4, 0.3))
 FOOT = Box('cell phone', (1.98, -0.06, -0.3), (2.1, 0.06, -0.2))
 LOOKS_PER_HOUR = 7200
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def test_an_object_that_is_no_longer_likely_there_is_tentative() -> None:
@@ -179,3 +184,29 @@ def test_a_person_in_front_handles_only_what_is_in_reach(x_m: float, is_known: b
     people = (track(head, ObjectState.PERSON),)
     objects = ObjectWorld().look(screen, head, times=6, tracks=people)
     assert [item.class_name for item in objects] == ['tv'] * is_known
+
+
+def test_a_screen_that_is_too_high_for_a_laptop_is_no_laptop() -> None:
+    """Its diagonal is that of a laptop."""
+    screen = Box('laptop', (2.0, -0.18, -0.2), (2.05, 0.18, 0.2))
+    world = ObjectWorld()
+    world.look(screen, times=4)
+    assert [item.class_name for item in world.look(screen)] == ['laptop']
+    objects = world.look(screen._replace(class_name='tv'), times=3)
+    assert [item.class_name for item in objects] == ['tv']
+    assert objects[0].class_scores[0][0] == 'laptop'
+
+
+def test_the_floor_between_the_legs_is_not_a_part_of_a_table() -> None:
+    """Images show it in the box of the table, but not around it."""
+    surface = ObjectSurface(Place(np.eye(4), np.eye(4), 0, 0))
+    rng = np.random.default_rng(0)
+    top_m = rng.uniform([-0.6, -0.4, 0.7], [0.6, 0.4, 0.72], (3000, 3))
+    floor_m = rng.uniform([-0.9, -0.7, -0.03], [0.9, 0.7, 0.03], (3000, 3))
+    for _ in range(3):
+        surface.voxels.add_points(np.concatenate([top_m, floor_m]))
+        surface.num_looks += 1
+    wrong, right = (surface.upright_box(Level(UP), floor) for floor in (None, Floor(np.eye(4))))
+    assert min(wrong.size_m[:2]) > 1.2
+    assert sorted(right.size_m[:2]) == pytest.approx([0.8, 1.2], abs=0.07)
+    assert right.low_m[2] == pytest.approx(0.0, abs=0.01)

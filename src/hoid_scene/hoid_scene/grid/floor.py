@@ -14,6 +14,9 @@ NO_FLOOR = (
     'place on /tf_static, or --mount ROLL PITCH YAW of "hoid run"'
 )
 """Why there is no grid, and what to do."""
+# Chosen: more than the noise of the floor, of which the boxes of furniture show a part between the
+# legs. Points lower than this are on the floor.
+ON_FLOOR_M = 0.04
 _TRIALS = 300  # largest number of level planes that are compared; not tuned
 _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
 _THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `depth_view.py`)
@@ -51,7 +54,11 @@ class Floor(NamedTuple):
 
     def distance_m(self, point_m: FloatArray) -> float:
         """Return how far [m] a point (3,) of the map frame is above the plane."""
-        return float(self.T_map_floor[:3, 2] @ (point_m - self.T_map_floor[:3, 3]))
+        return float(self.distances_m(point_m[None])[0])
+
+    def distances_m(self, points_m: FloatArray) -> FloatArray:
+        """Return how far [m] points (N, 3) of the map frame are above the plane: (N,)."""
+        return np.asarray((points_m - self.T_map_floor[:3, 3]) @ self.T_map_floor[:3, 2])
 
     def height_m(self, x_m: float, y_m: float) -> float:
         """Return z [m] of the plane at a given x and y, all in the map frame."""

@@ -36,7 +36,7 @@ _CONFUSABLE_CLASSES = (
     frozenset({'chair', 'couch', 'bench', 'bed'}),
     frozenset({'dining table', 'bed', 'bench', 'couch'}),
     frozenset({'cup', 'bottle', 'vase', 'bowl', 'wine glass', 'potted plant'}),
-    frozenset({'tv', 'laptop', 'microwave', 'oven'}),
+    frozenset({'tv', 'laptop', 'microwave', 'oven', 'refrigerator'}),
     frozenset({'book', 'cell phone', 'remote', 'laptop', 'keyboard'}),
     frozenset({'suitcase', 'backpack', 'handbag'}),
     frozenset({'teddy bear', 'sports ball'}),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.linalg import norm
 
 from hoid_common import se3
 from hoid_common.values import BoolArray, FloatArray, IntArray
 from hoid_native import pixels_on_surface, share_on_surface, voxel_keys
-from hoid_scene.grid.floor import Floor
+from hoid_scene.grid.floor import ON_FLOOR_M, Floor
 from hoid_scene.level.upright_box import Level, UprightBox, extended_back, on_floor, upright_box
 from hoid_scene.objects.object_view import NOISE_PER_M2, ObjectView
 from hoid_scene.objects.segmentation import BoxPx, KnownBox, Segment
@@ -22,7 +24,15 @@ _CELL_SIGMAS = 2.0  # side of the cells in which hits are counted, in standard d
 # By how much a known object may grow on each side in a look: length, and ratio of its size.
 _GROWTH_M, _GROWTH_RATIO = 0.05, 0.15
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero
+# Chosen: the points on the floor are left out if at least this ratio of all is above it.
+_MIN_ABOVE_RATIO = 0.15
 _SAME_UP = 0.01  # chosen: 0.6 degrees; a box is fitted again if the vertical turns by more
+
+
+class _Fitted(NamedTuple):
+    level: Level
+    floor: Floor | None
+    box: UprightBox
 
 
 class ObjectSurface:
@@ -48,7 +58,7 @@ class ObjectSurface:
     def _forget_derived(self) -> None:
         self._box: tuple[FloatArray, FloatArray] | None = None
         self._center_m, self._radius_m = np.zeros(3), 0.0
-        self._upright: tuple[Level, UprightBox] | None = None  # with the vertical it is for
+        self._upright: _Fitted | None = None
         self._solid: BoolArray | None = None
         self._cells: IntArray | None = None
 
@@ -158,12 +168,21 @@ class ObjectSurface:
         """Return the upright box in the object frame, with the back that was never seen."""
         level = level.turned(self.T_map_object[:3, :3].T)
         known = self._upright
-        if known is None or np.abs(known[0].up - level.up).max() > _SAME_UP:
+        is_known = known is not None and known.floor is floor
+        if known is None or not is_known or np.abs(known.level.up - level.up).max() > _SAME_UP:
             solid = self.is_solid()
             means_m = self.voxels.means_m[solid] if solid.any() else self.voxels.means_m
-            known = self._upright = level, upright_box(means_m, level)
-        box = extended_back(known[1], self.direction_m / max(self.num_looks, 1))
+            if floor is not None:
+                means_m = self._above(floor, means_m)
+            known = self._upright = _Fitted(level, floor, upright_box(means_m, level))
+        box = extended_back(known.box, self.direction_m / max(self.num_looks, 1))
         if floor is None:
             return box
         center_m = se3.transform(self.T_map_object, box.center_m[None])[0]
         return on_floor(box, floor.distance_m(center_m))
+
+    def _above(self, floor: Floor, means_m: FloatArray) -> FloatArray:
+        """Return those of (N, 3) points, object frame, that are not on the floor, if any are."""
+        heights_m = floor.distances_m(se3.transform(self.T_map_object, means_m))
+        is_above = heights_m > ON_FLOOR_M
+        return means_m[is_above] if is_above.mean() >= _MIN_ABOVE_RATIO else means_m
