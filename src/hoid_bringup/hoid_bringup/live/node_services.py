@@ -25,6 +25,8 @@ from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 _WAIT_S = 10.0  # chosen: discovery takes about a second, on a busy computer several
 _RESPONSE_S = 600.0  # chosen: a map of a building takes minutes to save or load
 _MEASURED_S = 2.0  # chosen: time during which the rate of images is measured
+# Without images: a node reports an input that is silent for 2 s in the next message of 1 Hz.
+_SILENT_S = 3.5
 
 
 def _add_node_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,7 +86,8 @@ def status_command(args: argparse.Namespace) -> None:
     """Print which nodes run and what they lack, and the state, images and map of the SLAM node.
 
     For two seconds after the first message of a node, others are awaited, and the rate of images
-    is measured. InputError if no node reports within the time of `--wait`.
+    is measured; if there are none, the nodes get the time to report why. InputError if no node
+    reports within the time of `--wait`.
     """
     statuses: list[SlamStatusMsg] = []
     reports: list[DiagnosticArray] = []
@@ -97,13 +100,16 @@ def status_command(args: argparse.Namespace) -> None:
         end_s = time.monotonic() + args.wait
         while not _messages_by_node(reports, prefix) and time.monotonic() < end_s:
             executor.spin_once(timeout_sec=0.1)
-        num_before, end_s = len(statuses), time.monotonic() + _MEASURED_S
-        while time.monotonic() < end_s:
+        num_before, start_s = len(statuses), time.monotonic()
+        while time.monotonic() < start_s + _MEASURED_S:
+            executor.spin_once(timeout_sec=0.1)
+        num_images = len(statuses) - max(num_before, 1)  # the first status is the latched one
+        while num_images <= 0 and time.monotonic() < start_s + _SILENT_S:
             executor.spin_once(timeout_sec=0.1)
         nodes = _messages_by_node(reports, prefix)
         if not nodes:
             raise InputError(_nobody(node.get_node_names_and_namespaces(), prefix, args.wait))
-    rate_hz = (len(statuses) - max(num_before, 1)) / _MEASURED_S
+    rate_hz = num_images / _MEASURED_S
     last = slam_status_from_msg(statuses[-1]) if statuses else None
     sys.stdout.write(f'{status_report(nodes, last, rate_hz)}\n')
 
