@@ -73,12 +73,12 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--bandwidth',
         action='store_true',
-        help='also list the bandwidth of each topic, which reads the whole bag',
+        help='also list the bandwidth of each topic',
     )
     parser.add_argument(
         '--repair',
         action='store_true',
-        help='first restore the bag of a killed recording, or the intact parts of a damaged bag',
+        help='first restore what is intact of a damaged bag',
     )
 
 
@@ -143,7 +143,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar='S',
-        help='time to record in s; 0 records until an interrupt',
+        help='time to record in s; 0: until an interrupt',
     )
     parser.add_argument(
         '--use-sim-time', action='store_true', help='use the time of /clock instead of wall time'

@@ -28,7 +28,7 @@ def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
         '--calibration',
         '--camera',
         metavar='fr1|fr2|fr3|bonn|YAML',
-        help='calibration of the camera: a published one, or a camera_info YAML (default: by the '
+        help='a published calibration, or a camera_info YAML (default: by the '
         'name of the folder, or the camera_info of the bag)',
     )
     parser.add_argument(
@@ -58,14 +58,14 @@ def add_topic_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar='S',
-        help='time by which the stamps of depth images are later than those of the color images '
-        'of the same instant in s (default: %(default)g)',
+        help='time by which the stamps of depth are later than those of color in s '
+        '(default: %(default)g)',
     )
     parser.add_argument(
         '--driver',
         choices=tuple(CAMERA_TOPICS),
         default='',
-        help='driver that recorded the bag, by whose names topics are found (default: any)',
+        help='driver that recorded the bag (default: any)',
     )
 
 

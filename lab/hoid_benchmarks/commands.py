@@ -86,7 +86,7 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
         nargs='?',
         type=Path,
         metavar='FOLDER',
-        help=f'{OFFICIAL}: folder of the unpacked sequences of TUM RGB-D and Bonn RGB-D Dynamic',
+        help=f'{OFFICIAL}: folder of the unpacked sequences',
     )
     add('--quick', action='store_true', help='run the plan "quick", which takes a few minutes')
     add(
@@ -94,7 +94,7 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='ID',
-        help='run only this experiment or scenario, and print its table; may be repeated',
+        help='run only this experiment or scenario; may be repeated',
     )
 
 
@@ -106,14 +106,14 @@ def _add_sizes(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar='N',
-        help='seed of the first fault case, of the first room of the planner, or of the building '
+        help='seed of the first case, room or building '
         '(default: %(default)s)',
     )
     add(
         '--cases',
         type=int,
         metavar='N',
-        help='number of cases of each kind of fault, and minutes of the soak test',
+        help='number of cases of each kind of fault, or minutes',
     )
     add(
         '--keyframes',
@@ -152,9 +152,9 @@ def _add_execution(parser: argparse.ArgumentParser) -> None:
     add(
         '--report',
         action='store_true',
-        help='write the report of finished runs without running anything',
+        help='report finished runs without running anything',
     )
-    add('--detector', metavar='MODEL', help='detector model to use instead of those in the plan')
+    add('--detector', metavar='MODEL', help='detector model in place of those in the plan')
     add('--data', type=Path, metavar='DIR', help='folder of the unpacked TUM and Bonn sequences')
     add(
         '--out',
@@ -174,13 +174,13 @@ def _add_execution(parser: argparse.ArgumentParser) -> None:
         '--cluster',
         default='',
         metavar='ADDRESS',
-        help='address of a Dask scheduler whose machines share the files of this one',
+        help='address of a Dask scheduler',
     )
     add('--check', action='store_true', help='fail if a result exceeds its stored bound')
     add('--renew', action='store_true', help='repeat the runs of other versions of the code')
     add(
         '--publish', action='store_true',
-        help='write complete results to the tables of README and docs/results',
+        help='write the tables of README and docs/results',
     )  # fmt: skip
 
 

@@ -102,7 +102,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=_SECONDS,
         metavar='S',
-        help='time to record from the camera in s (default: %(default)g)',
+        help='time to record in s (default: %(default)g)',
     )
 
 

@@ -75,13 +75,12 @@ def add_pictures_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--animation',
         action='store_true',
-        help='also write animation.webp: the images from the first to the last of --frames beside '
-        'the growing maps without and with the filter',
+        help='also write animation.webp of the images from the first to the last of --frames',
     )
     parser.add_argument(
         '--objects',
         action='store_true',
-        help='write objects.jpg instead: the object map, in the first of --frames and from above',
+        help='write objects.jpg, the object map, instead',
     )
 
 

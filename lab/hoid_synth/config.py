@@ -41,11 +41,11 @@ class SceneConfig(Config):
     seed: int = param(0, 'seed of all random choices', limits=(0, inf))
     num_frames: int = param(
         0,
-        'number of frames; 0: 300, 1200 for the path loop, or the whole path floor',
+        'number of frames; 0: 300, 1200 for loop, or all of floor',
         limits=(0, inf),
     )
     width_px: int = param(
-        640, 'width of the images in pixels; the height is 3/4 of it', limits=(64, 1280)
+        640, 'width of the images in pixels; the height is 3/4', limits=(64, 1280)
     )
     path: str = param('room', 'camera motion', choices=PATHS)
     layout: str = param(
@@ -53,39 +53,39 @@ class SceneConfig(Config):
     )
     turned: bool = param(False, 'furniture and screens stand at random angles')
     bare: bool = param(False, 'no pictures hang on the walls')
-    num_people: int = param(2, 'number of people who walk and handle objects', limits=(0, 6))
+    num_people: int = param(2, 'number of people', limits=(0, 6))
     near_m: float = param(1.7, 'distance to the camera that people keep in m', limits=(1.0, 5.0))
-    together: bool = param(False, 'people walk past the camera as one group, back and forth')
+    together: bool = param(False, 'people walk past the camera as one group')
     event: str = param(
         '',
-        'object that people carry past the camera or take away, or that moves by itself',
+        'object that people carry or that moves by itself',
         choices=('', *EVENTS),
     )
     speed_mps: float = param(
         0.0,
-        'speed of the object of --event, which then stays in view; 0: its default speed',
+        'speed of that object, which then stays in view; 0: its own',
         limits=(0.0, 2.0),
     )
     played_s: float = param(
         0.0, 'time of people and event before the first frame in s', limits=(0.0, 1e4)
     )
     rest_s: float = param(
-        0.0, 'time for which people and event stand still at first in s', limits=(0.0, 1e4)
+        0.0, 'time for which these stand still at first in s', limits=(0.0, 1e4)
     )
     people_seed: int = param(
-        0, 'seed of the people and their actions; 0: that of the scene', limits=(0, inf)
+        0, 'seed of the people; 0: that of the scene', limits=(0, inf)
     )
     away_seed: int = param(
         0,
-        'seed of what was moved, taken and added in the room while nobody watched; 0: nothing',
+        'seed of what was moved, taken and added unseen; 0: nothing',
         limits=(0, inf),
     )
     num_rooms: int = param(
-        12, 'least number of rooms on the path floor, whose rows are equally long', limits=(2, 16),
+        12, 'least number of rooms on the path floor', limits=(2, 16),
     )  # fmt: skip
     every: int = param(
         1,
-        'images of the 30 Hz camera for each rendered one: 3 gives 10 images per second',
+        'images of the 30 Hz camera for each rendered one',
         limits=(1, 30),
     )
     start_s: float = param(0.0, 'start time on the camera path in s', limits=(0.0, 1e4))
@@ -96,18 +96,16 @@ class SceneConfig(Config):
         0.0, 'angle by which the camera is rolled in degrees', limits=(-180.0, 180.0)
     )
     pace: float = param(
-        1.0, 'speed of the camera motion, relative to its default', limits=(0.1, 10.0)
+        1.0, 'relative speed of the camera', limits=(0.1, 10.0)
     )
     shutter_s: float = param(
         0.0,
-        'time between the first and the last row of color and depth images in s; people and '
-        'objects do not move meanwhile',
+        'time between the first and the last row of the images in s',
         limits=(0.0, 0.05),
     )
     color_every: int = param(
         1,
-        'depth images for each new color image, which is repeated, as in the dark: 2 gives 15 new '
-        'color images per second',
+        'depth images for each new color image, which is repeated, as in the dark',
         limits=(1, 10),
     )
     exposure_swing: float = param(
@@ -117,7 +115,7 @@ class SceneConfig(Config):
     motion_blur: float = param(1.0, 'scale of the exposure time', limits=(0.0, 10.0))
     depth_noise: float = param(1.0, 'scale of the depth noise', limits=(0.0, 10.0))
     smooth_depth: bool = param(
-        False, 'depth as of a phone with LiDAR: without holes, and smoothed over edges'
+        False, 'depth as of a phone with LiDAR'
     )
     depth_holes: bool = param(True, 'remove depth at edges, and on grazing and dark surfaces')
 

@@ -26,10 +26,10 @@ class PlayConfig(Config):
     """Options of a playback."""
 
     rate: float = param(1.0, 'speed as a multiple of real time', limits=(1e-3, 1e3))
-    loop: bool = param(False, 'restart at the end, with stamps that keep increasing')
+    loop: bool = param(False, 'restart at the end, with increasing stamps')
     start_s: float = param(0.0, 'time to skip at the start', limits=(0.0, inf))
-    duration_s: float = param(0.0, 'time to play; 0 plays to the end', limits=(0.0, inf))
-    lockstep: bool = param(False, 'publish each frame only after the odometry of the one before')
+    duration_s: float = param(0.0, 'time to play; 0: to the end', limits=(0.0, inf))
+    lockstep: bool = param(False, 'publish each image after the odometry of the one before')
     no_clock: bool = param(False, 'do not publish /clock')
     wait_s: float = param(5.0, 'longest time to wait for subscribers', limits=(0.0, inf))
     lockstep_timeout_s: float = param(10.0, limits=(0.0, inf), internal=True)

@@ -53,8 +53,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         nargs=3,
         metavar=('ROLL', 'PITCH', 'YAW'),
-        help='how the camera is mounted on a level robot, in degrees: rolled clockwise, pitched '
-        'down, yawed to the left (default: level)',
+        help='how the camera is mounted, in degrees: rolled clockwise, pitched down, yawed to the '
+        'left (default: level)',
     )
     parser.add_argument(
         '--imu',
@@ -62,13 +62,13 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar='FILE|TOPIC',
         help='samples of an IMU: a text file of stamp, wx wy wz (rad/s) or ax ay az (m/s^2) or '
-        'both, or a topic of a bag; give it twice for two files or topics (default: no IMU)',
+        'both, or a topic; may be repeated (default: no IMU)',
     )
     parser.add_argument('--map', type=Path, metavar='FILE', help='saved map to start with')
     parser.add_argument(
         '--localize',
         action='store_true',
-        help='only localize in the map of --map and do not change it',
+        help='only localize in the map of --map',
     )
     parser.add_argument(
         '--save-map', type=Path, metavar='FILE', help='file in which to save the map at the end'
@@ -116,21 +116,19 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=ReplayConfig().rate,
         metavar='R',
-        help='speed as a multiple of real time (default: %(default)g)',
+        help='speed; 1 is real time (default: %(default)g)',
     )
     parser.add_argument(
         '--lockstep',
         action='store_true',
-        help='publish each image only after the odometry of the one before, so that a slow '
-        'computer loses no image',
+        help='publish each image after the odometry of the one before',
     )
     parser.add_argument(
         '--imu',
         action='append',
         default=[],
         metavar='TOPIC',
-        help='topic of an IMU in the bag; give it twice for a gyro and an accelerometer on topics '
-        'of their own (default: no IMU)',
+        help='topic of an IMU in the bag; may be repeated (default: no IMU)',
     )
 
 
@@ -163,11 +161,11 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
         '--frames',
         type=int,
         metavar='N',
-        help='number of frames of the recording, pairs of a color and a depth image; coverage is '
-        'the share of them with a pose (default: from the summary of the run beside ESTIMATE)',
+        help='number of frames of the recording, for the coverage '
+        '(default: from the summary of the run beside ESTIMATE)',
     )
     parser.add_argument(
-        '--json', type=Path, metavar='FILE', help='file in which to write the errors as well'
+        '--json', type=Path, metavar='FILE', help='write the errors as JSON'
     )
 
 

@@ -20,16 +20,15 @@ class DetectorConfig(Config):
 
     model: str = param(
         '',
-        'ONNX model of the detector: the path of a file or a known name such as yolox_nano. Set '
-        'it to use another model than the default. If it is empty, it is the model in the '
-        'environment variable HOID_MODEL, else a known one in a folder of models (such as '
-        '~/.cache/hoid), else yolox_nano, which is downloaded.',
+        'ONNX model of the detector: the path of a file or a known name such as yolox_nano. If it '
+        'is empty, it is the model in the environment variable HOID_MODEL, else a known one in a '
+        'folder of models (such as ~/.cache/hoid), else yolox_nano, which is downloaded.',
     )
     rate_hz: float = param(
         15.0,  # decision 056
-        'Largest number of images in which objects are detected per second of their stamps; 0 '
-        'means every image. In the images between, boxes are predicted. Lower it to save time; '
-        'set it to 0 where people come into view fast and close.',
+        'Largest number of images in which objects are detected per second of their stamps (Hz); '
+        '0 means every image. Boxes are predicted in between. Lower it to save time; set it to 0 '
+        'where people come into view fast and close.',
         limits=(0.0, 1000.0),
     )
     # As in YOLOv5's detect.py.
@@ -43,8 +42,8 @@ class DetectorConfig(Config):
     expected_score_threshold: float = param(
         0.0,  # decision 052
         'Lowest score, from 0 to 1, of a box that is reported because the object map has an '
-        'object of its class there. Set it to 0.05 when known objects are missed, and '
-        'object_map.prior_score of hoid_scene to the score_threshold. With 0, it has no effect.',
+        'object of its class there; 0: none is. Set it to 0.05 when known objects are missed, and '
+        'object_map.prior_score of hoid_scene to the score_threshold.',
         limits=(0.0, 1.0),
         expert=True,
     )
@@ -60,8 +59,8 @@ class DetectorConfig(Config):
     )
     classes: tuple[str, ...] = param(
         (),
-        'Names of the classes that are reported; empty: all. Set it when objects of other classes '
-        'are detected by mistake, and keep person in the list.',
+        'Names of the classes that are reported; empty: all. Set it when others are detected by '
+        'mistake, and keep person in the list.',
         read_only=False,
     )
     providers: tuple[str, ...] = param(
@@ -101,27 +100,25 @@ class DetectorConfig(Config):
         0.0,
         'Angle by which the camera is mounted rolled, clockwise as seen from behind (degrees). '
         'Set it when the images are sideways or upside down: they are turned by the nearest '
-        'quarter turn, since people are missed otherwise. With 0, the angle follows from '
-        'base_frame if that is set; with 360, images are never turned.',
+        'quarter turn. With 0, the angle follows from base_frame if that is set; with 360, images '
+        'are never turned.',
         limits=(-360.0, 360.0),
         read_only=False,
     )
     class_ids: str = param(
         AUTO,
-        'Numbers of the classes, for models that remove overlapping boxes themselves: from_0 and '
-        'from_1 count the class names, coco_91 are the ids of the COCO data set. Set it when '
-        'boxes have wrong class names.',
+        'Numbers of the classes, for finished boxes: from_0 and from_1 count the class names, '
+        'coco_91 are the ids of the COCO data set. Set it when boxes have wrong class names.',
         choices=(AUTO, *CLASS_IDS),
         expert=True,
     )
     layout: str = param(
         AUTO,
-        'Layout of the network output. Set it when the layout of a model is not recognized: '
-        'yolov5 is also that of YOLOv6 and YOLOv7, yolov8 that of YOLOv9 and YOLO11, yolox_raw '
-        'has boxes in units of grid cells, rtdetr is the export by Ultralytics, detr that by '
-        'Transformers. For models that remove overlapping boxes themselves, choose end_to_end '
-        'or the name that lists the columns: batch is the number of the image in the batch, and '
-        'yxyx has y before x.',
+        'Layout of the network output. Set it when it is not recognized: yolov5 is also that of '
+        'YOLOv6 and YOLOv7, yolov8 that of YOLOv9 and YOLO11, yolox_raw has boxes in units of '
+        'grid cells, rtdetr is the export by Ultralytics, detr that by Transformers. For finished '
+        'boxes, choose end_to_end or the name that lists the columns: batch is the number of the '
+        'image in the batch, and yxyx has y before x.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )

@@ -67,23 +67,22 @@ class PlusConfig(Config):
     )
     doubt_large_people: bool = param(
         default=True,  # docs/results/ablation.md, false_every
-        description='Whether hoid+ ignores a person with a score below 0.5 whose box covers '
-        'more than 0.4 of the image, until the fourth detection in a row. Set it to false when '
-        'a person close to the camera is noticed too late.',
+        description='Whether hoid+ ignores a person with a score below 0.5 whose box covers more '
+        'than 0.4 of the image, until the fourth detection in a row.',
         read_only=False,
     )
     doubt_in_turns: bool = param(
         default=True,  # decision 050
         description='Whether hoid+ ignores every person with a score below 0.5 in this way while '
-        'the camera turns by more than 0.5 rad/s, and then predicts no missed boxes: detectors '
-        'find people in blurred furniture. It has no effect without motion.enabled.',
+        'the camera turns by more than 0.5 rad/s, and then predicts no missed boxes. It has no '
+        'effect without motion.enabled.',
         read_only=False,
     )
     remember: bool = param(
         default=True,  # docs/results/ablation.md, masks
         description='Whether hoid+ keeps an object dynamic until it has been seen for a second '
         'with nobody handling it, and needs only half of min_interaction_area while it is '
-        'handled. Set it to false to decide by the current image alone.',
+        'handled.',
         read_only=False,
     )
     keep_background: bool = param(
@@ -129,9 +128,9 @@ class MotionConfig(Config):
     )
     rate_hz: float = param(
         0.0,  # decision 057
-        'Largest number of images in which motion is segmented per second of their stamps; 0 '
-        'means every image. The images between have the moving regions of the image before. '
-        'Set it to 15 to save processor time; slow objects are then noticed later.',
+        'Largest number of images in which motion is segmented per second of their stamps (Hz); 0 '
+        'means every image. Set it to 15 to save processor time; slow objects are then noticed '
+        'later.',
         limits=(0.0, 1000.0),
     )
     in_front: bool = param(
@@ -171,17 +170,16 @@ class FilterConfig(Config):
 
     strategy: str = param(
         'hoid+',  # docs/results/strategies.md
-        'How dynamic objects are identified. Choose hoid+ to remove people, the objects that '
-        'they handle, and other regions that move; motion to remove all regions that move, '
-        'without a detector; hoid2d or hoid3d for the rules of the HOID paper; person to remove '
-        'people only; none to remove nothing; descriptor for comparisons.',
+        'How dynamic objects are identified. hoid+ removes people, the objects that they handle, '
+        'and other regions that move; motion all regions that move, without a detector; hoid2d '
+        'and hoid3d follow the rules of the HOID paper; person removes people only; descriptor is '
+        'for comparisons.',
         choices=STRATEGIES,
     )
     dynamic_classes: tuple[str, ...] = param(
         HANDLED_CLASSES,
-        'Classes of objects that are dynamic when a person handles them, by their names in the '
-        'detector. Add the objects that people carry where the robot works. An empty list means '
-        'all classes.',
+        'Classes of objects that are dynamic when a person handles them; empty: all. Add the '
+        'objects that people carry where the robot works.',
     )
     min_interaction_area: float = param(
         0.4,  # the HOID paper, which found 0.2 to 0.4 best
@@ -245,15 +243,15 @@ class DetectionInputConfig(Config):
     )
     as_vision_msgs: bool = param(
         default=False,
-        description='Whether to subscribe to vision_msgs/Detection2DArray on the topic '
-        'detections_2d instead of hoid_msgs/DetectionArray on detections. Set it to true for '
-        'another detector; its class_id must be the class name.',
+        description='Whether to subscribe to vision_msgs/Detection2DArray on detections_2d '
+        'instead of hoid_msgs/DetectionArray on detections. Set it to true for another detector; '
+        'its class_id must be the class name.',
         expert=True,
     )
     timeout_s: float = param(
         2.0,  # chosen: four times the longest delay of a detector in decision 031
         'The detector counts as lost when images have arrived for longer than this time without a '
-        'message from it (s). Set it to more than the time that the detector needs for an image.',
+        'message from it (s).',
         limits=(0.1, 3600.0),
         read_only=False,
         expert=True,
@@ -261,8 +259,8 @@ class DetectionInputConfig(Config):
     on_loss: str = param(
         UNFILTERED,
         'What to do when the detector is lost: unfiltered keeps publishing features, also those '
-        'on people, stop publishes nothing until it answers. Choose stop where a map with people '
-        'in it is worse than no odometry.',
+        'on people, stop publishes nothing. Choose stop where a map with people in it is worse '
+        'than no odometry.',
         choices=(UNFILTERED, STOP),
         read_only=False,
     )

@@ -56,7 +56,7 @@ def add_load_map_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--merge',
         action='store_true',
-        help='keep the running map as well, and merge the two when a known place is recognized',
+        help='keep the running map, and merge both at a known place',
     )
     _add_node_arguments(parser)
 
@@ -69,7 +69,7 @@ def add_set_mode_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'mode',
         choices=[mode.name.lower() for mode in SlamMode],
-        help='mapping extends and corrects the map; localization leaves it as it is',
+        help='localization leaves the map as it is',
     )
     _add_node_arguments(parser)
 

@@ -55,7 +55,7 @@ def _add_topic_options(parser: argparse.ArgumentParser) -> None:
         dest='topics',
         choices=tuple(CAMERA_TOPICS),
         default='bag',
-        help="camera driver whose topics the nodes subscribe to (default: the suite's own names)",
+        help="camera driver (default: the suite's own names)",
     )
     parser.add_argument(
         '--camera-namespace',
@@ -94,24 +94,23 @@ def _add_process_options(parser: argparse.ArgumentParser) -> None:
     selection.add_argument(
         '--no-detector',
         action='store_true',
-        help='do not start the detector, as it runs elsewhere or the strategy needs none',
+        help='do not start the detector',
     )
     selection.add_argument(
         '--only',
         choices=_ALL,
-        help='start this node only, for example the detector on another computer',
+        help='start this node only',
     )
     parser.add_argument(
         '--no-scene',
         action='store_true',
-        help='do not start the scene node: no dense map, grid, people and objects',
+        help='do not start the scene node: no dense map, grid, people, objects',
     )
     parser.add_argument(
         '--cores',
         type=int,
         metavar='N',
-        help='use at most N processor cores (default: all); with one, objects are detected and '
-        'motion is segmented in fewer images, so that every image gets odometry',
+        help='use at most N cores (default: all); with one, odometry comes first',
     )
     parser.add_argument(
         '--restart',

@@ -44,64 +44,62 @@ def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
         'words',
         nargs='*',
         metavar='WORD',
-        help='list only what these words describe: class or synonym, color, place, room, as in '
-        '"red cup on the table in the kitchen"',
+        help='list what the words describe, as in "red cup on the table in the kitchen"',
     )
     parser.add_argument(
         '--class',
         dest='class_name',
         default='',
         metavar='NAME',
-        help='list only objects of this class; the same as WORD',
+        help='list objects of this class',
     )
     parser.add_argument(
         '--near',
         type=float,
         nargs=3,
         metavar=('X', 'Y', 'Z'),
-        help='list the objects nearest to this point of the map frame first, in m',
+        help='list the objects nearest to this point (m) first',
     )
     parser.add_argument(
         '--radius',
         type=float,
         default=np.inf,
         metavar='M',
-        help='with --near: list only objects whose center is within this distance',
+        help='with --near: largest distance',
     )
     parser.add_argument(
         '--state',
         choices=STATES,
         default='any',
-        help='list only objects in this state (default: %(default)s)',
+        help='list objects in this state (default: %(default)s)',
     )
     parser.add_argument(
         '--since',
         type=_age_or_time,
         metavar='TIME',
-        help='list only objects that are new, were moved or are gone since: a time as '
-        '2026-11-27T18:00 (UTC), or an age of the newest sighting as 30m, 3h or 2d',
+        help='list objects that are new, were moved or are gone since 2026-11-27T18:00 (UTC), or '
+        'for an age such as 30m, 3h or 2d',
     )
     parser.add_argument(
         '--history',
         default=None,
         metavar='NAME',
-        help='tell the history of the objects that NAME describes, or of the object with this '
-        'number, in place of the list',
+        help='show the history of the objects that NAME, words or a number, describes',
     )
     parser.add_argument(
         '--pictures',
         type=Path,
         metavar='DIR',
-        help='write the pictures of the objects as well, and one of all of them',
+        help='write the pictures of the objects',
     )
     parser.add_argument(
         '--json',
         type=Path,
         metavar='FILE',
-        help='write the listed objects, with histories and pictures, to a JSON file as well',
+        help='write the list, with histories and pictures, as JSON',
     )
     parser.add_argument(
-        '--yaml', type=Path, metavar='FILE', help='write the listed objects to a YAML file as well'
+        '--yaml', type=Path, metavar='FILE', help='write the list as YAML'
     )
 
 

@@ -50,15 +50,15 @@ def add_method_arguments(parser: argparse.ArgumentParser) -> None:
         '--min-interaction-area',
         type=float,
         metavar='A',
-        help="share of an object's box, from 0 to 1, that a person must cover for the object to "
-        f'count as handled (default: {_DEFAULT.filter.min_interaction_area:g})',
+        help="share of a handled object's box that a person covers, from 0 to 1 "
+        f'(default: {_DEFAULT.filter.min_interaction_area:g})',
     )
     parser.add_argument(
         '--depth-limit',
         type=float,
         metavar='M',
-        help='largest depth difference between a person and a handled object in m '
-        f'(3-D rule) (default: {_DEFAULT.filter.depth_limit_m:g})',
+        help='largest depth difference to a handled object in m '
+        f'(default: {_DEFAULT.filter.depth_limit_m:g})',
     )
     parser.add_argument(
         '--seed',
@@ -84,8 +84,7 @@ def add_set_argument(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='set a parameter, also one for experts, by its name or as NODE.name, for example '
-        'extraction.num_features=500 or slam.seed=1',
+        help='set any parameter, such as extraction.num_features=500 or slam.seed=1',
     )
 
 

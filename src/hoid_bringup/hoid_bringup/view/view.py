@@ -30,7 +30,7 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
         '--save',
         type=Path,
         metavar='FILE',
-        help=f'write FILE{_SUFFIX}, which others can open, instead of opening a window',
+        help=f'write FILE{_SUFFIX} instead of opening a window',
     )
     parser.add_argument(
         '--recording', type=Path, metavar='PATH', help='recording of the run, if it was moved'

@@ -18,35 +18,34 @@ class InputConfig(Config):
     reliability: str = param(
         AUTO,
         'Reliability that subscriptions request, but for IMU topics, feature_verdicts and the '
-        'initial pose. With auto, a subscription is reliable unless a publisher of its topic '
-        'offers best effort only, from which a reliable one receives nothing.',
+        'initial pose. With auto, a subscription is reliable unless a publisher offers best '
+        'effort only.',
         choices=(AUTO, BEST_EFFORT, RELIABLE),
         expert=True,
     )
     queue_length: int = param(
         5,
-        'Number of messages of each topic but those of IMUs that wait while the node is busy. '
-        'Raise it when messages are lost at short peaks of the processor load.',
+        'Number of messages of each topic, but of IMUs, that wait while the node is busy. Raise '
+        'it when messages are lost at short peaks of the load.',
         limits=(1, 1000),
         expert=True,
     )
     compressed: bool = param(
         default=False,
-        description='Whether to subscribe to the compressed images of image_transport '
-        '(.../compressed and .../compressedDepth) instead of the raw images. Set it to true when '
-        'the camera runs on another computer.',
+        description='Whether to subscribe to compressed images (.../compressed and '
+        '.../compressedDepth) instead of raw ones. Set it to true when the camera runs on another '
+        'computer.',
     )
     camera_frame: str = param(
         '',
-        'Name of the optical frame of the camera, for drivers that publish an empty frame_id; '
-        'without it, their color images and camera_info are refused.',
+        'Name of the optical frame of the camera, for drivers that publish an empty frame_id.',
         expert=True,
     )
     depth_offset_s: float = param(
         0.0,
-        'Time by which the stamps of depth images are later than those of the color images of '
-        'the same instant (s). Set it, for hoid_filter and hoid_scene alike, to the value that '
-        'hoid_filter suggests when it reports a constant offset.',
+        'Time by which the stamps of depth images are later than those of the color images of the '
+        'same instant (s). Set it, for hoid_filter and hoid_scene alike, to the value that '
+        'hoid_filter suggests.',
         limits=(-1.0, 1.0),
         expert=True,
     )
@@ -67,11 +66,11 @@ class NodeConfig(Config):
     expert: bool = param(
         default=False,
         description='Whether the node declares its expert parameters. Set it to true to change '
-        'one of them; otherwise they keep their defaults.',
+        'one of them.',
     )
     autostart: bool = param(
         default=True,
         description='Whether the node configures and activates itself. Set it to false when a '
-        'lifecycle manager configures and activates the node.',
+        'lifecycle manager does.',
     )
     input: InputConfig = section(InputConfig)

@@ -29,9 +29,8 @@ class GridConfig(Config):
     )
     min_height_m: float = param(
         0.10,  # chosen: above the noise of the floor, and above thresholds and carpets
-        'Height above the floor up to which points count as floor and not as obstacles (m). '
-        'Raise it if free floor is marked as occupied; lower it if low obstacles are missing. It '
-        'must be less than dense.grid.max_height_m.',
+        'Height above the floor up to which points count as floor (m). Raise it if free floor is '
+        'marked as occupied; lower it if low obstacles are missing.',
         limits=(0.0, inf),
         read_only=False,
         expert=True,
@@ -66,13 +65,11 @@ class DenseConfig(Config):
     enabled: bool = param(
         default=True,
         description='Whether to fuse depth images into cloud_map and grid_map. Set it to false to '
-        'save time and memory if only poses, people and objects are needed; the services '
-        'save_cloud and save_grid then fail.',
+        'save time and memory if only poses, people and objects are needed.',
     )
     rate_hz: float = param(
         3.0,  # chosen: an image costs 20 ms (decision 022), so 6 % of a core
-        'Largest rate at which images are fused (Hz). Raise it to complete the map sooner; it '
-        'takes more processor time.',
+        'Largest rate at which images are fused (Hz). Raise it to complete the map sooner.',
         limits=(0.1, 30.0),
         read_only=False,
         expert=True,
@@ -100,17 +97,15 @@ class DenseConfig(Config):
     )
     max_voxels: int = param(
         3_000_000,  # chosen: 120 MB
-        'Largest number of voxels in memory, which take 40 bytes each. Beyond it, the parts of '
-        'the dense map that are farthest from the camera are kept in a temporary file. Lower it '
-        'to save memory; returning to such a part then takes more time.',
+        'Largest number of voxels in memory, which take 40 bytes each. The parts of the dense map '
+        'that are farthest from the camera are kept in a temporary file. Lower it to save memory.',
         limits=(1000, inf),
         expert=True,
     )
     publish_period_s: float = param(
         2.0,  # chosen, for a display; a cloud of a room has several MB
-        'Usual time between two messages on cloud_map and grid_map (s), which are sent only to '
-        'subscribers and when the dense map has changed. The time is longer if making them '
-        'takes more than a fifth of it. Set a longer period to save time and bandwidth.',
+        'Usual time between two messages on cloud_map and grid_map (s), which are sent when the '
+        'dense map has changed. It is longer if making them takes more than a fifth of it.',
         limits=(0.1, 3600.0),
         read_only=False,
         expert=True,

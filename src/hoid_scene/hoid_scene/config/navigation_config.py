@@ -18,16 +18,14 @@ class NavigationConfig(Config):
 
     enabled: bool = param(
         default=False,
-        description='Whether to publish masks for the costmap filters of Nav2: keep_out_mask '
-        'and speed_mask, with keep_out_mask/info and speed_mask/info. Set it to true if Nav2 '
-        'has the filters. It needs objects.enabled and frames.base of rgbd_slam.',
+        description='Whether to publish masks for the costmap filters of Nav2: keep_out_mask and '
+        'speed_mask. It needs objects.enabled and frames.base of rgbd_slam.',
         expert=True,
     )
     horizon_s: float = param(
         2.0,  # chosen: a person at 1.2 m/s walks 2.4 m, which is half a room
-        'Time for which the keep-out area follows a walking person into the future (s). People '
-        'who stand have no keep-out area. Raise it for a slow robot; a robot that passes behind '
-        'people needs less.',
+        'Time for which the keep-out area follows a walking person into the future (s). Raise it '
+        'for a slow robot; a robot that passes behind people needs less.',
         limits=(0.0, 10.0),
         expert=True,
     )
@@ -41,22 +39,21 @@ class NavigationConfig(Config):
     )
     footprint_radius_m: float = param(
         0.4,  # chosen: that of a robot for rooms
-        'Radius around the base of the robot in which there is no keep-out area (m), since Nav2 '
-        'finds no way out of one: that of the footprint, or more.',
+        'Radius around the base of the robot in which there is no keep-out area (m): that of the '
+        'footprint, or more.',
         limits=(0.0, 5.0),
         expert=True,
     )
     classes: tuple[str, ...] = param(
         (),
-        'Classes of handled objects around which there is a keep-out area. With an empty list, '
-        'all classes have one.',
+        'Classes of handled objects around which there is a keep-out area; empty: all.',
         expert=True,
     )
     busy_speed_percent: float = param(
         50.0,  # chosen: halves the distance in which a robot stops, or more
         'Speed limit where people have crossed a cell of speed_mask five times, relative to the '
         'largest speed of the robot (%); after fewer crossings, the reduction is proportionally '
-        'less. With 100, the robot is nowhere slowed down.',
+        'less.',
         limits=(1.0, 100.0),
         expert=True,
     )

@@ -17,14 +17,13 @@ class ObjectTrackerConfig(Config):
     enabled: bool = param(
         default=True,
         description='Whether to track people and objects in 3-D and to publish them on '
-        'tracked_objects, people and tracked_objects/markers. Set it to false to save time if '
-        'no node needs these topics, navigation.enabled, or who handles the objects of the '
-        'object map.',
+        'tracked_objects and people. Set it to false to save time if no node needs these topics, '
+        'navigation.enabled, or who handles the objects of the object map.',
     )
     rate_hz: float = param(
         10.0,
         'Largest rate at which images are used to track people and objects (Hz). Raise it to '
-        'follow fast people better; it takes more processor time.',
+        'follow fast people better.',
         limits=(0.1, 60.0),
         read_only=False,
         expert=True,
@@ -65,26 +64,24 @@ class ObjectMapConfig(Config):
     enabled: bool = param(
         default=False,  # decision 052: most robots do not use it
         description='Whether to keep a map of the objects at rest and to publish it on '
-        'object_map. Set it to true if a node uses the map; it takes about 3 % of a processor '
-        'core. It needs a detector; without objects.enabled it does not show which objects '
-        'people handle.',
+        'object_map. It takes about 3 % of a processor core, and needs a detector; without '
+        'objects.enabled it does not show which objects people handle.',
         expert=True,
     )
     label_cloud: bool = param(
         default=False,  # decision 052: few nodes read it, and a point takes 4 bytes more
-        description='Whether each point of cloud_map has the class of its object in a field '
-        'label (uint32, 0: no object), whose names are on cloud_map/labels. Set it to true if a '
-        'node uses the labels. It needs object_map.enabled and dense.enabled.',
+        description='Whether each point of cloud_map has the class of its object in a field label '
+        '(uint32, 0: no object), whose names are on cloud_map/labels. It needs object_map.enabled '
+        'and dense.enabled.',
         expert=True,
     )
 
     prior_score: float = param(
         0.0,  # decision 052
         'Lowest score, from 0 to 1, of the detections that confirm the object map, if the '
-        'detector uses the map as its prior: the boxes in which known objects should be seen '
-        'are then on expected_objects. Set it to score_threshold of hoid_detector, and '
-        'expected_score_threshold there as well. With 0, all detections count, and nothing is '
-        'published.',
+        'detector uses the map as its prior by expected_objects. Set it to score_threshold of '
+        'hoid_detector, and expected_score_threshold there as well. With 0, all detections count, '
+        'and nothing is published.',
         limits=(0.0, 1.0),
         expert=True,
     )

@@ -22,8 +22,7 @@ class ConsensusConfig(Config):
     enabled: bool = param(
         default=True,  # ablation: slow-6 by `motion` 0.112 m without it, 0.003 m with it
         description='Whether to estimate the pose of an image from the map points that several '
-        'keyframes have observed, so that the camera is not tracked relative to a moving object. '
-        'Set it to false to let all matches count alike, as ORB-SLAM3 does.',
+        'keyframes have observed, so that the camera is not tracked relative to a moving object.',
     )
     # Whether to leave out the matches in a region of the image that biases the pose, so that a
     # slowly moving object does not distort it (decision 036: slow-6 by `motion` 0.010 m without

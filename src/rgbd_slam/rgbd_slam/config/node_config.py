@@ -21,8 +21,8 @@ class FrameConfig(Config):
     )
     odom: str = param(
         'odom',
-        'Name of the odometry frame. If another node sends odom -> base '
-        '(frames.publish_odom_to_base is false), set it to the parent frame of that transform.',
+        'Name of the odometry frame. If another node sends odom -> base, set it to the parent '
+        'frame of that transform.',
         expert=True,
     )
     base: str = param(
@@ -41,17 +41,16 @@ class FrameConfig(Config):
     publish_odom_to_base: bool = param(
         default=True,
         description='Whether to send odom -> base on /tf. Set it to false if another node, such '
-        'as robot_localization, sends it: map -> odom is then computed from that transform, '
-        'which also predicts the camera pose, and the visual odometry is on visual_odom instead '
-        'of odom, in a frame with visual_ in front of the last part of frames.odom. Do not feed '
-        'visual_odom into the other node, which would receive its own estimate while the camera '
-        'is lost.',
+        'as robot_localization, sends it: map -> odom is then computed from that transform, which '
+        'also predicts the camera pose, and the visual odometry is on visual_odom, in a frame '
+        'with visual_ in front of the last part of frames.odom. Do not feed visual_odom into the '
+        'other node, which would receive its own estimate while the camera is lost.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0
-        'Time by which map -> odom is dated into the future while frames.publish_odom_to_base '
-        'is false (s). Set a longer time if other nodes report that map -> odom is too old when '
-        'images are missing; corrections then take effect later by this time.',
+        'Time by which map -> odom is dated into the future while frames.publish_odom_to_base is '
+        'false (s). Set a longer time if other nodes report that map -> odom is too old; '
+        'corrections then take effect later by this time.',
         limits=(0.0, 10.0),
         read_only=False,
         expert=True,
@@ -71,37 +70,34 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     map_directory: str = param(
         '~/.ros/hoid',
         'The only folder in which services read and write files. It also contains map_file and '
-        'the map of the running node. Set it to the folder in which maps are to be stored.',
+        'the map of the running node.',
     )
     map_file: str = param(
         '',
-        'File in map_directory, saved by save_map, whose map is loaded at the start; if it is '
-        'empty, none is. Set it to continue in a place that is already mapped. In the mode '
-        'mapping, a node that crashed resumes from its checkpoint instead, if the camera fits '
-        'and the stamps of the images do not go back.',
+        'File in map_directory, saved by save_map, whose map is loaded at the start; empty: none '
+        'is. In the mode mapping, a node that crashed resumes from its checkpoint instead, if the '
+        'camera fits and the stamps of the images do not go back.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),
         'What the node does at the start: mapping extends the map, localization only localizes '
-        'the robot in the map of map_file and writes no checkpoints. Choose localization once '
-        'the map is complete. The service set_mode changes the mode of the running node.',
+        'the robot in the map of map_file and writes no checkpoints. Choose localization once the '
+        'map is complete.',
         choices=tuple(mode.name.lower() for mode in SlamMode),
     )
     checkpoint_period_s: float = param(
         10.0,  # decision 030
-        'Usual time between two checkpoints, in which the map is written to the disk (s), '
-        'longer if writing is slow. A node that crashed resumes from the last one. Set a longer '
-        'period to write less. With 0, or if the node starts with the mode localization, no map '
-        'is written, resumed, or kept at the end.',
+        'Usual time between two checkpoints, from which a node that crashed resumes (s), longer '
+        'if writing is slow. With 0, or if the node starts with the mode localization, no map is '
+        'written, resumed, or kept at the end.',
         limits=(0.0, 3600.0),
         expert=True,
     )
     map_period_s: float = param(
         1.0,  # chosen, for a display
         'Usual time between two messages on map_points, path and keyframes (s), which are sent '
-        'only to subscribers and when the map has changed. The time is longer if making them '
-        'takes more than 5 % of a processor core. Set a longer period to save time and '
-        'bandwidth.',
+        'when the map has changed. It is longer if making them takes more than 5 % of a processor '
+        'core.',
         limits=(0.05, 3600.0),
         read_only=False,
         expert=True,

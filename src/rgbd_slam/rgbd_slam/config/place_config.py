@@ -14,9 +14,8 @@ class IndexConfig(Config):
 
     method: str = param(
         'hash',  # places_and_loops.md: recall at 1 of 0.975 against 0.650 of binary words
-        'Name of the place index, which finds keyframes that resemble an image: `hash`, or the '
-        'name of an entry point in the group rgbd_slam.place_indices of another installed '
-        'package.',
+        'Name of the place index, which finds keyframes that resemble an image: `hash`, or an '
+        'entry point in the group rgbd_slam.place_indices of another package.',
         expert=True,
     )
     # Number of hash tables. More tables find more matches and take more time and memory.
@@ -104,10 +103,10 @@ class PlaceConfig(Config):
 
     new_map_after_s: float = param(
         3.0,  # not tuned
-        'Longest time for which the camera is lost before a new map is started (s), but for the '
-        'mode localization; a gap between two images counts as at most 0.5 s. Where the camera '
-        'sees surfaces that are not in the map, 0.4 s are enough. Raise it if needless maps are '
-        'started; lower it if poses are missing for too long after a loss.',
+        'Longest time for which the camera is lost before a new map is started (s); a gap between '
+        'two images counts as at most 0.5 s. Where the camera sees surfaces that are not in the '
+        'map, 0.4 s are enough. Raise it if needless maps are started; lower it if poses are '
+        'missing for too long after a loss.',
         limits=(0.1, 3600.0),
         read_only=False,
     )

@@ -19,10 +19,9 @@ class CameraConfig(Config):
     disparity_noise_px: float = param(
         0.3,  # decision 003: 0.07 px in rendered images to 0.6 px in fr1_xyz
         'Constant part of the standard deviation of depth readings, as disparity of a stereo '
-        'camera with a baseline of 7.5 cm (pixels); 3 % of the disparity are added in '
-        'quadrature. Tracking and bundle adjustment scale both by the noise that is measured in '
-        'the images. Raise it for a camera with noisier depth; more outliers in depth are then '
-        'accepted.',
+        'camera with a baseline of 7.5 cm (pixels); 3 % of the disparity are added in quadrature. '
+        'Both are scaled by the noise that is measured in the images. Raise it for a camera with '
+        'noisier depth.',
         limits=(0.01, 10.0),
     )
     # Gives u_right, the column in the right image of the virtual stereo camera, the same noise as
@@ -31,9 +30,8 @@ class CameraConfig(Config):
     joint_noise: bool = param(default=False, internal=True)
     rolling_shutter: bool = param(
         default=True,  # decision 033; ablation: fr1_xyz by `motion` 0.0098 m without it, 0.0066 m
-        description='Whether to estimate the readout time of the image rows and to compensate '
-        'for it. Set it to false for a camera with a global shutter; all rows then count as '
-        'exposed at the same time, as in ORB-SLAM3.',
+        description='Whether to estimate the readout time of the image rows and to compensate for '
+        'it. Set it to false for a camera with a global shutter.',
     )
     scale_factor: float = param(
         1.2,  # as ExtractionConfig.scale_factor of hoid_filter
@@ -131,8 +129,8 @@ class KeyframeConfig(Config):
         0.75,  # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame
         'A frame becomes a keyframe if it tracks fewer map points than this share of the '
         'confirmed points of its reference keyframe (0.4 of them while the map has at most two '
-        'keyframes). Other rules can make a keyframe earlier or prevent it. Raise it if the '
-        'camera is often lost in fast motion; more keyframes take more time and memory.',
+        'keyframes). Raise it if the camera is often lost in fast motion; more keyframes take '
+        'more time and memory.',
         limits=(0.1, 1.0),
         read_only=False,
     )
@@ -240,9 +238,7 @@ class SlamConfig(Config):
 
     seed: int = param(
         0,
-        'Number that seeds the random samples of RANSAC, which estimates poses from matches. Runs '
-        'with the same seed have the same samples; change it to see how much the results depend '
-        'on them.',
+        'Seed of the random samples of RANSAC, which estimates poses from matches.',
         limits=(0, inf),
         expert=True,
     )
