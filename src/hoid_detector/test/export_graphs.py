@@ -111,7 +111,6 @@ class Form(NamedTuple):
 
     outputs: str  # their declarations
     nodes: str  # that make the outputs of `_PARTS`
-    recognized_by: str = ''  # for the table in the documents; empty: refused
     input: str = 'float'  # key of `_INPUTS`
     preprocessing: str = 'RGB 0-1, centered'  # that must be recognized
     metadata: Mapping[str, str] = MappingProxyType({})

@@ -13,12 +13,6 @@ from .export_graphs import Form
 
 _STRETCHED, _IMAGENET = 'RGB 0-1, stretch', 'RGB ImageNet, stretch'
 _YOLOX = 'BGR 0-255, top_left'
-_BY_CHANNELS = 'channels, cells'
-_BY_NAME = 'name'
-_BY_NAMES = 'names'
-_BY_SHAPES = 'shapes, types'
-_BY_METADATA = 'metadata'
-_BY_BOXES = 'first boxes'
 _UNKNOWN = 'unknown output layout: '
 
 
@@ -78,98 +72,96 @@ _TENSORFLOW_NODES = """
 
 FORMS: dict[str, Form] = {
     'Ultralytics YOLOv8, 9, 11, 12': Form(
-        'float[1,84,N] output0', 'output0 = Identity(found)', _BY_CHANNELS,
+        'float[1,84,N] output0', 'output0 = Identity(found)',
         metadata=_ultralytics(end2end=False),
     ),
     'YOLOv8, cells first': Form(
-        'float[1,N,84] output0', 'output0 = Transpose<perm=[0,2,1]>(found)', _BY_CHANNELS,
+        'float[1,N,84] output0', 'output0 = Transpose<perm=[0,2,1]>(found)',
     ),
     'YOLOv8, normalized boxes': Form(
         'float[1,N,84] output0', 'output0 = Concat<axis=2>(all_cxcywh_n, all_scores)',
-        _BY_CHANNELS + ', first boxes',
     ),
     'YOLOv8, half precision': Form(
-        'float16[1,84,N] output0', 'output0 = Cast<to=10>(found)', _BY_CHANNELS, input='half',
+        'float16[1,84,N] output0', 'output0 = Cast<to=10>(found)', input='half',
         metadata=_ultralytics(),
     ),
     'YOLOv8, corners instead of centers': Form(
         'float[1,N,84] output0', 'output0 = Concat<axis=2>(all_xyxy, all_scores)',
-        _BY_CHANNELS + ', first boxes',
     ),
-    'YOLOv5, YOLOv7 with grid': Form('float[1,M,85] output', _YOLOV5, _BY_CHANNELS),
+    'YOLOv5, YOLOv7 with grid': Form('float[1,M,85] output', _YOLOV5),
     'YOLOv5 up to 6.1': Form(
         'float[1,M,85] output, float[1,3,H,W,85] onnx_1, float[1,3,H,W,85] onnx_2',
         _YOLOV5 + ' two = Unsqueeze(anchor, i_1) three = Unsqueeze(two, i_1) '
-        'onnx_1 = Concat<axis=1>(three, three, three) onnx_2 = Identity(onnx_1)', _BY_CHANNELS,
+        'onnx_1 = Concat<axis=1>(three, three, three) onnx_2 = Identity(onnx_1)',
     ),
     'YOLOv6': Form(
         'float[1,N,85] outputs',
-        'outputs = Concat<axis=2>(all_cxcywh, all_ones, all_scores)', _BY_CHANNELS,
+        'outputs = Concat<axis=2>(all_cxcywh, all_ones, all_scores)',
     ),
     'YOLOX': Form(
         'float[1,N,85] output',
         'output = Concat<axis=2>(offset, log_sides, all_objectness, all_conditional)',
-        _BY_CHANNELS, input='BGR 0-255', preprocessing=_YOLOX,
+        input='BGR 0-255', preprocessing=_YOLOX,
     ),
     'YOLOX with decoded boxes': Form(
         'float[1,N,85] output',
         'output = Concat<axis=2>(all_cxcywh, all_objectness, all_conditional)',
-        _BY_CHANNELS, input='BGR 0-255', preprocessing=_YOLOX,
+        input='BGR 0-255', preprocessing=_YOLOX,
     ),
     'YOLO-NAS without NMS': Form(
         'float[1,N,4] output0, float[1,N,80] output1',
-        'output0 = Identity(all_xyxy) output1 = Identity(all_scores)', _BY_SHAPES,
+        'output0 = Identity(all_xyxy) output1 = Identity(all_scores)',
     ),
     'RT-DETR (Ultralytics)': Form(
         'float[1,300,84] output0',
         'queries = Concat<axis=1>(query_cxcywh_n, query_scores_80) '
         'output0 = Unsqueeze(queries, i_0)',
-        _BY_SHAPES, preprocessing=_STRETCHED, metadata=_ultralytics(),
+        preprocessing=_STRETCHED, metadata=_ultralytics(),
     ),
     'RT-DETR, D-FINE (Transformers)': Form(
         'float[1,300,80] logits, float[1,300,4] pred_boxes',
         'logits = Identity(sigmoid_80) pred_boxes = Identity(batched_cxcywh_n)',
-        _BY_SHAPES, preprocessing=_STRETCHED,
+        preprocessing=_STRETCHED,
     ),
     'DETR (Transformers)': Form(
         'float[1,300,92] logits, float[1,300,4] pred_boxes',
         'logits = Identity(softmax_92) pred_boxes = Identity(batched_cxcywh_n)',
-        _BY_SHAPES, input='ImageNet', preprocessing=_IMAGENET,
+        input='ImageNet', preprocessing=_IMAGENET,
     ),
     'RF-DETR, Conditional and Deformable DETR': Form(
         'float[1,300,4] dets, float[1,300,91] labels',
         'labels = Identity(sigmoid_91) dets = Identity(batched_cxcywh_n)',
-        _BY_SHAPES, input='ImageNet', preprocessing=_IMAGENET,
+        input='ImageNet', preprocessing=_IMAGENET,
     ),
     'RF-DETR trained by a user': Form(
         'float[1,300,4] dets, float[1,300,81] labels',
         'labels = Identity(sigmoid_81) dets = Identity(batched_cxcywh_n)',
-        _BY_NAMES, input='ImageNet', preprocessing=_IMAGENET,
+        input='ImageNet', preprocessing=_IMAGENET,
     ),
     'RF-DETR trained by a user, without "no object"': Form(
         'float[1,300,4] dets, float[1,300,80] labels',
         'labels = Identity(sigmoid_80) dets = Identity(batched_cxcywh_n)',
-        _BY_NAMES, input='ImageNet', preprocessing=_IMAGENET,
+        input='ImageNet', preprocessing=_IMAGENET,
     ),
     'RT-DETR, D-FINE (their authors)': Form(
         'int64[1,K] labels, float[1,K,4] boxes, float[1,K] scores',
         'labels = Unsqueeze(label, i_0) scores = Unsqueeze(score_row, i_0) '
         'twice = Concat<axis=1>(orig_target_sizes, orig_target_sizes) '
         'size = Cast<to=1>(twice) pixels = Mul(xyxy_n, size) boxes = Unsqueeze(pixels, i_0)',
-        _BY_SHAPES, preprocessing=_STRETCHED, extra_input='int64[1,2] orig_target_sizes',
+        preprocessing=_STRETCHED, extra_input='int64[1,2] orig_target_sizes',
     ),
     'Ultralytics with `nms=True`': Form(
-        *_padded('output0', 'xyxy', 'score', 'class'), _BY_METADATA, metadata=_ultralytics(),
+        *_padded('output0', 'xyxy', 'score', 'class'), metadata=_ultralytics(),
     ),
     'YOLOv10, YOLO26': Form(
-        *_padded('output0', 'xyxy', 'score', 'class'), _BY_METADATA,
+        *_padded('output0', 'xyxy', 'score', 'class'),
         metadata=_ultralytics(end2end=True),
     ),
     'YOLOv10, YOLO26 without metadata': Form(
-        *_padded('output0', 'xyxy', 'score', 'class'), _BY_BOXES,
+        *_padded('output0', 'xyxy', 'score', 'class'),
     ),
     'YOLOv7 `--end2end --max-wh`': Form(
-        *_table('output', 'batch', 'xyxy', 'class', 'score'), _BY_BOXES,
+        *_table('output', 'batch', 'xyxy', 'class', 'score'),
     ),
     'YOLOv6, v7, v9 with EfficientNMS': Form(
         'int32[1,1] num_dets, float[1,300,4] det_boxes, float[1,300] det_scores, '
@@ -178,7 +170,6 @@ FORMS: dict[str, Form] = {
         'b = Pad(xyxy, pad_rows) det_boxes = Unsqueeze(b, i_0) '
         's = Pad(score_row, pad_row) det_scores = Unsqueeze(s, i_0) '
         'l = Pad(label, pad_row) ll = Unsqueeze(l, i_0) det_classes = Cast<to=6>(ll)',
-        _BY_SHAPES,
     ),
     'YOLO-NAS, batch format': Form(
         'int64[1,1] graph2_num_predictions, float[1,300,4] graph2_pred_boxes, '
@@ -187,52 +178,52 @@ FORMS: dict[str, Form] = {
         'b = Pad(xyxy, pad_rows, minus) graph2_pred_boxes = Unsqueeze(b, i_0) '
         's = Pad(score_row, pad_row, minus) graph2_pred_scores = Unsqueeze(s, i_0) '
         'l = Pad(label, pad_row, i_minus) graph2_pred_classes = Unsqueeze(l, i_0)',
-        _BY_SHAPES, input='bytes',
+        input='bytes',
     ),
     'YOLO-NAS, flat format': Form(
-        *_table('graph2_flat_predictions', 'batch', 'xyxy', 'score', 'class'), _BY_NAME,
+        *_table('graph2_flat_predictions', 'batch', 'xyxy', 'score', 'class'),
         input='bytes',
     ),
     'PINTO, 7 columns, score third': Form(
-        *_table('batchno_classid_score_x1y1x2y2', 'batch', 'class', 'score', 'xyxy'), _BY_NAME,
+        *_table('batchno_classid_score_x1y1x2y2', 'batch', 'class', 'score', 'xyxy'),
     ),
     'PINTO, 7 columns, score last': Form(
-        *_table('batchno_classid_x1y1x2y2_score', 'batch', 'class', 'xyxy', 'score'), _BY_NAME,
+        *_table('batchno_classid_x1y1x2y2_score', 'batch', 'class', 'xyxy', 'score'),
     ),
     'PINTO, y before x': Form(
-        *_table('batchno_classid_score_y1x1y2x2', 'batch', 'class', 'score', 'yxyx'), _BY_NAME,
+        *_table('batchno_classid_score_y1x1y2x2', 'batch', 'class', 'score', 'yxyx'),
     ),
     'PINTO, boxes and scores apart': Form(
         'float[K,1] score, int64[K,6] batchno_classid_x1y1x2y2',
         'joined = Concat<axis=1>(batch, class, xyxy) rounded = Round(joined) '
-        'batchno_classid_x1y1x2y2 = Cast<to=7>(rounded)', _BY_NAMES,
+        'batchno_classid_x1y1x2y2 = Cast<to=7>(rounded)',
     ),
     'PINTO, boxes and scores apart, y before x': Form(
         'float[K,1] score, int64[K,6] batchno_classid_y1x1y2x2',
         'joined = Concat<axis=1>(batch, class, yxyx) rounded = Round(joined) '
-        'batchno_classid_y1x1y2x2 = Cast<to=7>(rounded)', _BY_NAMES,
+        'batchno_classid_y1x1y2x2 = Cast<to=7>(rounded)',
     ),
     'class, score, box, not stated': Form(
-        *_table('output', 'class', 'score', 'xyxy'), _BY_BOXES,
+        *_table('output', 'class', 'score', 'xyxy'),
     ),
     'box, class, score, not stated': Form(
-        *_table('output', 'xyxy', 'class', 'score'), _BY_BOXES,
+        *_table('output', 'xyxy', 'class', 'score'),
     ),
     'class, box, score, not stated, normalized': Form(
-        *_table('output', 'class', 'xyxy_n', 'score'), _BY_BOXES,
+        *_table('output', 'class', 'xyxy_n', 'score'),
     ),
     'batch, class, box, score, not stated': Form(
-        *_table('output', 'batch', 'class', 'xyxy', 'score'), _BY_BOXES,
+        *_table('output', 'batch', 'class', 'xyxy', 'score'),
     ),
-    'torchvision (ids of COCO)': Form(*_separate('label_91'), _BY_SHAPES),
+    'torchvision (ids of COCO)': Form(*_separate('label_91')),
     'labels 1 to 80': Form(
-        *_separate('label_from_1'), _BY_SHAPES, parameters={'class_ids': 'from_1'},
+        *_separate('label_from_1'), parameters={'class_ids': 'from_1'},
     ),
-    'labels from 0': Form(*_separate('label'), _BY_BOXES),
+    'labels from 0': Form(*_separate('label')),
     'labels from 0, batched, normalized boxes': Form(
         'float[1,K,4] bboxes, int64[1,K] labels, float[1,K] scores',
         'bboxes = Unsqueeze(xyxy_n, i_0) labels = Unsqueeze(label, i_0) '
-        'scores = Unsqueeze(score_row, i_0)', _BY_BOXES, preprocessing=_STRETCHED,
+        'scores = Unsqueeze(score_row, i_0)', preprocessing=_STRETCHED,
     ),
     'boxes, labels, scores, y before x, not stated': Form(
         'float[1,K,4] boxes, float[1,K] classes, float[1,K] scores',
@@ -246,14 +237,14 @@ FORMS: dict[str, Form] = {
         parameters={'layout': 'batch_yxyx_score_class', 'class_ids': 'coco_91'},
     ),
     'TensorFlow object detection': Form(
-        _TENSORFLOW, _TENSORFLOW_NODES, _BY_NAMES, input='bytes, channels last',
+        _TENSORFLOW, _TENSORFLOW_NODES, input='bytes, channels last',
         preprocessing=_STRETCHED,
     ),
     'finished boxes, any input size': Form(
-        *_padded('output0', 'xyxy', 'score', 'class'), _BY_BOXES, input='any size',
+        *_padded('output0', 'xyxy', 'score', 'class'), input='any size',
     ),
     'finished boxes, channels last': Form(
-        *_padded('output0', 'xyxy', 'score', 'class'), _BY_BOXES, input='float, channels last',
+        *_padded('output0', 'xyxy', 'score', 'class'), input='float, channels last',
     ),
 }  # fmt: skip
 """The exports that are recognized. Their boxes must equal those of the network itself."""
@@ -355,7 +346,7 @@ NAMES: dict[str, tuple[str, str]] = {
 def page() -> str:
     """Return the tables of all exports as Markdown."""
     found = [
-        (name, _outputs(form), form.recognized_by, ', '.join((*_input(form), *_parameters(form))))
+        (name, _outputs(form), ', '.join((*_input(form), *_parameters(form))))
         for name, form in FORMS.items()
     ]
     refused = [
@@ -365,7 +356,7 @@ def page() -> str:
         [
             '## Recognized',
             '',
-            *_table_of(('export', 'outputs', 'recognized by', 'input; set'), found),
+            *_table_of(('export', 'outputs', 'input; set'), found),
             '',
             '## Refused',
             '',
