@@ -38,5 +38,5 @@ def test_the_page_names_every_parameter_of_every_node() -> None:
     for node, config in NODE_CONFIGS.items():
         own = sections[node].split('### For experts')
         for leaf in config.node_params():
-            row = f'| `{leaf.name}` |'
+            row = f'\n- `{leaf.name}` ('
             assert (row in own[leaf.spec.expert]) + (row in shared[leaf.spec.expert]) == 1

@@ -12,16 +12,16 @@ from hoid_common.config import EXPERT, Param
 _HEAD = f"""# Parameters
 
 Written by `make reference` from the nodes' configurations; see
-[how to set them](../howto/parameters.md). Parameters for experts exist only if the node is started
-with `{EXPERT}:=true`. *Live*: the parameter can change while the node runs.
+[how to set them](../howto/parameters.md). In brackets: the default, and the values that are
+possible. Parameters for experts exist only if the node is started with `{EXPERT}:=true`. *Live*:
+the parameter can change while the node runs.
 """
 _SHARED = 'All nodes'  # title of the section of parameters that every node has
-_TABLE = '| parameter | default | values | what it does |\n|---|---|---|---|'
 _MAX_ENTRIES = 3  # largest number of entries of a list that are shown
 
 
 def parameter_reference() -> str:
-    """Return the page in Markdown, with two tables per node: for users and for experts."""
+    """Return the page in Markdown, with two lists per node: for users and for experts."""
     of_nodes = {node: list(config.node_params()) for node, config in NODE_CONFIGS.items()}
     first, *others = of_nodes.values()
     shared = [leaf for leaf in first if all(leaf in leaves for leaves in others)]
@@ -33,14 +33,14 @@ def parameter_reference() -> str:
         parts.append(f'\n## {name}\n')
         for title, is_expert in (('For users', False), ('For experts', True)):
             rows = [_row(leaf) for leaf in leaves if leaf.spec.expert == is_expert]
-            parts += [f'### {title}\n', _TABLE, *rows, '']
+            parts += [f'### {title}\n', *rows, '']
     return '\n'.join(parts)
 
 
 def _row(leaf: Param) -> str:
     note = '' if leaf.spec.read_only else ' *Live.*'
-    description = leaf.spec.description.replace('|', '\\|')
-    return f'| `{leaf.name}` | {_default(leaf.value)} | {_values(leaf)} | {description}{note} |'
+    values = '; '.join(filter(None, (_default(leaf.value), _values(leaf))))
+    return f'- `{leaf.name}` ({values}): {leaf.spec.description}{note}'
 
 
 def _default(value: Any) -> str:
@@ -58,7 +58,9 @@ def _values(leaf: Param) -> str:
     spec = leaf.spec
     if spec.choices:
         return ', '.join(f'`{choice}`' for choice in spec.choices)
-    kind = {bool: '`true`, `false`', tuple: 'names', str: 'text', int: 'integer'}
+    if isinstance(leaf.value, bool):
+        return ''
+    kind = {tuple: 'names', str: 'text', int: 'integer'}
     low, high = spec.limits
     limits = f'>= {low}' if high == inf else f'[{low}, {high}]'
     limits = limits if low > -inf else ''
