@@ -349,9 +349,8 @@ def page() -> str:
         (name, _outputs(form), ', '.join((*_input(form), *_parameters(form))))
         for name, form in FORMS.items()
     ]
-    refused = [
-        (name, _outputs(form), f'`{form.refused.strip()}`') for name, form in REFUSED.items()
-    ]
+    refused = [(name, f'`{form.refused.strip()}`') for name, form in REFUSED.items()]
+    names = [f'{form} (`{key}`)' if key else form for form, (key, _) in NAMES.items()]
     return '\n'.join(
         [
             '## Recognized',
@@ -360,14 +359,11 @@ def page() -> str:
             '',
             '## Refused',
             '',
-            *_table_of(('export', 'outputs', 'the line contains'), refused),
+            *_table_of(('export', 'the line contains'), refused),
             '',
             '## Class names in the metadata',
             '',
-            *_table_of(
-                ('form', 'key'),
-                [(form, f'`{key}`' if key else '') for form, (key, _) in NAMES.items()],
-            ),
+            f'Read with their keys: {"; ".join(names)}.',
         ]
     )
 
