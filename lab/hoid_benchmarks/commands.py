@@ -106,8 +106,7 @@ def _add_sizes(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar='N',
-        help='seed of the first case, room or building '
-        '(default: %(default)s)',
+        help='seed of the first case, room or building (default: %(default)s)',
     )
     add(
         '--cases',

@@ -69,12 +69,8 @@ class SceneConfig(Config):
     played_s: float = param(
         0.0, 'time of people and event before the first frame in s', limits=(0.0, 1e4)
     )
-    rest_s: float = param(
-        0.0, 'time for which these stand still at first in s', limits=(0.0, 1e4)
-    )
-    people_seed: int = param(
-        0, 'seed of the people; 0: that of the scene', limits=(0, inf)
-    )
+    rest_s: float = param(0.0, 'time for which these stand still at first in s', limits=(0.0, 1e4))
+    people_seed: int = param(0, 'seed of the people; 0: that of the scene', limits=(0, inf))
     away_seed: int = param(
         0,
         'seed of what was moved, taken and added unseen; 0: nothing',
@@ -95,9 +91,7 @@ class SceneConfig(Config):
     roll_deg: float = param(
         0.0, 'angle by which the camera is rolled in degrees', limits=(-180.0, 180.0)
     )
-    pace: float = param(
-        1.0, 'relative speed of the camera', limits=(0.1, 10.0)
-    )
+    pace: float = param(1.0, 'relative speed of the camera', limits=(0.1, 10.0))
     shutter_s: float = param(
         0.0,
         'time between the first and the last row of the images in s',
@@ -114,9 +108,7 @@ class SceneConfig(Config):
     color_noise: float = param(1.0, 'scale of the color noise', limits=(0.0, 10.0))
     motion_blur: float = param(1.0, 'scale of the exposure time', limits=(0.0, 10.0))
     depth_noise: float = param(1.0, 'scale of the depth noise', limits=(0.0, 10.0))
-    smooth_depth: bool = param(
-        False, 'depth as of a phone with LiDAR'
-    )
+    smooth_depth: bool = param(False, 'depth as of a phone with LiDAR')
     depth_holes: bool = param(True, 'remove depth at edges, and on grazing and dark surfaces')
 
     def __post_init__(self) -> None:

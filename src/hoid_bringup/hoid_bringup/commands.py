@@ -164,9 +164,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
         help='number of frames of the recording, for the coverage '
         '(default: from the summary of the run beside ESTIMATE)',
     )
-    parser.add_argument(
-        '--json', type=Path, metavar='FILE', help='write the errors as JSON'
-    )
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the errors as JSON')
 
 
 def evaluate_command(args: argparse.Namespace) -> None:

@@ -98,9 +98,7 @@ def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='write the list, with histories and pictures, as JSON',
     )
-    parser.add_argument(
-        '--yaml', type=Path, metavar='FILE', help='write the list as YAML'
-    )
+    parser.add_argument('--yaml', type=Path, metavar='FILE', help='write the list as YAML')
 
 
 def objects_command(args: argparse.Namespace) -> None:
