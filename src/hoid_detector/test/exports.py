@@ -228,12 +228,12 @@ FORMS: dict[str, Form] = {
     'boxes, labels, scores, y before x, not stated': Form(
         'float[1,K,4] boxes, float[1,K] classes, float[1,K] scores',
         'boxes = Unsqueeze(yxyx_n, i_0) scores = Unsqueeze(score_row, i_0) '
-        'ids = Squeeze(class_91, i_1) classes = Unsqueeze(ids, i_0)', 'parameters',
+        'ids = Squeeze(class_91, i_1) classes = Unsqueeze(ids, i_0)',
         preprocessing=_STRETCHED,
         parameters={'layout': 'yxyx_score_class', 'class_ids': 'coco_91'},
     ),
     'table, y before x, not stated': Form(
-        *_table('detections', 'batch', 'yxyx', 'score', 'class_91'), 'parameters',
+        *_table('detections', 'batch', 'yxyx', 'score', 'class_91'),
         parameters={'layout': 'batch_yxyx_score_class', 'class_ids': 'coco_91'},
     ),
     'TensorFlow object detection': Form(

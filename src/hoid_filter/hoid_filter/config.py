@@ -170,10 +170,10 @@ class FilterConfig(Config):
 
     strategy: str = param(
         'hoid+',  # docs/results/strategies.md
-        'How dynamic objects are identified. hoid+ removes people, the objects that they handle, '
-        'and other regions that move; motion all regions that move, without a detector; hoid2d '
-        'and hoid3d follow the rules of the HOID paper; person removes people only; descriptor is '
-        'for comparisons.',
+        'How dynamic objects are identified. Choose hoid+ to remove people, the objects that they '
+        'handle, and other regions that move; motion to remove all regions that move, without a '
+        'detector; hoid2d or hoid3d for the rules of the HOID paper; person to remove people '
+        'only; descriptor for comparisons.',
         choices=STRATEGIES,
     )
     dynamic_classes: tuple[str, ...] = param(

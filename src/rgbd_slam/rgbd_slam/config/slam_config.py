@@ -238,7 +238,7 @@ class SlamConfig(Config):
 
     seed: int = param(
         0,
-        'Seed of the random samples of RANSAC, which estimates poses from matches.',
+        'Number that seeds the random samples of RANSAC, which estimates poses from matches.',
         limits=(0, inf),
         expert=True,
     )
