@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from threading import Event, Thread
-from typing import TypeVar
 
 from rclpy.node import Node
 
@@ -20,8 +19,6 @@ from rgbd_slam.ros.keyframe_outputs import KeyframeOutputs
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
 from rgbd_slam.store.map_file import MapFile
-
-T = TypeVar('T')
 
 # Time limit for the requests before a load. Chosen: twice the limit of the mapping process for a
 # global adjustment.
@@ -67,7 +64,7 @@ class MapLoader:
         saved_uids = content.keyframes().uids
         self._poll(
             session,
-            lambda: self._begin(session, loading, source, saved_uids, loaded.set) or None,
+            lambda: self._begin(session, loading, source, saved_uids, loaded.set),
             _QUEUE_S,
             'keyframes or an adjustment of the map still occupy the mapper; try again',
         )
@@ -138,24 +135,22 @@ class MapLoader:
         """Restore a map for the tracker, and wait until `loaded` reports that it is in use."""
         loading.restore()
 
-        def is_loaded() -> bool | None:
+        def is_loaded() -> bool:
             session.map.update()
-            return loaded.is_set() or None
+            return loaded.is_set()
 
         late = 'the mapper has not loaded the map in ten minutes; free the computer'
         self._poll(session, is_loaded, _LOAD_S, late)
 
     def _poll(
-        self, session: SlamSession, function: Callable[[], T | None], limit_s: float, late: str
-    ) -> T:
-        """Call a function in the node's thread until it returns a value, and return this value."""
+        self, session: SlamSession, function: Callable[[], bool], limit_s: float, late: str
+    ) -> None:
+        """Call a function in the node's thread until it returns True."""
 
-        def checked() -> T | None:
+        def checked() -> bool:
             if self._session() is not session:
                 raise InputError('the map was discarded meanwhile')
             return function()
 
-        value = self._node_thread.poll(checked, time.monotonic() + limit_s)
-        if value is None:
+        if not self._node_thread.poll(checked, time.monotonic() + limit_s):
             raise InputError(late)
-        return value

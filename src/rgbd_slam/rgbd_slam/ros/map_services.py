@@ -173,12 +173,12 @@ class MapServices:
     def _is_settled_by(self, end_s: float) -> bool:
         """Wait until the mapper has ended all its work; return False if it has not by `end_s`."""
 
-        def settled() -> bool | None:
+        def settled() -> bool:
             slam_map = self._session().map
             slam_map.update()
-            return slam_map.mapper.is_settled or None
+            return slam_map.mapper.is_settled
 
-        return self._node_thread.poll(settled, end_s) is not None
+        return self._node_thread.poll(settled, end_s)
 
     def _load(self, request: LoadMap.Request) -> str:
         path = existing_map(self._config.map_directory, request.name)

@@ -44,9 +44,9 @@ class NodeThread:
                 return done.result()  # type: ignore[return-value]
             raise InputError(f'the node has been busy for {_LIMIT_S:g} s; try again') from None
 
-    def poll(self, function: Callable[[], T | None], end_s: float) -> T | None:
-        """Call a function at least once, then every 50 ms until it returns a value or `end_s`."""
-        while (value := self.call(function)) is None and time.monotonic() < end_s:
+    def poll(self, function: Callable[[], bool], end_s: float) -> bool:
+        """Call a function until it returns True, but not after `end_s`; return its last value."""
+        while not (value := self.call(function)) and time.monotonic() < end_s:
             time.sleep(_POLL_S)
         return value
 
