@@ -28,7 +28,13 @@ class Landmarks(NamedTuple):
         return Landmarks._make(column[keep] for column in self)
 
     def joined(self, other: Landmarks) -> Landmarks:
-        return Landmarks(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+        return Landmarks(
+            np.concatenate([self.point, other.point]),
+            np.concatenate([self.position_m, other.position_m]),
+            np.concatenate([self.octave, other.octave]),
+            np.concatenate([self.angle_deg, other.angle_deg]),
+            np.concatenate([self.descriptors, other.descriptors]),
+        )
 
     def matched(self, matches: Matches) -> Correspondences:
         return Correspondences(matches.k, self.point[matches.q], self.position_m[matches.q])
