@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 from hoid_common.coco import COCO
@@ -344,33 +344,28 @@ NAMES: dict[str, tuple[str, str]] = {
 
 
 def page() -> str:
-    """Return the tables of all exports as Markdown."""
+    """Return the lists of all exports as Markdown."""
     found = [
-        (name, _outputs(form), ', '.join((*_input(form), *_parameters(form))))
+        f'- {name}: {"; ".join((_outputs(form), *_input(form), *_parameters(form)))}'
         for name, form in FORMS.items()
     ]
-    refused = [(name, f'`{form.refused.strip()}`') for name, form in REFUSED.items()]
+    refused = [f'- {name}: `{form.refused.strip()}`' for name, form in REFUSED.items()]
     names = [f'{form} (`{key}`)' if key else form for form, (key, _) in NAMES.items()]
     return '\n'.join(
         [
             '## Recognized',
             '',
-            *_table_of(('export', 'outputs', 'input; set'), found),
+            *found,
             '',
             '## Refused',
             '',
-            *_table_of(('export', 'the line contains'), refused),
+            *refused,
             '',
             '## Class names in the metadata',
             '',
             f'Read with their keys: {"; ".join(names)}.',
         ]
     )
-
-
-def _table_of(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    lines = [columns, ['---'] * len(columns), *rows]
-    return [f'| {" | ".join(cells)} |' for cells in lines]
 
 
 def _outputs(form: Form) -> str:
