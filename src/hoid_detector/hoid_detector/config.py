@@ -51,8 +51,8 @@ class DetectorConfig(Config):
     nms_iou: float = param(
         0.45,
         'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which '
-        'the box of lower score is removed. Raise it when one of two people side by side is '
-        'lost; lower it when a person gets two boxes.',
+        'that of lower score is removed. Raise it when one of two people side by side is lost; '
+        'lower it when a person gets two boxes.',
         limits=(0.0, 1.0),
         read_only=False,
         expert=True,
@@ -92,8 +92,8 @@ class DetectorConfig(Config):
     )
     person_names: tuple[str, ...] = param(
         ('person', 'persons', 'people', 'human', 'humans', 'pedestrian', 'pedestrians'),
-        'Names of classes of people, in upper or lower case; all are reported as person. A model '
-        'without any of them is refused, unless the list is empty.',
+        'Names of classes of people, in any case; all are reported as person. A model without any '
+        'is refused, unless the list is empty.',
         expert=True,
     )
     camera_roll_deg: float = param(

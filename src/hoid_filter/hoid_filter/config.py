@@ -35,7 +35,7 @@ class ExtractionConfig(Config):
     refill: bool = param(
         default=True,  # decision 014
         description='Whether features on dynamic objects are replaced by others on static '
-        'surface. The HOID paper only removes them.',
+        'surface.',
         expert=True,
     )
 
@@ -88,8 +88,7 @@ class PlusConfig(Config):
     keep_background: bool = param(
         default=True,  # docs/results/ablation.md, carry-screen
         description='Whether hoid+ masks only those pixels of a dynamic box whose depth is near '
-        'that of the person or object. Set it to false for a camera with poor depth, to mask '
-        'the whole box as in the HOID paper.',
+        'that of the person or object. Set it to false for a camera with poor depth.',
         read_only=False,
     )
 
@@ -136,14 +135,14 @@ class MotionConfig(Config):
     in_front: bool = param(
         default=True,  # docs/results/ablation.md, slow-6
         description='Whether a surface in front of the depth of earlier images is evidence of a '
-        'moving object. Set it to false when poor depth makes static surface look as if it moved.',
+        'moving object. Set it to false when poor depth makes static surface seem to move.',
         read_only=False,
     )
     off_course: bool = param(
         default=True,  # docs/results/ablation.md, carry-screen
         description='Whether points whose image motion contradicts the camera motion are evidence '
-        'of a moving object. Set it to false when repetitive texture makes static surface look as '
-        'if it moved.',
+        'of a moving object. Set it to false when repetitive texture makes static surface seem to '
+        'move.',
         read_only=False,
     )
 
@@ -201,8 +200,8 @@ class FilterConfig(Config):
     prediction_limit_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time for which boxes are predicted while the detector sends no message (s). '
-        'Raise it, with detections.wait_s, for a detector that takes longer; lower it when '
-        'features are removed where people have been.',
+        'Raise it, with detections.wait_s, for a slower detector; lower it when features are '
+        'removed where people have been.',
         limits=(0.0, 10.0),
         read_only=False,
         expert=True,
@@ -236,7 +235,7 @@ class DetectionInputConfig(Config):
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
         'Longest time that the final verdict on an image waits for its detections, and features '
         'for the first message of the detector (s). Raise it, with prediction_limit_s, for a '
-        'detector that takes longer.',
+        'slower detector.',
         limits=(0.0, 10.0),
         read_only=False,
         expert=True,

@@ -21,8 +21,8 @@ class GridConfig(Config):
 
     resolution_m: float = param(
         0.05,  # the default of Nav2's costmaps
-        'Side of a cell of grid_map (m). Raise it to make the messages smaller; larger cells '
-        'close narrow passages. Cells smaller than dense.voxel_m leave gaps.',
+        'Side of a cell of grid_map (m). Larger cells make the messages smaller and close narrow '
+        'passages; cells smaller than dense.voxel_m leave gaps.',
         limits=(0.01, 1.0),
         read_only=False,
         expert=True,
@@ -76,8 +76,8 @@ class DenseConfig(Config):
     )
     voxel_m: float = param(
         0.025,  # chosen: half a cell of the grid
-        'Side of a voxel (m). Raise it to save memory, lower it to map more detail. The dense map '
-        'of a saved map can be loaded only with the value that it was made with.',
+        'Side of a voxel (m). Raise it to save memory, lower it to map more detail. A saved dense '
+        'map needs the value that it was made with.',
         limits=(0.005, 0.5),
         expert=True,
     )

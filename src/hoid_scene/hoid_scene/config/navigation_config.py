@@ -32,8 +32,7 @@ class NavigationConfig(Config):
     margin_m: float = param(
         0.4,  # chosen: the personal space of Hall's proxemics starts at 0.45 m
         'Distance that is kept from the places where a walking person will be, and from the edge '
-        'of a handled object (m). The radius of the robot is added by the inflation layer of '
-        'Nav2.',
+        'of a handled object (m). The inflation layer of Nav2 adds the radius of the robot.',
         limits=(0.0, 2.0),
         expert=True,
     )

@@ -14,7 +14,7 @@ class ImuConfig(Config):
     gyro: bool = param(
         default=True,
         description='Whether a gyro predicts how the camera turns, and continues its pose for up '
-        'to 1.5 s while images fail. A gyro that contradicts the images is ignored in any case.',
+        'to 1.5 s while images fail.',
         expert=True,
     )
     prior: bool = param(
@@ -25,7 +25,7 @@ class ImuConfig(Config):
     integrate: bool = param(
         default=True,
         description='Whether an accelerometer continues the position while the gyro continues the '
-        'rotation. Set it to false to continue the last velocity instead.',
+        'rotation; otherwise the last velocity does.',
         expert=True,
     )
     level: bool = param(

@@ -33,8 +33,8 @@ class FrameConfig(Config):
     )
     publish_map_to_odom: bool = param(
         default=True,
-        description='Whether to send map -> odom on /tf. Set it to false if another node '
-        'localizes the robot and sends map -> odom itself.',
+        description='Whether to send map -> odom on /tf. Set it to false if another node sends '
+        'it.',
         read_only=False,
         expert=True,
     )

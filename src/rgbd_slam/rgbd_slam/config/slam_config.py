@@ -36,16 +36,15 @@ class CameraConfig(Config):
     scale_factor: float = param(
         1.2,  # as ExtractionConfig.scale_factor of hoid_filter
         'Ratio of the scales of two successive levels of the image pyramid (without unit). Keep '
-        'it for hoid_filter; set it to that of another node that publishes features. A saved '
-        'map can be loaded only with the value that it was made with.',
+        'it for hoid_filter; set it to that of another node that publishes features. A saved map '
+        'needs the value that it was made with.',
         limits=(1.01, 2.0),
     )
     num_octaves: int = param(
         8,  # as ExtractionConfig.num_levels of hoid_filter
         'Largest number of levels of the image pyramid (octaves) from which features come. Keep '
-        'it for hoid_filter; raise it for another node that publishes features of more levels, '
-        'which are refused otherwise. A saved map can be loaded only with the number that it '
-        'was made with.',
+        'it for hoid_filter; raise it for another node that publishes features of more levels. A '
+        'saved map needs the number that it was made with.',
         limits=(1, 16),
     )
 
