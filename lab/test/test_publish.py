@@ -151,7 +151,7 @@ def test_a_table_names_its_commit_and_machine_once(root: Path, plan: Plan) -> No
     better = '**0.0200** [0.0200-0.0200]'
     assert f'| `a` | 0.0800 [0.0800-0.0800] | {better} |\n| `b` |' in text
     assert 'Made at commit c1, on M.' in text
-    assert '\nRecorded. RMSE in m; bold: better than no filter, slanted: worse.\n' in text
+    assert '\nRecorded. RMSE in m.\n' in text
     assert '\n\n| sequence | `none` | `hoid2d`, ground-truth boxes |\n' in text
     assert text.startswith('# Page\n')
     assert text.endswith('<!-- /bench -->\n\nEnd.\n')

@@ -40,7 +40,7 @@ def error_table(columns: Sequence[str], rows: Sequence[Row]) -> Table:
         setting = (*(row.cells[k] for k in shown), *((row.commit,) if mixed else ()))
         cells.setdefault(setting, {})[row.cells[sequence_at]] = _cell(columns, row, error_at)
     sequences = tuple(dict.fromkeys(row.cells[sequence_at] for row in rows))
-    caption = f'{columns[error_at].replace(" [m]", " in m")}{_marks(columns)}.'
+    caption = f'{columns[error_at].replace(" [m]", " in m")}.'
     if len(sequences) >= len(cells) and not mixed:
         settings = (', '.join(n for n in setting if n not in _EMPTY) for setting in cells)
         lines = [(s, *(of.get(s, '') for of in cells.values())) for s in sequences]
@@ -51,7 +51,7 @@ def error_table(columns: Sequence[str], rows: Sequence[Row]) -> Table:
 
 
 def _cell(columns: Sequence[str], row: Row, error_at: int) -> str:
-    """Return the error, bold or slanted as `_marks` says, and the coverage if it is not whole."""
+    """Return the error, bold if better, slanted if worse, and the coverage if it is partial."""
     text = row.cells[error_at]
     by_name = dict(zip(columns, row.cells, strict=True))
     change = by_name.get(_BETTER, '')
@@ -61,9 +61,3 @@ def _cell(columns: Sequence[str], row: Row, error_at: int) -> str:
         text = f'{mark}{median}{mark} {spread}'.strip()
     coverage = by_name.get(_COVERAGE, '')
     return text if coverage in (*_EMPTY, '1.000') else f'{text}, coverage {coverage}'
-
-
-def _marks(columns: Sequence[str]) -> str:
-    if _BETTER not in columns:
-        return ''
-    return '; bold: better than no filter, slanted: worse'
