@@ -50,7 +50,7 @@ _COLUMNS = {
 
 
 def growth(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
-    """Return CPU times per image (track and learn) and per keyframe (map) for each map size."""
+    """Return durations per image (track and learn) and per keyframe (map) for each map size."""
     building = Building(seed=seed)
     truth, last, base = driven_map(building, seed)
     rows: list[dict[str, Any]] = []
@@ -59,7 +59,7 @@ def growth(seed: int, sizes: Sequence[int] = SIZES) -> Outcome:
         row = _measured(building, seed, truth, last, content)
         ratio = row['image ms'] / (rows[0] if rows else row)['image ms']
         rows.append(row | {'ratio': ratio})
-    return Outcome('growth', 'Growth of the map (CPU time, one core)', _COLUMNS, rows)
+    return Outcome('growth', 'Growth of the map (one core)', _COLUMNS, rows)
 
 
 def driven_map(building: Building, seed: int) -> tuple[Trajectory, int, MapFile]:

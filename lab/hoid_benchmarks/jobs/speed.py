@@ -55,7 +55,7 @@ def _recording(store: Store) -> Sequence:
 
 
 def _time_track(sequence: Sequence) -> Rows:
-    """Yield the thread CPU times of every stage of a run without a filter."""
+    """Yield the durations of every stage of a run without a filter."""
     config = RunConfig().updated({'filter.strategy': 'none'})
     pipeline = OfflinePipeline(sequence, config)
     for frame in sequence:
@@ -64,8 +64,8 @@ def _time_track(sequence: Sequence) -> Rows:
 
 
 def _time_filter(sequence: Sequence) -> Rows:
-    """Yield the thread CPU times of the extraction, and of each strategy alone."""
-    cv2.setNumThreads(1)  # thread CPU time would not include other threads
+    """Yield the durations of the extraction, and of each strategy alone."""
+    cv2.setNumThreads(1)  # a robot has other work for the other cores
     for strategy in _STRATEGIES:
         config = replace(FilterConfig(), strategy=strategy)
         stage = FeatureFilter(config, sequence.camera)

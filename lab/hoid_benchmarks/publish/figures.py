@@ -74,7 +74,7 @@ def save_figures(folder: Path, drawn: Mapping[str, Sequence[Mark]]) -> None:
     """Write the figures as SVG."""
     labels = {
         ATE: 'ATE RMSE [mm], median and range of five runs',
-        TIME: 'CPU time of extraction, filter and tracking per frame [ms], median to largest p95',
+        TIME: 'time of extraction, filter and tracking per frame [ms], median to largest p95',
         WORTH: 'ATE without the part / ATE with all parts',
     }
     for name, marks in drawn.items():

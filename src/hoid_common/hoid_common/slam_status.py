@@ -44,4 +44,4 @@ class SlamStatus:
     relocalizations: int = 0  # recoveries from LOST
     frames_processed: int = 0
     frames_dropped: int = 0  # missing images, estimated from gaps between stamps
-    stage_ms: Mapping[str, float] = field(default_factory=dict)  # processor time by stage
+    stage_ms: Mapping[str, float] = field(default_factory=dict)  # duration by stage

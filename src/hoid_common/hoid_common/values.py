@@ -324,7 +324,8 @@ class FilterResult:
     removed_uv_px: Float32Array  # (M, 2) pixels of the removed features, for the debug image
     num_features_in: int  # features that were detected
     num_removed: int  # features that were removed as dynamic
-    # Processor time [ms] of the stages 'extract' and 'filter'.
+    # Duration [ms] of the stages 'extract' and 'filter', by a monotonic clock, since reading the
+    # clock of the thread interrupts it on a busy computer (decision 016).
     stage_ms: dict[str, float] = field(default_factory=dict)
 
 

@@ -39,7 +39,7 @@ class DetectedCorners(NamedTuple):
 
     frame: RgbdFrame
     corners: Corners
-    elapsed_s: float  # processor time of corner detection
+    elapsed_s: float  # duration of corner detection
 
 
 class FinalVerdict(NamedTuple):
@@ -93,9 +93,9 @@ class FeatureFilter:
         positions of removed features. MessageError if color and depth differ in size.
         """
         detected = self.detect_corners(frame)
-        start = time.thread_time()
+        start = time.perf_counter()
         self.detect_motion(detected)
-        motion_ms = (time.thread_time() - start) * 1e3
+        motion_ms = (time.perf_counter() - start) * 1e3
         result = self.select_and_describe(detected, detections, for_picture=for_picture)
         result.stage_ms['filter'] += motion_ms
         return result
@@ -103,10 +103,10 @@ class FeatureFilter:
     def detect_corners(self, frame: RgbdFrame) -> DetectedCorners:
         """Return the FAST corners; MessageError if color and depth differ in size."""
         check_sizes(frame)
-        start = time.thread_time()
+        start = time.perf_counter()
         gray = cv2.cvtColor(frame.image_bgr, cv2.COLOR_BGR2GRAY)
         corners = self._extractor.detect(np.asarray(gray, np.uint8))
-        return DetectedCorners(frame, corners, time.thread_time() - start)
+        return DetectedCorners(frame, corners, time.perf_counter() - start)
 
     def detect_motion(self, detected: DetectedCorners) -> None:
         """Segment motion in an image of the camera that is due and no copy of another one."""
@@ -166,17 +166,17 @@ class FeatureFilter:
         detected dynamic objects is stored for `detect_motion`.
         """
         frame, corners, corners_s = detected
-        start_s = time.thread_time()
+        start_s = time.perf_counter()
         verdict = self._classify(frame.stamp_ns, detections, frame.depth_m, corners.pixel)
         self._detected_mask = verdict.detected_mask
-        classified_s = time.thread_time()
+        classified_s = time.perf_counter()
         chosen = self._extractor.choose(corners, verdict.kept, verdict.static_area_px)
         is_dynamic = [reason is not ObjectState.AT_REST for reason in verdict.objects.reasons]
         dynamic_xyxy_px = verdict.objects.boxes_xyxy_px[is_dynamic]
         features = self._extractor.describe(
             corners, chosen, frame.depth_m, frame.stamp_ns, dynamic_xyxy_px
         )
-        done_s = time.thread_time()
+        done_s = time.perf_counter()
         return FilterResult(
             features=features,
             objects=self._objects(verdict.objects, frame.size_px),

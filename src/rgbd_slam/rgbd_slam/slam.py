@@ -33,7 +33,7 @@ from rgbd_slam.tracking.tracking_result import TrackingResult
 from rgbd_slam.tracking.tracking_state import TrackingStates
 from rgbd_slam.tracking.warm_up import WarmUp
 
-_MS = 1e3
+_MS = 1e3  # durations by the monotonic clock: decision 016
 # Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
 # Triangulation adds points to the first map later.
 _MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
@@ -96,7 +96,7 @@ class RgbdSlam:
             and self._repeated.original_ns == original.stamp_ns
         ):
             return self._predict(original, features.stamp_ns, repetition)
-        frame, start_s = self._prepare(features), time.thread_time()
+        frame, start_s = self._prepare(features), time.perf_counter()
         self.map.update()
         self.odometry.follow(frame.stamp_ns)
         tracking = None if self.map.is_empty else self._find(frame)
@@ -117,13 +117,13 @@ class RgbdSlam:
         tracking = result.to_learn
         if tracking is None:  # lost, or the first frame of a map
             return result
-        start_s = time.thread_time()
+        start_s = time.perf_counter()
         self._update_estimates(tracking)
         is_keyframe = self.map.takes_keyframes and self._policy.wants(tracking)
-        learned_s = time.thread_time()
+        learned_s = time.perf_counter()
         if is_keyframe:
             self._insert_keyframe(tracking)
-        mapped_s = time.thread_time()
+        mapped_s = time.perf_counter()
         track_ms = result.stage_ms['track'] + _MS * (learned_s - start_s)
         stage_ms = {'track': track_ms, 'map': _MS * (mapped_s - learned_s)}
         return replace(result, is_keyframe=is_keyframe, stage_ms=stage_ms, to_learn=None)
@@ -188,7 +188,7 @@ class RgbdSlam:
             image_covariance=self.odometry.image_covariance,
             num_tracked=tracking.num_matches,
             num_inliers=tracking.num_inliers,
-            stage_ms={'track': _MS * (time.thread_time() - start_s)},
+            stage_ms={'track': _MS * (time.perf_counter() - start_s)},
             competing=tracking.consensus.competing,
             note=self.states.note,
             to_learn=tracking,

@@ -30,7 +30,7 @@ class LiveMetrics:
         return len(self.processed)
 
     def record_stages(self, stamp_ns: int, stage_ms: Mapping[str, float]) -> None:
-        """Add processor times [ms] of stages of an image; that of `detect` is wall time."""
+        """Add durations [ms] of stages of an image."""
         self._stage_ms.setdefault(stamp_ns, {}).update(stage_ms)
 
     def latency_ms(self) -> list[float]:

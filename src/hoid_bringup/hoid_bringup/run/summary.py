@@ -69,7 +69,7 @@ class RunResult:
     ground_truth: Trajectory | None  # in the frame of the ground truth; None: there is none
     status: SlamStatus  # at the end, with the counts of the main map
     filter_counts: FilterCounts
-    # Times in ms by stage, one per frame: processor time of the thread, wall time for `detect`.
+    # Durations in ms by stage, one per frame.
     stage_ms: Mapping[str, Sequence[float]]
     peak_rss_mb: float  # largest resident memory in MiB; live: sum of the nodes' largest values
     # Times in ms from the publication of an image to its odometry; live runs only.

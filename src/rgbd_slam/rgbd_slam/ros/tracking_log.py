@@ -14,14 +14,14 @@ _PERIOD_S = 10.0  # chosen: often enough to see that the node works, and not too
 
 
 class TrackingLog:
-    """Logs changes of the state of tracking, and about every 10 s its rate and processor time."""
+    """Logs changes of the state of tracking, and about every 10 s its rate and duration."""
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
         self._last: SlamStatus | None = None
         self._lost_at = 0  # number of processed images when tracking was lost
         self._since_s = time.monotonic()  # start of the present period
-        self._track_ms: list[float] = []  # CPU times of the images tracked in this period
+        self._track_ms: list[float] = []  # durations of the images tracked in this period
 
     def update(self, status: SlamStatus) -> None:
         """Log what has changed since the status of the previous image, and progress if due."""

@@ -34,7 +34,7 @@ class TrackingResult:
     num_inliers: int = 0  # number of matched map points that fit the pose
     is_keyframe: bool = False
     is_predicted: bool = False  # the image is a copy of the last one; its pose was not measured
-    # CPU time of 'track' and, once `learn` has used the image, of 'map'. It is empty for a lost
+    # Duration of 'track' and, once `learn` has used the image, of 'map'. It is empty for a lost
     # image, and for the first image of a map.
     stage_ms: dict[str, float] = field(default_factory=dict)
     # A second motion that explains part of the image; None if there is none.

@@ -24,8 +24,8 @@ class FeatureCounts(NamedTuple):
 
     num_detected: int = 0  # features that were found before filtering
     num_removed: int = 0  # features that were removed as dynamic
-    extract_ms: float = 0.0  # processor time of detection and description
-    filter_ms: float = 0.0  # processor time of classifying and removing dynamic features
+    extract_ms: float = 0.0  # duration of detection and description
+    filter_ms: float = 0.0  # duration of classifying and removing dynamic features
 
 
 def features_from_msg(msg: FeaturesMsg) -> Features:
