@@ -10,8 +10,10 @@ from pathlib import Path
 
 _HEAD = """# Messages and services, field by field
 
-Written by `make reference` from the files of `src/hoid_msgs`.
+Written by `make reference` from the files of `src/hoid_msgs`. Every response also has
+`bool success` and `string message`, which is the result, or the error and what to do about it.
 """
+_IN_EVERY_RESPONSE = re.compile(r'^(?:bool success|string message) .*\n?', re.MULTILINE)
 _WIDTH = 110  # characters in a line of the page
 _FIELD = re.compile(r'(?P<type>\S+)\s+(?P<name>\w+)(?:=(?P<value>\S+))?\s*(?:#\s*(?P<text>.*))?$')
 
@@ -23,7 +25,7 @@ def message_reference(package: Path) -> str:
         description, *lists = _read(path.read_text(encoding='utf-8'))
         parts.append(f'## {path.stem}\n\n{description}\n')
         for title, fields in zip(('', 'Response:\n\n'), lists, strict=False):
-            parts.append(f'{title}{fields}\n')
+            parts += [f'{title}{fields}\n'] if fields else []
     return '\n'.join(parts)
 
 
@@ -34,7 +36,8 @@ def _read(text: str) -> Iterator[str]:
     """
     description, _, rest = text.partition('\n\n')
     yield textwrap.fill(' '.join(line.lstrip('# ') for line in description.splitlines()), _WIDTH)
-    for part in rest.split('\n---\n'):
+    request, *response = rest.split('\n---\n')
+    for part in (request, *(_IN_EVERY_RESPONSE.sub('', text) for text in response)):
         yield '\n'.join(_items(part.strip().splitlines()))
 
 
