@@ -70,16 +70,14 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
         default='full',
         metavar='WHAT',
         help=f'experiments: {plans} (default: %(default)s) or a YAML file; '
-        f'{OFFICIAL}: the tables of the paper on the official sequences in FOLDER; '
+        f'{OFFICIAL}: the tables of the paper, of the sequences in FOLDER; '
         f'a stage to time ({", ".join(STAGES)}); '
-        f'{_MASKS}: dynamic masks, evaluated at corners; {_PAIRS}: dynamic masks of image pairs; '
-        f'{_ROOMS}: dense map, grid and object tracks of rendered rooms; '
-        f'{_OBJECTS}: object maps of real recordings, compared with lists of what is there; '
-        f'{_COVARIANCES}: published covariances compared with the errors; '
+        f'{_MASKS}, {_PAIRS}: dynamic masks; {_ROOMS}: maps of rendered rooms; '
+        f'{_OBJECTS}: object maps of real recordings; {_COVARIANCES}: published covariances; '
         f'{_FAULTS}: fault injection ({", ".join(CAMPAIGNS)}); '
-        f'{_BUILDING}: SLAM in a simulated building ({", ".join(SCENARIOS)}); '
+        f'{_BUILDING}: a simulated building ({", ".join(SCENARIOS)}); '
         f'{_PLANNER}: drives among people, with and without the masks for Nav2; '
-        f'{_LIVE}: what the nodes use while they run ({", ".join((*CASES, PUBLISHING))})',
+        f'{_LIVE}: what running nodes use ({", ".join((*CASES, PUBLISHING))})',
     )
     add(
         'folder',

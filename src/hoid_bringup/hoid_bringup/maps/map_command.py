@@ -35,10 +35,10 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'action',
         choices=(_INFO, _MERGE, _LOOPS, _REMOVE, _EXPORT),
-        help='info: print what each map holds; merge: join the maps where they show the same '
-        'places, in the frame of the first one; loops: list the loops and joins of each map; '
-        'remove-loop: take back loop K of a map, as in "remove-loop FILE K", and adjust the map; '
-        'export: write a mesh of the dense map (.ply, .glb) or the objects (.json) for others',
+        help='info: print what each map holds; merge: join maps that show the same places, in the '
+        'frame of the first one; loops: list loops and joins; '
+        'remove-loop: take back loop K of a map, as in "remove-loop FILE K"; '
+        'export: write a mesh of the dense map (.ply, .glb) or the objects (.json)',
     )
     parser.add_argument('maps', type=Path, nargs='+', metavar='FILE', help=f'saved {SUFFIX} files')
     parser.add_argument(
@@ -51,11 +51,11 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--semantic',
         action='store_true',
-        help='export: the mesh has the colors of classes of objects, and in a .ply file labels',
+        help='export: a mesh with the colors of classes, and in a .ply file labels',
     )
     for option, text in (
-        ('--join', 'merge: these two show the same places: one place that fits is enough'),
-        ('--apart', 'merge: never join these two, even if they look the same'),
+        ('--join', 'merge: these two show the same places'),
+        ('--apart', 'merge: never join these two'),
     ):
         parser.add_argument(
             option,
