@@ -120,6 +120,17 @@ def test_an_object_that_begins_to_move_does_not_bias_the_pose() -> None:
     assert np.mean(inside[~moved(groups)]) < 0.1
 
 
+@pytest.mark.parametrize('seed', range(8))
+def test_in_a_blur_no_region_is_left_out(seed: int) -> None:
+    """Parts of the image contradict each other, and no region of them is to blame."""
+    problem, is_well_observed = seen(Group(150, (1.3, 4.5), is_well_observed=True))
+    right, low = (problem.measured_px[:, :2] > (CAMERA.cx_px, CAMERA.cy_px)).astype(int).T
+    shift_px = np.random.default_rng(seed).normal(0, 1, (2, 2, 3))
+    shift_px[..., 2] = shift_px[..., 0]  # depth is right
+    blurred = replace(problem, measured_px=problem.measured_px + shift_px[right, low])
+    assert CONSENSUS.solve(blurred, is_well_observed, np.eye(4)).biasing is None
+
+
 def test_without_the_consensus_near_objects_capture_the_pose() -> None:
     """This shows that the consensus is the reason why the other tests pass."""
     off = PoseConsensus(CAMERA, ConsensusConfig(enabled=False))

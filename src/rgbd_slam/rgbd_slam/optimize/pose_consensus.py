@@ -231,7 +231,8 @@ class PoseConsensus:
 
         An object that moves slowly fits the pose of all matches nearly as well as the static
         scene, so that residuals do not show it. When its matches are left out, however, the pose
-        of the other matches changes, and their cost falls by more than noise explains.
+        of the other matches changes, and their cost falls by more than noise explains. In a blur
+        it falls without any region; there, the other matches do not fit the new pose either.
         """
         config = self._config
         if not config.leave_out_parts or len(deciding) < config.min_well_observed:
@@ -250,6 +251,8 @@ class PoseConsensus:
             return None
         found = self._hypothesis(deciding, deciding.select(rest), biased.T_camera_map)
         if self._is_consistent(biased.cost[rest], found.cost[rest], config.min_cost_decrease):
+            return None
+        if median(found.cost[rest]) > _MEDIAN_COST:  # more than the measured noise explains
             return None
         return found._replace(inliers=found.inliers & rest), ViewRegion(worst.low, worst.high)
 
