@@ -197,7 +197,7 @@ DEPTHS_BY_ENCODING: dict[str, NDArray[Any]] = {
     '16UC1': DEPTH_MM, 'mono16': DEPTH_MM, '16SC1': DEPTH_MM.astype(np.int16), '32FC1': DEPTH_M,
     '64FC1': DEPTH_MM / 1000,
 }  # fmt: skip
-SIZES = 'sizes and registration'
+SIZES = 'sizes'
 VARIANTS = [
     Variant('recorders', 'MCAP of rosbag2', bag(COLORS, DEPTHS, INFO)),
     *(
@@ -251,7 +251,7 @@ VARIANTS = [
              zstd_image(DEPTH_M, '32FC1', zstd.compress), 'zstd'),
         )
     ),
-    Variant('depth', 'none', bag(COLORS, INFO), 'has no depth images'),
+    Variant('depth', 'no images', bag(COLORS, INFO), 'has no depth images'),
     Variant(SIZES, 'depth of half the size, in the frame of color', bag(
         COLORS, raw(D, HALF_MM, '16UC1'), INFO), depth_m=HALF_M),
     Variant(SIZES, 'depth of another size, in the frame of color', bag(

@@ -27,8 +27,8 @@ def test_the_page_of_commands_is_what_make_reference_writes() -> None:
 def test_the_page_of_messages_is_what_make_reference_writes() -> None:
     page = PAGE.with_name('messages.md').read_text()
     assert page == message_reference(PAGE.parents[2] / 'src/hoid_msgs'), 'run "make reference"'
-    fields = re.findall(r'^- `\w+ (\w+)', page.partition('## SetMode')[2], re.MULTILINE)
-    assert fields == ['MAPPING', 'LOCALIZATION', 'mode']
+    fields = re.findall(r'^- `(.*?)`', page.partition('## SetMode')[2], re.MULTILINE)
+    assert fields == ['MAPPING=mapping', 'LOCALIZATION=localization', 'string mode']
 
 
 def test_the_page_names_every_parameter_of_every_node() -> None:

@@ -27,7 +27,8 @@ def literature_page(kept: Mapping[str, Kept]) -> str:
         ours = [_without_filter(kept, names.get(column)) for column in table.columns[1:]]
         row = tuple(map(text, ('this project, no filter', *ours[:-1], _SOURCE)))
         rows = (*table.rows, row) if any(cell != '-' for cell in ours) else table.rows
-        parts.append(f'## {table.title}\n\n{replace(table, rows=rows).markdown()}')
+        title, *_ = table.title.removeprefix('Literature, ').partition(' (')
+        parts.append(f'## {title}\n\n{replace(table, rows=rows).markdown()}')
     return '\n'.join(parts)
 
 

@@ -12,6 +12,7 @@ _HEAD = """# Messages and services, field by field
 
 Written by `make reference` from the files of `src/hoid_msgs`. Every response also has
 `bool success` and `string message`, which is the result, or the error and what to do about it.
+`NAME=VALUE` is a constant.
 """
 _IN_EVERY_RESPONSE = re.compile(r'^(?:bool success|string message) .*\n?', re.MULTILINE)
 _WIDTH = 110  # characters in a line of the page
@@ -58,9 +59,10 @@ def _field(line: str) -> str:
     found = _FIELD.match(line)
     if found is None:
         raise ValueError(f'is no field of a message: {line}')
-    value = f' = {found["value"]}' if found['value'] else ''
+    name, value = found['name'], found['value']
     text = f': {found["text"]}' if found['text'] else ''
-    return f'- `{found["type"]} {found["name"]}{value}`{text}'
+    what = f'{name}={value}' if value else f'{found["type"]} {name}'
+    return f'- `{what}`{text}'
 
 
 if __name__ == '__main__':

@@ -1,7 +1,8 @@
 """Writes the tables of README and of the result pages from the files of results.
 
 A table is written between `<!-- bench PLAN EXPERIMENT ... -->` and `<!-- /bench -->`; the names of
-columns after a bar, `EXPERIMENT | RMSE [m], coverage`, select these. The word `summary` instead of
+columns after a bar, `EXPERIMENT | RMSE [m], coverage`, select these, and the names of filters in
+`EXPERIMENT | filter: none, hoid+` select their rows. The word `summary` instead of
 experiments means the table of README. The output of `hoid bench faults`, `live` and `rooms` is
 written into a file of text beside their pages, which quote it.
 `make reference` writes all tables, the figures, the list of decisions and the page of published
@@ -23,7 +24,7 @@ from hoid_benchmarks.publish.error_table import error_table
 from hoid_benchmarks.publish.figures import Mark, figures, save_figures
 from hoid_benchmarks.publish.layouts import LAYOUTS, layouts_svg
 from hoid_benchmarks.publish.literature_page import literature_page
-from hoid_benchmarks.publish.results_file import Kept, Row, read_kept, select_columns
+from hoid_benchmarks.publish.results_file import Kept, Row, read_kept, select_columns, select_rows
 from hoid_common.errors import InputError
 from hoid_common.io.yaml_file import read_yaml
 
@@ -130,13 +131,20 @@ def _filled(found: re.Match[str], root: Path) -> str:
         return f'{begin}\n{_summary(kept)}\n{end}'
     here = [kept[name] for name in names.split() if name in kept]
     if selected:
-        here = [select_columns(one, selected.split(', ')) for one in here]
+        here = [_selected(one, selected) for one in here]
     left = [name for name in names.split() if name not in kept]
     parts = [_table(here)] if here else []
     if left:
         only = ' '.join(f'--only {name}' for name in left)
         parts.append(f'Not run yet: `./hoid bench {plan} {only} --publish`.')
     return f'{begin}\n' + '\n\n'.join(parts) + f'\n\n{end}'
+
+
+def _selected(kept: Kept, selected: str) -> Kept:
+    column, is_rows, names = selected.partition(': ')
+    if is_rows:
+        return select_rows(kept, column, names.split(', '))
+    return select_columns(kept, selected.split(', '))
 
 
 def _table(kept: Sequence[Kept]) -> str:

@@ -47,6 +47,12 @@ def select_columns(kept: Kept, names: Sequence[str]) -> Kept:
     return Kept(tuple(names), rows)
 
 
+def select_rows(kept: Kept, column: str, names: Sequence[str]) -> Kept:
+    """Return the table with the rows that have one of these names in a column."""
+    at = kept.columns.index(column)
+    return replace(kept, rows=tuple(row for row in kept.rows if row.cells[at] in names))
+
+
 def read_kept(path: Path) -> dict[str, Kept]:
     """Return the stored tables by name of the experiment; empty if there is no file.
 

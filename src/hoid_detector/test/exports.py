@@ -349,7 +349,8 @@ def page() -> str:
         f'- {name}: {"; ".join((_outputs(form), *_input(form), *_parameters(form)))}'
         for name, form in FORMS.items()
     ]
-    refused = [f'- {name}: `{form.refused.strip()}`' for name, form in REFUSED.items()]
+    lines = dict.fromkeys(form.refused.strip() for form in REFUSED.values())
+    refused = [f'- {"; ".join(_refused_by(line))}: `{line}`' for line in lines]
     names = [f'{form} (`{key}`)' if key else form for form, (key, _) in NAMES.items()]
     return '\n'.join(
         [
@@ -366,6 +367,10 @@ def page() -> str:
             f'Read with their keys: {"; ".join(names)}.',
         ]
     )
+
+
+def _refused_by(line: str) -> list[str]:
+    return [name for name, form in REFUSED.items() if form.refused.strip() == line]
 
 
 def _outputs(form: Form) -> str:
