@@ -177,3 +177,14 @@ def test_extra_boxes_lie_in_the_image_and_stay_the_same() -> None:
     assert len(one) == 51
     np.testing.assert_array_equal(one.boxes_xyxy_px, two.boxes_xyxy_px)
     assert set(one.class_names[1:]) == {'cup'}
+
+
+def test_half_size_images_show_points_at_half_the_position() -> None:
+    half = PerturbedSequence(Recording(), Perturbation(half_size=True), 0)
+    frame = next(iter(half))
+    assert frame.image_bgr.shape == (24, 32, 3)
+    assert frame.depth_m.shape == (24, 32)
+    point_m = np.array([[0.2, -0.1, 2.0]])
+    full_px, half_px = (c.project_px(point_m) for c in (Recording.camera, half.camera))
+    # The center of the first 2x2 pixels, at 0.5, is that of the first pixel of half the size.
+    np.testing.assert_allclose(2 * half_px + 0.5, full_px)

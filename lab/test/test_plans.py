@@ -160,7 +160,7 @@ def test_a_scene_is_rendered_anew_when_any_module_of_the_renderer_changes(
 
 def test_every_named_plan_file_is_shipped() -> None:
     folder = Path(__file__).parents[1] / 'hoid_benchmarks' / 'plan' / 'experiments'
-    names = {'quick', 'full', 'readme', 'ablation', 'scenes', 'hand_held', 'official'}
+    names = {'quick', 'full', 'readme', 'ablation', 'scenes', 'hand_held', 'official', 'budget'}
     assert {p.stem for p in folder.glob('*.yaml')} == names
 
 

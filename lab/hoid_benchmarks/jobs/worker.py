@@ -8,6 +8,8 @@ import pickle
 import subprocess
 import sys
 import tempfile
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ from hoid_bringup.run.provenance import machine as this_machine
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import HoidError, InputError
 from hoid_common.io.tum_text import read_tum, write_tum
+from hoid_common.values import S_PER_NS
 
 _TRUTH = 'ground_truth.txt'
 _KEPT = ('trajectory.txt', 'trajectory_online.txt', _TRUTH, 'features.csv')
@@ -144,13 +147,16 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     pipeline = OfflinePipeline(sequence, config, detect, find_features=find_features, imu=imu)
     verdicts = Verdicts(job.sequence, base.camera) if job.mode == 'verdicts' else None
     lines = ['stamp_ns,features kept']
+    start_s, stamps_ns = time.process_time(), []
     for i, frame in enumerate(sequence):
         done = pipeline.process(frame)
         lines.append(f'{frame.stamp_ns},{pipeline.num_kept[-1]}')
+        stamps_ns.append(frame.stamp_ns)
         if verdicts is not None:
             verdicts.add(i, pipeline.objects)
         if errors is not None:
             errors.add(frame.stamp_ns, done.pose, pipeline.imu_report())
+    spent_s = time.process_time() - start_s
     if cached is not None:
         cached.save()
         pipeline.stage_ms.pop('detect', None)  # mostly the time of reading the cache
@@ -158,12 +164,23 @@ def _run_offline(job: Job, path: Path, out: Path, store: Store) -> None:
     (out / 'features.csv').write_text('\n'.join(lines) + '\n')
     if sequence.ground_truth is not None:
         write_tum(out / _TRUTH, sequence.ground_truth)
-    document = json.loads(summary.to_json()) | {'reference_ms': reference_ms()}
+    document = (
+        json.loads(summary.to_json())
+        | {'reference_ms': reference_ms()}
+        | _cost(job, spent_s, stamps_ns)
+    )
     if verdicts is not None:
         document['verdicts'] = verdicts.summary()
     if errors is not None:
         document['imu_errors'] = errors.summary(read_tum(out / 'trajectory.txt'))
     (out / 'summary.json').write_text(json.dumps(document))
+
+
+def _cost(job: Job, spent_s: float, stamps_ns: Sequence[int]) -> dict[str, float]:
+    """Return the processor time of a timed run per second of the recording."""
+    if job.mode != 'timed':  # detections are read from a cache
+        return {}
+    return {'cpu_s_per_s': spent_s / (S_PER_NS * (stamps_ns[-1] - stamps_ns[0]))}
 
 
 def _run_detector(job: Job, path: Path, out: Path, _store: Store) -> None:

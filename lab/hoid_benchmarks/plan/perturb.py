@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from hoid_bags.sequence import Sequence
@@ -46,7 +47,7 @@ class PerturbedSequence:
         if perturbation.screen_m > 0 and base.ground_truth is not None:
             self._screen = MovingPicture(base.camera, base.ground_truth, perturbation.screen_m)
         self.name = base.name
-        self.camera: CameraModel = base.camera
+        self.camera: CameraModel = _halved(base.camera) if perturbation.half_size else base.camera
         self.ground_truth: Trajectory | None = base.ground_truth
         self.true_detections = base.true_detections
         self.fault = base.fault
@@ -70,6 +71,12 @@ class PerturbedSequence:
     ) -> RgbdFrame:
         p = self._perturbation
         depth_m, image = frame.depth_m, frame.image_bgr
+        if p.half_size:
+            # The mean of four depths at an edge would be on no surface.
+            depth_m = depth_m[::2, ::2]
+            image = np.asarray(
+                cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8
+            )
         if p.depth_noise > 0:
             noise = rng.standard_normal(depth_m.shape, np.float32) * p.depth_noise
             depth_m = np.where(depth_m > 0, np.maximum(depth_m + noise * depth_m**2, 0), 0)
@@ -87,6 +94,19 @@ class PerturbedSequence:
         image[:, left:right] = texture[: image.shape[0], : right - left]
         depth_m[:, left:right] = _COVER_DEPTH_M
         return image, depth_m
+
+
+def _halved(camera: CameraModel) -> CameraModel:
+    """Return the camera whose pixels are 2x2 pixels of another one; pixel centers are integers."""
+    return replace(
+        camera,
+        width_px=camera.width_px // 2,
+        height_px=camera.height_px // 2,
+        fx_px=camera.fx_px / 2,
+        fy_px=camera.fy_px / 2,
+        cx_px=(camera.cx_px - 0.5) / 2,
+        cy_px=(camera.cy_px - 0.5) / 2,
+    )
 
 
 def black_range(num_images: int, perturbation: Perturbation) -> range:

@@ -125,16 +125,20 @@ def _ablation(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
     def key(job: Job) -> Group:
         return (job.variant or 'default', *by_method(job))
 
+    cost = key_value('cpu_s_per_s')
+    is_timed = spread(results, cost).runs > 0
     rows = [
         (
             *map(text, names),
             meters(spread(group, _ATE), group),
             share(spread(group, _COVERAGE), group),
             share(spread(group, removed_share), group),
+            *[number(spread(group, cost).median, group, 2)][:is_timed],
         )
         for names, group in grouped(results, key).items()
     ]
-    return ('variant', *_METHOD, 'ATE RMSE [m]', 'coverage', 'features removed'), rows
+    columns = ('variant', *_METHOD, 'ATE RMSE [m]', 'coverage', 'features removed')
+    return (*columns, *['CPU s/s'][:is_timed]), rows
 
 
 def _accuracy(_: Experiment, results: Sequence[Result]) -> tuple[Group, Rows]:
