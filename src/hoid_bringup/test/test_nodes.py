@@ -88,11 +88,11 @@ def test_one_core_leaves_out_detections_and_motion_and_says_so(
     assert caplog.messages == []
     chosen = within_budget(options('--base', 'base_link'), 1).parameters
     assert chosen[DETECTOR] == {'base_frame': 'base_link', 'rate_hz': 5.0}
-    assert chosen[FILTER] == {'motion.rate_hz': 15.0}
+    assert chosen[FILTER] == {'extraction.num_features': 750, 'motion.rate_hz': 15.0}
     assert (chosen[SLAM], chosen[SCENE]) == ({'frames.base': 'base_link'}, {})
     (line,) = caplog.messages
     assert 'objects are detected in at most 5 images per second' in line
-    assert line.endswith('and motion is segmented in at most 15')
+    assert line.endswith('motion is segmented in at most 15 images per second')
     scene_only = options('--only', SCENE)
     assert within_budget(scene_only, 1) == scene_only
 
@@ -102,7 +102,8 @@ def test_one_core_keeps_what_the_user_has_given(
 ) -> None:
     file = tmp_path / 'robot.yaml'
     file.write_text('/**:\n  ros__parameters:\n    rate_hz: 30.0\n')
-    given = options('--params', str(file), '--set', 'filter.motion.rate_hz=0.0')
+    changed = ('filter.motion.rate_hz=0.0', 'filter.extraction.num_features=1000')
+    given = options('--params', str(file), '--set', changed[0], '--set', changed[1])
     assert within_budget(given, 1) == given
     assert caplog.messages == []
 

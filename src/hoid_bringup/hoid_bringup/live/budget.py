@@ -14,12 +14,13 @@ from hoid_common.errors import ConfigError
 _LOG = logging.getLogger(__name__)
 ONE_CORE: Mapping[str, Mapping[str, Any]] = {
     DETECTOR: {'rate_hz': 5.0},
-    FILTER: {'motion.rate_hz': 15.0},
+    FILTER: {'extraction.num_features': 750, 'motion.rate_hz': 15.0},
 }
 """Values on one core of parameters that the user has not given (decision 057)."""
 _SAID = {
-    DETECTOR: 'objects are detected in at most {0:g} images per second',
-    FILTER: 'motion is segmented in at most {0:g}',
+    'rate_hz': 'objects are detected in at most {:g} images per second',
+    'motion.rate_hz': 'motion is segmented in at most {:g} images per second',
+    'extraction.num_features': 'an image has at most {} features',
 }
 
 
@@ -51,7 +52,7 @@ def within_budget(options: NodeOptions, num_cores: int) -> NodeOptions:
         added = {name: value for name, value in values.items() if name not in given}
         if node in options.nodes and added:
             parameters[node] = {**parameters.get(node, {}), **added}
-            said.append(_SAID[node].format(*added.values()))
+            said += [_SAID[name].format(value) for name, value in added.items()]
     if said:
-        _LOG.warning('one core: %s', ', and '.join(said))
+        _LOG.warning('one core: %s', '; '.join(said))
     return replace(options, parameters=parameters)
