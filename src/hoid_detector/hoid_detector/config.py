@@ -21,8 +21,8 @@ class DetectorConfig(Config):
     model: str = param(
         '',
         'ONNX model of the detector: the path of a file or a known name such as yolox_nano. If it '
-        'is empty, it is the model in the environment variable HOID_MODEL, else a known one in a '
-        'folder of models (such as ~/.cache/hoid), else yolox_nano, which is downloaded.',
+        'is empty, a model is searched for: that of the environment variable HOID_MODEL, a known '
+        'one in a folder such as ~/.cache/hoid, or yolox_nano, which is downloaded.',
     )
     rate_hz: float = param(
         15.0,  # decision 056

@@ -41,10 +41,9 @@ class FrameConfig(Config):
     publish_odom_to_base: bool = param(
         default=True,
         description='Whether to send odom -> base on /tf. Set it to false if another node, such '
-        'as robot_localization, sends it: map -> odom is then computed from that transform, which '
-        'also predicts the camera pose, and the visual odometry is on visual_odom, in a frame '
-        'with visual_ in front of the last part of frames.odom. Do not feed visual_odom into the '
-        'other node, which would receive its own estimate while the camera is lost.',
+        'as robot_localization, sends it: that transform then also predicts the camera pose, and '
+        'the visual odometry is on visual_odom. Do not feed visual_odom into the other node, '
+        'which would receive its own estimate while the camera is lost.',
     )
     transform_tolerance_s: float = param(
         0.1,  # chosen: three images at 30 Hz; AMCL's transform_tolerance is 1.0

@@ -103,10 +103,9 @@ class PlaceConfig(Config):
 
     new_map_after_s: float = param(
         3.0,  # not tuned
-        'Longest time for which the camera is lost before a new map is started (s); a gap between '
-        'two images counts as at most 0.5 s. Where the camera sees surfaces that are not in the '
-        'map, 0.4 s are enough. Raise it if needless maps are started; lower it if poses are '
-        'missing for too long after a loss.',
+        'Longest time for which the camera is lost before a new map is started (s). Where the '
+        'camera sees surfaces that are not in the map, 0.4 s are enough. Raise it if needless '
+        'maps are started; lower it if poses are missing for too long after a loss.',
         limits=(0.1, 3600.0),
         read_only=False,
     )
