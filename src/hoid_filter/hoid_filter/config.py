@@ -39,6 +39,11 @@ class ExtractionConfig(Config):
         expert=True,
     )
 
+    # Whether levels of the pyramid on which most corners are noise, the fine ones in a blur or in
+    # the dark, yield features to coarser levels (decision 059). Without it, levels have the fixed
+    # shares of ORB-SLAM3, and `low_fast_threshold` is used on all of them or on none.
+    adapt_levels: bool = param(default=True, internal=True)
+
     # Levels of the image pyramid, and ratio of the scales of two of them (ORB-SLAM3, TUM1.yaml).
     num_levels: ClassVar[int] = 8
     scale_factor: ClassVar[float] = 1.2
@@ -48,8 +53,8 @@ class ExtractionConfig(Config):
     # Smallest contrast of a FAST corner [gray levels] (ORB-SLAM3, TUM1.yaml: its lower
     # threshold, for cells without strong corners).
     fast_threshold: ClassVar[int] = 7
-    # Chosen: the contrast [gray levels] that is used instead where `fast_threshold` finds fewer
-    # corners in an image than `num_features`, for example on a plain wall.
+    # Chosen: the contrast [gray levels] that is used instead on a level where `fast_threshold`
+    # finds fewer corners than features are wanted, for example on a plain wall.
     low_fast_threshold: ClassVar[int] = 3
 
 

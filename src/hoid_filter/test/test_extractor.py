@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from hoid_common.values import BoolArray, ByteArray, Features, Float32Array
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.extraction.extractor import OrbExtractor, octave_budgets
+from hoid_filter.extraction.extractor import OrbExtractor, octave_budgets, structure_shares
+from hoid_filter.extraction.pyramid import build_pyramid
 
 HEIGHT, WIDTH = 480, 640
 
@@ -159,6 +160,38 @@ def test_a_dim_image_has_features_of_low_contrast(
     assert len(extract(dim, depth_m)) == 1000
     bright = OrbExtractor(ExtractionConfig()).detect(image_gray)
     assert bright.score.min() >= ExtractionConfig.fast_threshold
+
+
+def test_in_a_blur_with_noise_features_come_from_coarser_levels(
+    image_gray: ByteArray, depth_m: Float32Array
+) -> None:
+    rng = np.random.default_rng(7)
+    blurred = cv2.GaussianBlur(image_gray, (0, 0), 3)
+    noisy = np.clip(blurred + rng.normal(0, 6, blurred.shape), 0, 255).astype(np.uint8)
+    fixed = extract(noisy, depth_m, config=ExtractionConfig(adapt_levels=False))
+    adapted = extract(noisy, depth_m)
+    assert len(fixed) == len(adapted) == 1000
+    counts = [np.bincount(features.octave) for features in (fixed, adapted)]
+    assert counts[0].tolist() == [217, 181, 151, 126, 104, 88, 72, 61]
+    assert counts[1][0] < 0.6 * counts[0][0]
+    assert (counts[1][3:] > 1.2 * counts[0][3:]).all()
+
+
+def test_shares_of_structure() -> None:
+    """A level has at most the density of corners of any coarser one."""
+    pyramid = build_pyramid(np.zeros((HEIGHT, WIDTH), np.uint8), 3, 2.0)  # 480, 240, 120 px high
+    area_px = np.array([480 * 640, 240 * 320, 120 * 160])
+    for densities, expected in (
+        ((1, 2, 4), (1, 1, 1)),  # sharp
+        ((8, 2, 4), (0.25, 1, 1)),
+        ((8, 4, 2), (0.25, 0.5, 1)),
+        ((0, 4, 0), (1, 0, 1)),
+    ):
+        counts = (np.array(densities) * area_px / 1000).astype(np.int64)
+        shares = structure_shares(counts, pyramid, 0)
+        np.testing.assert_allclose(shares, expected, atol=0.02)
+    small = build_pyramid(np.zeros((80, 90), np.uint8), 8, 1.2)
+    np.testing.assert_array_equal(structure_shares(np.array([9] + [0] * 7), small, 19), 1)
 
 
 def test_blank_image_gives_no_features(depth_m: Float32Array) -> None:

@@ -18,7 +18,7 @@ from hoid_common.values import (
     IntArray,
 )
 from hoid_filter.config import ExtractionConfig
-from hoid_filter.extraction.pyramid import Corners, Int32Array, build_pyramid
+from hoid_filter.extraction.pyramid import Corners, Int32Array, Pyramid, build_pyramid
 from hoid_native import (
     fast_corners,
     orb_descriptors,
@@ -28,6 +28,7 @@ from hoid_native import (
 )
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
+_MIN_SIDE_PX = 32  # of a level without its border, below which `fast_corners` finds none
 _SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # before BRIEF comparisons, as in OpenCV's ORB
 
 
@@ -39,17 +40,54 @@ class OrbExtractor:
         self._budgets = octave_budgets(config.num_features, config.num_levels, config.scale_factor)
 
     def detect(self, image_gray: ByteArray) -> Corners:
-        """Return the FAST corners of a gray image (H, W) on all levels of its pyramid."""
+        """Return the FAST corners of a gray image (H, W) on all levels of its pyramid.
+
+        Levels with fewer corners than features are wanted of them have those of low contrast, too.
+        """
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
         corners = Corners(
             pyramid, *fast_corners(*pyramid, config.fast_threshold, config.border_px)
         )
-        if len(corners) >= config.num_features:
-            return corners
+        if config.adapt_levels:
+            lacks = self._counts(corners) < self._budgets_of(corners)
+        else:
+            lacks = np.full(config.num_levels, len(corners) < config.num_features)
+        return self._with_weak_corners(corners, lacks) if lacks.any() else corners
+
+    def _with_weak_corners(self, corners: Corners, lacks: BoolArray) -> Corners:
+        """Return corners with those of low contrast on the levels (L,) that lack corners."""
+        config, pyramid = self._config, corners.pyramid
+        first = int(np.argmax(lacks))
+        coarse = Pyramid(pyramid.levels[first:], pyramid.steps_px[first:])
+        weak = fast_corners(*coarse, config.low_fast_threshold, config.border_px)
+        octave = weak.octave + np.uint8(first)
+        added = np.flatnonzero(lacks[octave] | (weak.score >= config.fast_threshold))
+        uv_px = weak.uv_px.take(added, axis=0)
+        u, v = np.rint(uv_px).astype(np.int64).T
+        num_kept = int(np.searchsorted(corners.octave, first))
         return Corners(
-            pyramid, *fast_corners(*pyramid, config.low_fast_threshold, config.border_px)
+            pyramid,
+            np.concatenate([corners.xy_px[:num_kept], weak.xy_px.take(added, axis=0)]),
+            np.concatenate([corners.uv_px[:num_kept], uv_px]),
+            np.concatenate([corners.pixel[:num_kept], v * pyramid.levels[0].shape[1] + u]),
+            np.concatenate([corners.octave[:num_kept], octave[added]]),
+            np.concatenate([corners.score[:num_kept], weak.score[added]]),
         )
+
+    def _counts(self, corners: Corners) -> IntArray:
+        """Return the (L,) numbers of corners of normal contrast on each level."""
+        octave = corners.octave[corners.score >= self._config.fast_threshold]
+        return np.bincount(octave, minlength=self._config.num_levels)
+
+    def _budgets_of(self, corners: Corners) -> IntArray:
+        """Return the (L,) numbers of features wanted of each level of this image."""
+        config = self._config
+        if not config.adapt_levels:
+            return self._budgets
+        counts = self._counts(corners)
+        weights = self._budgets * structure_shares(counts, corners.pyramid, config.border_px)
+        return _in_proportion(weights, config.num_features)
 
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
         """Return the ascending indices of the corners to describe, distributed evenly.
@@ -59,12 +97,13 @@ class OrbExtractor:
         `kept` are removed.
         """
         uv_px, octave, score = corners.uv_px, corners.octave, corners.score
+        budgets = self._budgets_of(corners)
         if kept is not None and self._config.refill:
             uv_px = uv_px.take(kept, axis=0)  # 40 times as fast as indexing
             octave, score = octave[kept], score[kept]
-            return kept[spread_evenly(uv_px, octave, score, self._budgets, static_area_px)]
+            return kept[spread_evenly(uv_px, octave, score, budgets, static_area_px)]
         size_px = corners.pyramid.levels[0].size
-        chosen = spread_evenly(uv_px, octave, score, self._budgets, size_px)
+        chosen = spread_evenly(uv_px, octave, score, budgets, size_px)
         return chosen if kept is None else np.intersect1d(chosen, kept, assume_unique=True)
 
     def describe(
@@ -139,6 +178,25 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
     """Return the numbers of features per level, in proportion to 1 / scale."""
-    weights = scale_factor ** -np.arange(num_levels, dtype=np.float64)
-    ends = np.round(np.cumsum(weights) / weights.sum() * num_features).astype(np.int64)
+    return _in_proportion(scale_factor ** -np.arange(num_levels, dtype=np.float64), num_features)
+
+
+def structure_shares(counts: IntArray, pyramid: Pyramid, border_px: int) -> FloatArray:
+    """Return the share of the corners (L,) of each level that coarser levels confirm.
+
+    Structure has more corners per pixel on coarser levels, in sharp images 1 to 1.2 times as many
+    from each level to the next. Noise averages out there: a level has at most as many corners of
+    structure per pixel as any coarser one. In a blur or in the dark, the fine levels have little
+    but noise (decision 059).
+    """
+    sides_px = np.array([level.shape for level in pyramid.levels]) - 2 * border_px
+    has_room = sides_px.min(1) >= _MIN_SIDE_PX
+    density = np.where(has_room, counts / np.maximum(sides_px.prod(1), 1), np.inf)
+    structure = np.minimum.accumulate(density[::-1])[::-1]
+    return np.divide(structure, density, out=np.ones(len(counts)), where=counts > 0)
+
+
+def _in_proportion(weights: FloatArray, total: int) -> IntArray:
+    """Return integers (L,) with a sum that are proportional to weights, not all of them 0."""
+    ends = np.round(np.cumsum(weights) / weights.sum() * total).astype(np.int64)
     return np.concatenate([ends[:1], ends[1:] - ends[:-1]])
