@@ -13,6 +13,7 @@ from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.convert import convert
 from hoid_bags.imu_recording import read_own_imu
 from hoid_bags.sequence import open_sequence
+from hoid_bags.tum.cameras import TUM_CAMERAS
 from hoid_bags.tum.tum_folder import open_tum_folder
 from hoid_common.errors import InputError
 from hoid_common.se3 import T_BODY_OPTICAL
@@ -107,6 +108,21 @@ def open3d(folder: Path) -> None:
     matrix = [60.0, 0, 0, 0, 61.0, 0, 31.5, 23.5, 1]
     camera = {'width': 64, 'height': 48, 'intrinsic_matrix': matrix}
     (folder / 'intrinsic.json').write_text(json.dumps(camera))
+
+
+def test_a_tum_folder_may_state_its_camera(tmp_path: Path) -> None:
+    folder = tmp_path / 'freiburg1_copy'
+    folder.mkdir()
+    bonn(folder)
+    (folder / 'camera.yaml').write_text(
+        'image_width: 64\nimage_height: 48\n'
+        'camera_matrix: {data: [60.0, 0, 31.5, 0, 61.0, 23.5, 0, 0, 1]}\n'
+    )
+    assert open_sequence(folder).camera == CAMERA
+    assert open_sequence(folder, TUM_CAMERAS['fr1']).camera == TUM_CAMERAS['fr1']
+    (folder / 'camera.yaml').write_text('image_width: 64\n')
+    with pytest.raises(InputError, match=r'camera\.yaml: '):
+        open_sequence(folder)
 
 
 WRITERS = {

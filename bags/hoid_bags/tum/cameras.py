@@ -10,6 +10,8 @@ from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
+CAMERA_FILE = 'camera.yaml'
+"""Name of the file of the camera in a TUM folder, as `camera_calibration` writes it."""
 TUM_DEPTH_UNITS_PER_M = 5000.0
 """Depth units per meter of the PNG files of all three cameras, as the benchmark's authors state.
 

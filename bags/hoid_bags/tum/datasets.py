@@ -12,7 +12,7 @@ import numpy as np
 
 from hoid_bags.images import read_image_bytes
 from hoid_bags.tum import listing
-from hoid_bags.tum.cameras import camera_from_name
+from hoid_bags.tum.cameras import CAMERA_FILE, camera_from_name, read_camera_yaml
 from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.image_size import image_size_px
@@ -42,7 +42,11 @@ def numbered(folder: Path, color: str, depth: str) -> tuple[Images, Images]:
     return listing.numbered_images(folder, color), listing.numbered_images(folder, depth)
 
 
-def camera_in_name(folder: Path) -> FolderCamera:
+def tum_camera(folder: Path) -> FolderCamera:
+    """Return the camera of camera.yaml, else the published one that the folder is named after."""
+    path = folder / CAMERA_FILE
+    if path.is_file():
+        return FolderCamera(read_camera_yaml(path))
     return FolderCamera(camera_from_name(folder.resolve().name))
 
 

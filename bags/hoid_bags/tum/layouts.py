@@ -85,7 +85,7 @@ def _refuse_r3d(path: Path, *_: str) -> NoReturn:
 
 
 TUM = Layout(
-    'TUM', (COLOR_LIST,), COLOR_LIST, DEPTH_LIST, TUM_DEPTH_UNITS_PER_M, datasets.camera_in_name
+    'TUM', (COLOR_LIST,), COLOR_LIST, DEPTH_LIST, TUM_DEPTH_UNITS_PER_M, datasets.tum_camera
 )
 LAYOUTS = (
     Layout(

@@ -12,6 +12,7 @@ import numpy as np
 
 from hoid_bags.images import check_size, decode_color, decode_depth
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
+from hoid_bags.tum.cameras import CAMERA_FILE
 from hoid_bags.tum.layouts import TUM, Layout, find_layout, has_file
 from hoid_bags.tum.listing import Images, ListedImage
 from hoid_common.errors import ConfigError, InputError, MessageError
@@ -116,8 +117,8 @@ def open_tum_folder(
     ConfigError if the depth units are not positive, or a list names an impossible file.
 
     Args:
-        camera: Camera of the recording; None: the one that its files state or, for TUM, the
-            published one whose name the folder's name contains.
+        camera: Camera of the recording; None: the one that its files state or, for TUM, that
+            of camera.yaml or the published one whose name the folder's name contains.
     """
     if depth_units_per_m is not None and not 0 < depth_units_per_m < np.inf:
         raise ConfigError(f'depth units per meter must be positive, got {depth_units_per_m}')
@@ -129,7 +130,7 @@ def open_tum_folder(
     camera = camera or (stated.camera if stated else None)
     if camera is None:
         raise InputError(
-            f'{path}: the name contains no known camera;'
+            f'{path}: no {CAMERA_FILE}, and the name contains no known camera;'
             ' give --calibration fr1, fr2, fr3, bonn or a YAML file'
         )
     units_per_m = depth_units_per_m or (stated.units_per_m if stated else 0) or layout.units_per_m
