@@ -689,6 +689,8 @@ def object_surfaces(
     boxes_px: Annotated[NDArray[numpy.int32], dict(shape=(None, 4), writable=False)],
     areas_px: Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)],
     is_person: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    is_support: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
+    may_be_flat: Annotated[NDArray[numpy.bool_], dict(shape=(None,), writable=False)],
     T_box_map: Annotated[NDArray[numpy.float64], dict(shape=(None, 4, 4), writable=False)],
     known_low_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
     known_high_m: Annotated[NDArray[numpy.float64], dict(shape=(None, 3), writable=False)],
@@ -708,6 +710,8 @@ def object_surfaces(
         boxes_px: (D, 4) left, top, right and bottom of the detections, within the image; right and
             bottom are excluded.
         areas_px: (D,) areas of the boxes, also of what is beyond the image.
+        is_support: (D,) whether other objects may lie on it.
+        may_be_flat: (D,) whether the surface may be a part of a plane that continues around the box.
         T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
         known_low_m, known_high_m: (D, 3) lowest and highest corners of the known boxes; if the lowest
             ones are not below the highest ones, the object is unknown.

@@ -241,7 +241,8 @@ def objects() -> dict[str, Any]:
     return {
         'object_surfaces': kernels.object_surfaces(
             depth_m, points, 0.02, boxes, (boxes[:, 2:] - boxes[:, :2]).prod(1).astype(float),
-            np.arange(9) == 4, T, low, high, rng.integers(-1, 9, depth_m.size).astype(np.int32),
+            np.arange(9) == 4, np.arange(9) != 3, np.arange(9) != 5,
+            T, low, high, rng.integers(-1, 9, depth_m.size).astype(np.int32),
         ),
         'voxel_keys': kernels.voxel_keys(points, *grid),
         'voxels_of': voxels,

@@ -44,6 +44,8 @@ def segment(
     owner = known.get('owner', np.full(depth_m.size, -1, np.int32))
     return object_surfaces(
         depth_m, points_of(depth_m), 1 / FOCAL_PX, areas, sides.prod(axis=1), is_person,
+        known.get('is_support', np.ones(num, np.bool_)),
+        known.get('may_be_flat', np.ones(num, np.bool_)),
         np.tile(np.eye(4), (num, 1, 1)), low, high, owner,
     )  # fmt: skip
 
@@ -136,7 +138,34 @@ def test_a_hidden_object_is_what_is_seen_of_its_known_place() -> None:
 def test_an_empty_list_of_detections_has_no_segments() -> None:
     found = object_surfaces(
         room(), points_of(room()), 0.02, np.empty((0, 4), np.int32), np.empty(0),
-        np.empty(0, np.bool_), np.empty((0, 4, 4)), np.empty((0, 3)), np.empty((0, 3)),
+        *np.empty((3, 0), np.bool_), np.empty((0, 4, 4)), np.empty((0, 3)), np.empty((0, 3)),
         np.full(HEIGHT * WIDTH, -1, np.int32),
     )  # fmt: skip
     assert all(len(part) == 0 for part in found)
+
+
+def test_a_plane_behind_a_thing_that_is_never_flat_is_no_part_of_it() -> None:
+    """The leaves of a plant leave most of its box to the wall, whose readings scatter."""
+    noise_m = np.random.default_rng(0).normal(0.0, 0.045, (HEIGHT, WIDTH)).astype(np.float32)
+    depth_m = room(((24, 4, 26, 20), 3.75))
+    depth_m[depth_m == 4.0] += noise_m[depth_m == 4.0]
+    box = 18, 4, 32, 20
+    kept = segment(depth_m, [box], may_be_flat=np.array([True]))
+    left = segment(depth_m, [box], may_be_flat=np.array([False]))
+    leaves = pixels_in(24, 4, 26, 20)
+    assert leaves <= parts(left)[0]
+    assert len(parts(left)[0] - leaves) < 0.5 * len(parts(kept).get(0, set()) - leaves)
+
+
+def test_what_a_chair_hides_does_not_get_its_surface() -> None:
+    """A box on a table shows what lies on it, a box on a chair what is behind it."""
+    chair = 8, 6, 56, 44
+    depth_m = room((chair, 2.0))
+    owner = np.full((HEIGHT, WIDTH), -1, np.int32)
+    owner[6:44, 8:56] = 0
+    boxes = [chair, (26, 6, 38, 14)]
+    for is_support, is_found in ((True, True), (False, False)):
+        found = segment(
+            depth_m, boxes, owner=owner.ravel(), is_support=np.array([is_support, True])
+        )
+        assert (1 in parts(found)) == is_found

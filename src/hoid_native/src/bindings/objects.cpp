@@ -170,18 +170,23 @@ The points are in the map frame; the other arguments are those of `pixels_on_sur
     [](
       const ImageArray<float>& depth_m, const PointArray& points_map_m, double pixel_m,
       const ImageBoxes& boxes_px, const Vector<double>& areas_px, const Flags& is_person,
-      const ExactMatrices& T_box_map, const PointArray& known_low_m,
+      const Flags& is_support, const Flags& may_be_flat, const ExactMatrices& T_box_map,
+      const PointArray& known_low_m,
       const PointArray& known_high_m, const Vector<int32_t>& owner) {
       const auto image = depth_points(depth_m, points_map_m, pixel_m);
       require_boxes("boxes_px", boxes_px, depth_m);
       require_lengths(
-        boxes_px.size(), "areas_px", areas_px, "is_person", is_person, "T_box_map", T_box_map,
-        "known_low_m", known_low_m, "known_high_m", known_high_m);
+        boxes_px.size(), "areas_px", areas_px, "is_person", is_person, "is_support", is_support,
+        "may_be_flat", may_be_flat,
+        "T_box_map", T_box_map, "known_low_m", known_low_m, "known_high_m", known_high_m);
       require_lengths(depth_m.num_elements(), "owner", owner);
       require_range("owner", owner, -1, boxes_px.size());
       auto found = unlocked([&] {
         return objects::object_surfaces(
-          image, {boxes_px, areas_px, is_person, T_box_map, known_low_m, known_high_m}, owner);
+          image,
+          {boxes_px, areas_px, is_person, is_support, may_be_flat, T_box_map, known_low_m,
+           known_high_m},
+          owner);
       });
       return make<ObjectSurfaces>(
         std::move(found.detection), std::move(found.pixels), std::move(found.pixels_end),
@@ -190,7 +195,7 @@ The points are in the map frame; the other arguments are those of `pixels_on_sur
         give_rows<3>(std::move(found.low_m)), give_rows<3>(std::move(found.high_m)));
     },
     "depth_m"_a, "points_map_m"_a, "pixel_m"_a, "boxes_px"_a, "areas_px"_a, "is_person"_a,
-    "T_box_map"_a, "known_low_m"_a, "known_high_m"_a, "owner"_a, R"(
+    "is_support"_a, "may_be_flat"_a, "T_box_map"_a, "known_low_m"_a, "known_high_m"_a, "owner"_a, R"(
 Return the surfaces of the D detected objects that have enough depth pixels, without people.
 
 The surface is the nearest layer of depth in the box, without planes that continue around the box.
@@ -204,6 +209,8 @@ Args:
     boxes_px: (D, 4) left, top, right and bottom of the detections, within the image; right and
         bottom are excluded.
     areas_px: (D,) areas of the boxes, also of what is beyond the image.
+    is_support: (D,) whether other objects may lie on it.
+    may_be_flat: (D,) whether the surface may be a part of a plane that continues around the box.
     T_box_map: (D, 4, 4) transforms from the map frame to that of the known object.
     known_low_m, known_high_m: (D, 3) lowest and highest corners of the known boxes; if the lowest
         ones are not below the highest ones, the object is unknown.

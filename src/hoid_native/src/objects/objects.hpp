@@ -25,7 +25,9 @@ struct Detections
   Rows<int32_t, 4> boxes_px;  // left, top, right, bottom within the image, exclusive
   const double* areas_px;     // of the boxes as they were detected
   const uint8_t* is_person;
-  Transforms T_box_map;              // to the frames of the known boxes
+  const uint8_t* is_support;   // whether other objects may lie on it
+  const uint8_t* may_be_flat;  // whether it may be a part of a plane that goes on around its box
+  Transforms T_box_map;        // to the frames of the known boxes
   Points known_low_m, known_high_m;  // corners in these frames
 };
 

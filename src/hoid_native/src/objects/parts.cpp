@@ -134,11 +134,11 @@ Pixels nearest_part(const DepthPoints& image, const Pixels& pixels, int side_px)
   return out;
 }
 
-bool is_on(const Plane& plane, const DepthPoints& image, int64_t pixel)
+bool is_on(const Plane& plane, const DepthPoints& image, int64_t pixel, double scale)
 {
   const double *n = plane.normal, *p = image.points_m[pixel];
   const double distance_m = n[0] * p[0] + n[1] * p[1] + n[2] * p[2] - plane.offset_m;
-  return std::abs(distance_m) < tolerance_m(image.depth_m.data[pixel]);
+  return std::abs(distance_m) < scale * tolerance_m(image.depth_m.data[pixel]);
 }
 
 std::optional<Plane> best_plane(

@@ -49,8 +49,9 @@ struct Plane
   double offset_m;   // dot product of the normal and a point of the plane
 };
 
-// Return whether the depth at a pixel is on a plane, as far as the noise of depth shows.
-bool is_on(const Plane& plane, const DepthPoints& image, int64_t pixel);
+// Return whether the depth at a pixel is on a plane, as far as the noise of depth shows: within about
+// 1.4 standard deviations, times `scale`.
+bool is_on(const Plane& plane, const DepthPoints& image, int64_t pixel, double scale);
 
 // Return the plane that most pixels are on, fitted to them; none if they are on a line. There must be
 // one pixel at least.

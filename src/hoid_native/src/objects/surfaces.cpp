@@ -32,6 +32,12 @@ constexpr std::size_t kMaxRing = 250;  // readings of the ring that are used, to
 // An object keeps the readings near a plane if without them less than this share would remain: then
 // it is flat itself, like a book on a table.
 constexpr double kMinRest = 0.15;
+// Then the plane must have at least this ratio of the readings in its box. Otherwise the object is
+// hidden, and the plane is a wall or a floor behind it. Chosen.
+constexpr double kFlatShare = 0.5;
+// How much farther from a plane the readings may be that are removed from an object that is not
+// flat: 2.5 standard deviations of depth. Chosen.
+constexpr double kNoiseScale = 1.8;
 // Two segments that share more than this part of the smaller one are the same surface; the second
 // number holds if one of them is a person.
 constexpr double kShared = 0.4, kSharedWithPerson = 0.1;
@@ -129,14 +135,15 @@ private:
 
   // Mark the pixels of the box that show known objects of other detections as taken.
   //
-  // Pixels of an object whose box is at least three times as large are not: the object of
-  // detection `d` may lie on it, and the surface below is removed as a plane.
+  // Pixels of a support whose box is at least three times as large are not: the object of detection
+  // `d` may lie on it, and the surface below is removed as a plane.
   void take_known(const int32_t* owner, int d)
   {
     box(d).each_pixel(image_.depth_m.width, [&](int64_t pixel) {
       const int32_t o = owner[pixel];
       taken_[pixel] = o >= 0 && o != d &&
-                      detections_.areas_px[o] < kSupportRatio * detections_.areas_px[d];
+                      (detections_.is_support[o] == 0 ||
+                       detections_.areas_px[o] < kSupportRatio * detections_.areas_px[d]);
     });
   }
 
@@ -157,7 +164,7 @@ private:
       return std::nullopt;
     }
     if (!detections_.is_person[d]) {
-      pixels = without_planes(pixels, area);
+      pixels = without_planes(pixels, d, everything.size());
     }
     Segment out{d, {}, {}};
     std::set_difference(
@@ -170,24 +177,28 @@ private:
     return out;
   }
 
-  // Return the pixels that are not on a plane around the box; those on a plane are kept if too few
-  // others would remain.
-  Pixels without_planes(const Pixels& pixels, const PixelBox& area) const
+  // Return the pixels that are not on a plane around the box. Those on a plane are kept if too few
+  // others would remain of an object that may be flat, and if they fill its box.
+  Pixels without_planes(const Pixels& pixels, int d, std::size_t num_readings) const
   {
-    Pixels rest = pixels, ring = ring_of(area, pixels);
+    Pixels rest = pixels, ring = ring_of(box(d), pixels);
     std::mt19937 random;
+    const bool may_be_flat = detections_.may_be_flat[d] != 0;
     const double least_ring = std::max<double>(
       kMinReadings, kMinPlaneShare * static_cast<double>(ring.size()));
     const double least_rest = std::max<double>(
       kMinReadings, kMinRest * static_cast<double>(pixels.size()));
     for (int k = 0; k < kMaxPlanes && static_cast<double>(ring.size()) >= least_ring; ++k) {
       const std::optional<Plane> plane = best_plane(image_, ring, random);
-      const Pixels ring_left = plane ? without(*plane, ring) : ring;
+      const Pixels ring_left = plane ? without(*plane, ring, 1.0) : ring;
       if (static_cast<double>(ring.size() - ring_left.size()) < least_ring) {
         break;
       }
-      Pixels left = without(*plane, rest);
-      if (static_cast<double>(left.size()) >= least_rest) {
+      Pixels left = without(*plane, rest, may_be_flat ? 1.0 : kNoiseScale);
+      const auto num_on_plane = static_cast<double>(rest.size() - left.size());
+      const bool is_flat =
+        may_be_flat && num_on_plane >= kFlatShare * static_cast<double>(num_readings);
+      if (static_cast<double>(left.size()) >= least_rest || !is_flat) {
         rest = std::move(left);
       }
       ring = ring_left;
@@ -195,11 +206,11 @@ private:
     return rest;
   }
 
-  Pixels without(const Plane& plane, const Pixels& pixels) const
+  Pixels without(const Plane& plane, const Pixels& pixels, double scale) const
   {
     Pixels out;
     std::copy_if(pixels.begin(), pixels.end(), std::back_inserter(out), [&](int64_t pixel) {
-      return !is_on(plane, image_, pixel);
+      return !is_on(plane, image_, pixel, scale);
     });
     return out;
   }

@@ -11,7 +11,7 @@ from hoid_common import se3
 from hoid_common.values import BoolArray
 from hoid_scene.objects.evidence import is_confusable
 from hoid_scene.objects.mapped_object import MappedObject
-from hoid_scene.objects.segmentation import BoxPx, Segment
+from hoid_scene.objects.segmentation import BARE, BoxPx, Segment
 
 # None of these numbers was tuned where no other source is named.
 # Ratio of the smaller of two boxes; two that share more may show the same object.
@@ -25,14 +25,6 @@ _MERGE_RATIO = 0.5  # of one object's voxels in the box of the other, from which
 _MERGE_OTHER_RATIO = 0.8  # the same for classes that detectors do not confuse
 _SUPPORT_RATIO = 2.5  # ratio of radii from which on the smaller object may lie on the larger one
 _PART_RATIO = 0.8  # of an object's voxels near the surface of a larger one that it is a part of
-# Things on which other things do not lie: what seems to is a part of them, such as the foot of a
-# monitor that a detector calls a phone. Chosen.
-_BARE = frozenset(
-    {
-        'tv', 'laptop', 'keyboard', 'mouse', 'remote', 'cell phone', 'potted plant', 'vase', 'cup',
-        'bottle', 'wine glass', 'clock', 'teddy bear', 'umbrella', 'bicycle', 'backpack',
-    }
-)  # fmt: skip
 _CHAIR, _CHAIR_M = 'chair', 0.65  # largest width and depth of a usual chair; chosen
 
 
@@ -82,10 +74,10 @@ class Merging:
             return are_inside_each_other(first, second)
         is_alike = is_confusable(first.class_name, second.class_name)
         small, large = sorted((first, second), key=lambda item: item.surface.radius_m())
-        if not is_alike and small.class_name in _BARE and large.class_name not in _BARE:
+        if not is_alike and small.class_name in BARE and large.class_name not in BARE:
             return False  # such as a screen and the desk in whose box it stands
         if not is_alike and large.surface.radius_m() > _SUPPORT_RATIO * small.surface.radius_m():
-            is_part = large.class_name in _BARE
+            is_part = large.class_name in BARE
             near = large.surface.ratio_near(small.surface.solid_points_map_m()) if is_part else 0.0
             return near >= _PART_RATIO
         ratio = max(
@@ -104,7 +96,7 @@ def _pair(*ids: int) -> tuple[int, int]:
 def may_lie_on(radius_m: float, item: MappedObject) -> bool:
     """Return whether a thing of this radius may lie on a known object that is much larger."""
     is_large = item.surface.radius_m() > _SUPPORT_RATIO * radius_m
-    return is_large and item.class_name not in _BARE
+    return is_large and item.class_name not in BARE
 
 
 def are_inside_each_other(first: MappedObject, second: MappedObject) -> bool:

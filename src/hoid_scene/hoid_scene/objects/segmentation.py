@@ -24,6 +24,21 @@ from hoid_scene.objects.object_view import ObjectView, edge_m
 # those in the box, in the outer part of a margin around it: detected boxes are a few pixels off.
 _MARGIN_PX, _INNER_MARGIN_PX, _MIN_BEYOND, _BEYOND_RATIO = 4, 1, 6, 0.1
 
+# Things of which no part in a box is a plane that continues around the box: such a plane is the
+# wall or the floor behind legs and leaves. Chosen.
+_NEVER_FLAT = frozenset({'chair', 'potted plant'})
+
+# Things on which other things do not lie: what seems to is a part of them, such as the foot of a
+# monitor that a detector calls a phone. Chosen.
+BARE = frozenset(
+    {
+        'tv', 'laptop', 'keyboard', 'mouse', 'remote', 'cell phone', 'potted plant', 'vase', 'cup',
+        'bottle', 'wine glass', 'clock', 'teddy bear', 'umbrella', 'bicycle', 'backpack',
+    }
+)  # fmt: skip
+# What a box shows on its known surface is more often a thing behind it than one on it. Chosen.
+_SEATS = frozenset({'chair'})
+
 BoxPx = tuple[int, int, int, int]
 """Left, top, right and bottom in strided pixels; right and bottom are excluded."""
 
@@ -82,6 +97,8 @@ def segment_all(
         np.array(boxes, np.int32).reshape(-1, 4),
         (sides[:, 2:] - sides[:, :2]).prod(axis=1),
         np.array([item.class_name == PERSON for item in detections], np.bool_),
+        np.array([item.class_name not in BARE | _SEATS for item in detections], np.bool_),
+        np.array([item.class_name not in _NEVER_FLAT for item in detections], np.bool_),
         T_box_map,
         low_m,
         high_m,
