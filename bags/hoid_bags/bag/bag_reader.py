@@ -251,8 +251,8 @@ class BagReader:
 def _open_file(path: Path, stack: ExitStack) -> _File:
     """Open one file of a bag, and have the stack close it; InputError if that fails.
 
-    A compressed file, and a .db3 file with a log, are first copied to a temporary folder. Damage
-    inside an .mcap file raises no error.
+    A compressed file, and a .db3 file with a write-ahead log, are first copied to a temporary
+    folder. Damage inside an .mcap file raises no error.
     """
     open_regular(path).close()
     if path.suffix == SUFFIX:

@@ -37,10 +37,11 @@ class Encoding(NamedTuple):
 
 
 def color_encoding(camera: CameraModel, encoding: str, jpeg_quality: int) -> Encoding:
-    """Return the encoding RAW, PNG or JPEG; a file of the wanted one is used unchanged.
+    """Return how color images are stored: RAW, PNG or JPEG.
 
-    Its messages raise InputError if a file cannot be used or has another size than the camera, and
-    MessageError if the image cannot be encoded.
+    A file that is already PNG or JPEG, as `encoding` requests, is stored without encoding it
+    again. The function `message` of the result raises InputError if a file cannot be used or
+    differs in size from the camera's images, and MessageError if an image cannot be encoded.
     """
 
     def message(listed: ListedImage) -> Message:
@@ -67,8 +68,8 @@ def depth_encoding(
     """Return the encoding RAW or PNG, in 16-bit millimeters if this is exact, else 32-bit meters.
 
     REP 118 allows both (decision 023). InputError: PNG would round the depth unless `round_to_mm`,
-    or a file is no depth image. Its messages raise InputError if the camera's size is no multiple
-    of the depth's, and MessageError if the image cannot be encoded.
+    or a file is no depth image. The function `message` of the result raises InputError if the
+    camera's size is no multiple of the depth's, and MessageError if an image cannot be encoded.
     """
     not_mm = None if round_to_mm else first_not_whole_mm(listed, units_per_m)
     if not_mm is not None and encoding == PNG:

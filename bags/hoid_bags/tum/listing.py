@@ -106,7 +106,7 @@ def shrunk_camera(camera: CameraModel, depth_px: tuple[int, int]) -> CameraModel
 
 
 def resized_color(image: ListedImage, size_px: tuple[int, int]) -> ListedImage:
-    """Return a color image that is read with another size."""
+    """Return the color image, scaled to `size_px` (width, height) when it is read."""
 
     def read() -> ByteArray:
         pixels = decode_color(image.load(), image.path)

@@ -67,7 +67,10 @@ def _exr_m(path: Path) -> Float32Array:
 
 
 def _record3d_poses(folder: Path) -> tuple[IntArray, FloatArray]:
-    """Return stamps (N,), by the rate if there are none, and rows (N, 7) qx qy qz qw tx ty tz."""
+    """Return the stamps (N,) [ns] and the poses of metadata.json, (N, 7) qx qy qz qw tx ty tz.
+
+    A recording without stamps gets stamps from 1 s on, at its frame rate.
+    """
     path = folder / 'metadata.json'
     found = listing.read_json(path)
     rows = listing.json_table(path, found, 'poses', 7)

@@ -112,7 +112,9 @@ def _run_command(chosen: str, argv: Sequence[str]) -> int:
         if '_ARGCOMPLETE' in os.environ:
             chosen = _command_in(os.environ.get('COMP_LINE', '').split()[1:])
             complete(argument_parser(chosen if chosen in COMMANDS else ''))  # ends the process
-        require_memory()  # before a module of the command imports NumPy
+        # Before a module of the command imports NumPy: without memory, the import would fail with
+        # an error that does not name the limit.
+        require_memory()
         args = argument_parser(chosen).parse_args(argv)
         if COMMANDS[chosen].is_live:
             # The output of `nodes` is relayed even to a terminal, because `nodes` must not wait if

@@ -40,10 +40,10 @@ def transform_from_msg(msg: Any) -> FloatArray:
 
 
 def imu_from_msg(msg: Any) -> ImuSample:
-    """Return the sample of a sensor_msgs/Imu; MessageError if it has neither sensor.
+    """Return the sample of a sensor_msgs/Imu; MessageError if gyro and accelerometer are missing.
 
-    A negative first covariance marks a sensor as missing. One whose values are all zero is missing
-    too: drivers that publish the sensors apart leave them so.
+    A sensor is missing if the first element of its covariance is negative, or if its three values
+    are zero: drivers that publish the two sensors in separate messages leave the other one zero.
     """
     rate, force = msg.angular_velocity, msg.linear_acceleration
     has_rate = msg.angular_velocity_covariance[0] >= 0 and any((rate.x, rate.y, rate.z))

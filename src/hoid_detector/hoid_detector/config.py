@@ -42,8 +42,8 @@ class DetectorConfig(Config):
     expected_score_threshold: float = param(
         0.0,  # decision 052
         'Lowest score, from 0 to 1, of a box that is reported because the object map has an '
-        'object of its class there; 0: none is. Set it to 0.05 when known objects are missed, and '
-        'object_map.prior_score of hoid_scene to the score_threshold.',
+        'object of its class there; 0: no box is. Set it to 0.05 when known objects are missed, '
+        'and set object_map.prior_score of hoid_scene to the value of score_threshold.',
         limits=(0.0, 1.0),
         expert=True,
     )
@@ -107,8 +107,10 @@ class DetectorConfig(Config):
     )
     class_ids: str = param(
         AUTO,
-        'Numbers of the classes, for finished boxes: from_0 and from_1 count the class names, '
-        'coco_91 are the ids of the COCO data set. Set it when boxes have wrong class names.',
+        'Meaning of the class ids in the output of a model whose boxes are finished (after '
+        'non-maximum suppression): from_0 and from_1 are positions in the list of class names, '
+        'counted from 0 or 1; coco_91 are the ids of the COCO data set. Set it when boxes have '
+        'wrong class names.',
         choices=(AUTO, *CLASS_IDS),
         expert=True,
     )
@@ -117,8 +119,8 @@ class DetectorConfig(Config):
         'Layout of the network output. Set it when it is not recognized: yolov5 is also that of '
         'YOLOv6 and YOLOv7, yolov8 that of YOLOv9 and YOLO11, yolox_raw has boxes in units of '
         'grid cells, rtdetr is the export by Ultralytics, detr that by Transformers. For finished '
-        'boxes, choose end_to_end or the name that lists the columns: batch is the number of the '
-        'image in the batch, and yxyx has y before x.',
+        'boxes (after non-maximum suppression), choose end_to_end or the name that lists the '
+        'columns: batch is the number of the image in the batch, and yxyx has y before x.',
         choices=(AUTO, *_LAYOUTS),
         expert=True,
     )

@@ -44,7 +44,7 @@ _BYTES_PER_MB = 2**20
 
 @dataclass(frozen=True)
 class ProcessSpec:
-    """Command line of a child process."""
+    """Command line and environment of a child process, and the signal that ends it."""
 
     name: str
     argv: tuple[str, ...]

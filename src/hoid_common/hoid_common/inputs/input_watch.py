@@ -107,9 +107,9 @@ class Logger(Protocol):
 class InputLog:
     """Logs the problems of a node's inputs with exponential back-off, and inputs that arrive.
 
-    `is_cause` returns whether a topic is to be logged when its messages are missing or arrive: a
-    node that waits for another one leaves that to it. Missing inputs are not logged in the five
-    seconds after `start_s`.
+    `is_cause` returns whether this node logs that the messages of a topic are missing or arrive;
+    otherwise another node logs it, such as the one that publishes the topic and lacks an input
+    itself. Missing inputs are not logged in the five seconds after `start_s`.
     """
 
     def __init__(self, logger: Logger, is_cause: Callable[[str], bool], start_s: float) -> None:

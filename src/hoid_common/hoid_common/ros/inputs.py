@@ -321,8 +321,9 @@ class Stamped(NamedTuple):
 class Synchronizer:
     """Calls a function for each match of messages, and counts the dropped ones in diagnostics.
 
-    While messages do not match, or probably the wrong ones do, there is a problem. A HoidError of
-    the callback is counted and logged.
+    The diagnostics report a problem while the stamps of the messages do not match, or while a
+    constant offset of the stamps probably matches the wrong messages. A HoidError of the callback
+    is counted and logged.
     """
 
     def __init__(

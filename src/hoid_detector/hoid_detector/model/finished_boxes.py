@@ -180,7 +180,10 @@ class FinishedDecoder:
         return in_pixels(found, size_wh, normalized=bool(self.normalized))
 
     def rows(self, outputs: Outputs) -> Float32Array:
-        """Return the finite rows; padding, equal from the second column on, is left out."""
+        """Return the rows (N, C) of the outputs whose values are all finite, without padding.
+
+        A row is padding if its values from the second column on are all equal.
+        """
         table = self.table_of(outputs)
         table = table[np.isfinite(table).all(axis=1)]
         rows: Float32Array = table[(table[:, 1:] != table[:, -1:]).any(axis=1)]

@@ -23,7 +23,10 @@ class BoxPredictor:
             self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
-        """Return the boxes at a stamp, maybe outside the image; none more than `limit_s` away."""
+        """Return the boxes predicted for a stamp, which may lie outside the image.
+
+        There are none if the stamp is more than `limit_s` from that of the last detections.
+        """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)
         last = self._last

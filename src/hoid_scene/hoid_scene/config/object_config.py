@@ -79,9 +79,9 @@ class ObjectMapConfig(Config):
     prior_score: float = param(
         0.0,  # decision 052
         'Lowest score, from 0 to 1, of the detections that confirm the object map, if the '
-        'detector uses the map as its prior by expected_objects. Set it to score_threshold of '
-        'hoid_detector, and expected_score_threshold there as well. With 0, all detections count, '
-        'and nothing is published.',
+        'detector uses the map as its prior. Set it to the score_threshold of hoid_detector, and '
+        'set expected_score_threshold of hoid_detector to a lower value. With 0, all detections '
+        'confirm the map, and expected_objects is not published.',
         limits=(0.0, 1.0),
         expert=True,
     )

@@ -14,7 +14,7 @@ from hoid_scene.config.object_config import ObjectMapConfig, ObjectTrackerConfig
 
 @dataclass(frozen=True)
 class SceneConfig(Config):
-    """Parameters of the scene mapper and of the masks."""
+    """Parameters of the scene mapper and of the masks for Nav2's costmap filters."""
 
     dense: DenseConfig = section(DenseConfig)
     objects: ObjectTrackerConfig = section(ObjectTrackerConfig)
@@ -22,7 +22,7 @@ class SceneConfig(Config):
     navigation: NavigationConfig = section(NavigationConfig)
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if a value is invalid, or masks are on without tracks."""
+        """Raise ConfigError if a value is invalid, or navigation is on while objects are off."""
         super().__post_init__()
         if self.navigation.enabled and not self.objects.enabled:
             raise ConfigError('navigation.enabled needs objects.enabled')

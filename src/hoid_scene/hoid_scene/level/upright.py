@@ -33,9 +33,11 @@ _ROLL_RAD, _PITCH_RAD, _DOWN_RAD = np.deg2rad(10.0), np.deg2rad(30.0), np.deg2ra
 # surfaces that are neither horizontal nor vertical.
 _PRIOR_WEIGHT = 0.1
 _NUM_REFINEMENTS = 10
-_MIN_AGREEMENT = 0.4  # chosen: of clutter without a structure, a fifth agrees with any direction
-# Smallest ratio of the surfaces that are horizontal, or that are vertical with another heading
-# than most walls: one of both is needed, as a single wall leaves a rotation open.
+# Chosen: smallest ratio of the surfaces that must be horizontal or vertical. In clutter without
+# structure, a fifth of the surfaces is so for any up direction.
+_MIN_AGREEMENT = 0.4
+# The up direction is certain if more than this ratio of the surfaces is horizontal, or is vertical
+# with another heading than most walls: a single wall leaves the rotation about its normal open.
 _MIN_SECOND = 0.04
 _MIN_HEADING = (
     0.4  # chosen: smallest length of the mean of the walls' headings; 0 for a round room
@@ -145,7 +147,7 @@ def _refined(
 ) -> FloatArray:
     """Return the direction nearest to `up` that fits the surfaces best (reweighted least squares).
 
-    What the surfaces leave open, the smallest roll of the camera decides.
+    Where the surfaces do not constrain the direction, the smallest roll of the camera decides.
     """
     right = T_map_cameras[:, :3, 0]
     level = right.T @ right / len(right) * (_REFINED_RAD / _ROLL_RAD) ** 2 * _PRIOR_WEIGHT

@@ -22,7 +22,8 @@ _HUES = (
     (150, 'pink'), (170, 'red'),
 )  # fmt: skip
 _BROWN, _PINK_SATURATION, _PINK_VALUE = 140, 120, 150
-_NAMED_RATIO = 0.25  # chosen: an object is called by each color that so many of its pixels have
+# Chosen: the colors of an object are those that each have at least this ratio of its pixels.
+_NAMED_RATIO = 0.25
 
 
 def color_counts(pixels_bgr: ByteArray) -> IntArray:

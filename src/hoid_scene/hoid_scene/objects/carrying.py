@@ -27,7 +27,9 @@ _AWAY_M = 0.3  # an object is carried if its handled track is at least this far 
 # handled.
 _MIN_THROUGH = 2
 _FEW_SIGHTINGS = 4  # fewer do not show that an object was at rest; chosen on seeds 83 and 85
-_STABLE_RATIO = 0.75  # of the looks at an object with few sightings, in which it must be detected
+# Smallest ratio of the images that showed an object with few sightings in which it must have been
+# detected.
+_STABLE_RATIO = 0.75
 # Furniture that one person does not carry; chosen.
 _HEAVY = frozenset({'couch', 'bed', 'dining table', 'refrigerator', 'oven', 'toilet', 'sink'})
 # Number of successive images that must show the old place without a detection of the object, empty
@@ -198,9 +200,10 @@ def _note_handled(
 
 
 def _is_reliable(item: MappedObject) -> bool:
-    """Return whether an object was at rest at its place, as far as its sightings show.
+    """Return whether the sightings of an object prove that it was at rest at its place.
 
-    One with few sightings was, if it was detected in nearly each look at it until it left.
+    Many sightings prove it. Few sightings, at least `_FEW_SIGHTINGS`, prove it if the object was
+    detected in most of the images that showed its surface (`_STABLE_RATIO`), and has left since.
     """
     seen = item.evidence
     if not seen.is_brief:

@@ -180,7 +180,11 @@ class MappedObject:
         self.memory.note(present, stamp_ns)
 
     def is_older_than(self, other: MappedObject) -> bool:
-        """Return whether this object is from a loaded map and the other one not, or seen first."""
+        """Return whether this object is the older one.
+
+        Objects from a loaded map are older than all others; among equals, the one that was first
+        seen earlier is the older one.
+        """
         age, other_age = ((not item.is_loaded, item.evidence.first_ns) for item in (self, other))
         return age < other_age
 
@@ -190,7 +194,7 @@ class MappedObject:
         self.memory.absorb(other.memory)
 
     def move_to(self, other: MappedObject) -> None:
-        """Take over the place and the evidence of another object: this one, after it was carried.
+        """Take over the place and the evidence of `other`: this object after it was carried.
 
         The object becomes MOVED. It keeps its number and its history.
         """

@@ -113,7 +113,10 @@ class MapperProcess:
 
     @property
     def waiting_s(self) -> float:
-        """Return the time [s] since the process could begin the first queued request, or 0."""
+        """Return for how long [s] the process has had the first queued request to work on.
+
+        It is 0 if no request is queued.
+        """
         return self._clock() - self._sent_s if self._queue else 0.0
 
     @property

@@ -48,7 +48,7 @@ class PoseProblem:
     points_m: FloatArray  # (N, 3) landmarks in the map frame
     measured_px: FloatArray  # (N, 3) u, v, u_right; u_right is NaN without depth
     inv_sigma2: FloatArray  # (N,) 1 / variance of u, and equally of v [1/px^2]
-    # Variance of the pixels of this image relative to the configured one, as far as it is larger.
+    # Measured pixel variance of this image as a ratio of the configured variance; at least 1.
     variance: float = 1.0
 
     @classmethod

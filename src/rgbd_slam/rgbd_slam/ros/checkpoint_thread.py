@@ -76,7 +76,10 @@ class CheckpointThread:
         self._is_ended.set()
 
     def keep(self) -> None:
-        """Write what has changed unless paused, then rename the map: no node resumes it."""
+        """Rename the stored map to a saved map, which no node resumes as a checkpoint.
+
+        Unless `is_paused`, the latest changes are written to it first.
+        """
         with self._lock:  # what another thread is writing now must not reach the database later
             try:
                 if self._writer is not None:

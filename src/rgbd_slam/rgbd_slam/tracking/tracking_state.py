@@ -158,7 +158,10 @@ class TrackingStates:
         self.state, self._lost_ns, self.num_bridged = TrackingState.LOST, 0, 0
 
     def wants_map(self, frame: Frame, last: TrackedFrame | None) -> bool:
-        """Return whether a new map should start with a missed frame; call it once for each."""
+        """Return whether a new map should start with `frame`, in which the camera is lost.
+
+        Call it once for each such frame, because it counts them.
+        """
         lost_s, limit_s = self.lost_s, self.new_map_after_s
         if last is None or lost_s > limit_s:
             return lost_s > limit_s
