@@ -39,9 +39,9 @@ def is_bag(path: Path) -> bool:
 
 
 class BagReader:
-    """Context manager that reads a bag, of a damaged one what is readable.
+    """Context manager that reads a bag, or the readable part of a damaged bag.
 
-    `fault` then describes what is missing.
+    `fault` then describes the part that is missing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -270,7 +270,7 @@ def _open_file(path: Path, stack: ExitStack) -> _File:
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    """Return the files with messages, of one that is also compressed only the uncompressed."""
+    """Return the files with messages; a compressed copy of another file is left out."""
     names = {path.name for path in folder.iterdir() if path.name.endswith(_STORAGE_SUFFIXES)}
     packed = {name for name in names if name.endswith(SUFFIX)}
     return sorted(

@@ -82,7 +82,7 @@ def numbered_images(folder: Path, pattern: str) -> Images:
 
 
 def numbered_stamp_ns(number: int) -> int:
-    """Return the stamp (ns) of a numbered image, at 30 Hz from 1 s on; InputError without end."""
+    """Return the stamp (ns) of a numbered image, at 30 Hz from 1 s on; InputError from 10^9 on."""
     if not 0 <= number < _MAX_NUMBER:
         raise InputError(f'{number} is no number of an image')
     return NS_PER_S + round(number * NS_PER_S / _RATE_HZ)
@@ -182,7 +182,7 @@ def read_table(
 
 
 def rigid_poses(stamps_ns: IntArray, T: FloatArray) -> Trajectory:
-    """Return those of N poses (N, 4, 4) that are rigid; others mark what was lost."""
+    """Return the rigid ones of N poses (N, 4, 4); files mark lost tracking by other matrices."""
     R = T[:, :3, :3]
     with np.errstate(invalid='ignore'):  # comparisons with NaN are false
         is_rotation = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max((1, 2)) < _MAX_SKEW
@@ -191,6 +191,6 @@ def rigid_poses(stamps_ns: IntArray, T: FloatArray) -> Trajectory:
 
 
 def quaternion_poses(stamps_ns: IntArray, quat_xyzw: FloatArray, t_m: FloatArray) -> Trajectory:
-    """Return those of N quaternions (N, 4) and positions (N, 3) that are poses."""
+    """Return the valid poses of N quaternions xyzw (N, 4) and positions (N, 3) [m]."""
     with np.errstate(invalid='ignore'):  # quaternions of zeros
         return rigid_poses(stamps_ns, se3.from_quat_translation(quat_xyzw, t_m))

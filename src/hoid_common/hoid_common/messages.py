@@ -40,9 +40,9 @@ def transform_from_msg(msg: Any) -> FloatArray:
 
 
 def imu_from_msg(msg: Any) -> ImuSample:
-    """Return the sample of a sensor_msgs/Imu; MessageError if gyro and accelerometer are missing.
+    """Return the sample of a sensor_msgs/Imu; MessageError if both sensors are missing.
 
-    A sensor is missing if the first element of its covariance is negative, or if its three values
+    Gyro or accelerometer is missing if its first covariance is negative, or if its three values
     are zero: drivers that publish the two sensors in separate messages leave the other one zero.
     """
     rate, force = msg.angular_velocity, msg.linear_acceleration

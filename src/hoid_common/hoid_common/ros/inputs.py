@@ -108,8 +108,8 @@ class Inputs:
     def with_frame(self, callback: Callback, what: str) -> Callback:
         """Return a callback that makes the frame name of `what` ("color images") valid in TF.
 
-        An empty name is replaced by the parameter `camera_frame`; if that is empty too, there is a
-        problem and a MessageError.
+        An empty name is replaced by the parameter `camera_frame`; if that is empty too, the
+        diagnostics report a problem, and MessageError is raised.
         """
 
         def on_message(msg: Any) -> None:

@@ -179,9 +179,10 @@ def _judged(up: FloatArray, normals: FloatArray, weights: FloatArray) -> Upright
 
 
 def _heading(up: FloatArray, normals: FloatArray, weights: FloatArray) -> FloatArray | None:
-    """Return the horizontal direction (3,) of most walls, which meet at right angles; None: none.
+    """Return the horizontal unit vector (3,) along the walls; None if their headings differ.
 
-    It is the mean of four times the angles of the normals (M, 3).
+    Walls meet at right angles, so that four times the angle of a normal is the same for all of
+    them. The heading is a quarter of the mean of these angles over the normals (M, 3).
     """
     x = np.array([1.0, 0, 0]) if abs(up[0]) < 0.9 else np.array([0, 1.0, 0])
     x = x - (x @ up) * up

@@ -152,9 +152,10 @@ class Carrying:
 
 
 def within_reach(segment: Segment, tracks: Sequence[TrackedObject]) -> Segment:
-    """Return a segment, as at rest if the filter calls it handled, but nobody can reach it.
+    """Return a segment; it is at rest if the filter calls it handled, but all people are too far.
 
-    The filter compares boxes in the image, in which a person may be far in front of an object.
+    The filter compares boxes in the image, in which a person may be far in front of an object. If
+    no person is tracked, the state of the filter is kept.
     """
     state = segment.detection.state
     people_m = [item.position_map_m for item in tracks if item.state is ObjectState.PERSON]

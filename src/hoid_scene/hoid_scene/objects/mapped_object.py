@@ -121,7 +121,7 @@ class MappedObject:
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether there is surely such an object."""
+        """Return whether the evidence is sufficient and the size is plausible for the class."""
         return self.evidence.is_sufficient and self._has_size_of(self.class_name)
 
     @property

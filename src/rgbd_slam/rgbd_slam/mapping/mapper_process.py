@@ -108,7 +108,7 @@ class MapperProcess:
 
     @property
     def queue_length(self) -> int:
-        """Return the number of requests that `update` has not received the completion of."""
+        """Return the number of requests whose completion has not been received yet."""
         return len(self._queue)
 
     @property

@@ -166,9 +166,10 @@ class CheckpointThread:
         return wrote_s
 
     def _begin(self) -> tuple[MapWriter, MapHeader | None] | None:
-        """Return what writes the next checkpoint, if there is one. Runs between images.
+        """Return the writer of the next checkpoint; None if none is due. Runs between images.
 
-        The header is that of a map that has not changed: nothing else is written.
+        If the map has not changed since the last checkpoint, its header is returned as well, and
+        only the header is written.
         """
         session = self._find_session()
         if session is None or self.is_paused:
