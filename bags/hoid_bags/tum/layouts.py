@@ -74,7 +74,7 @@ def find_layout(path: Path) -> Layout | None:
 
 
 def has_file(path: Path, pattern: str) -> bool:
-    """Return whether a folder has a file of a pattern, or a file is one."""
+    """Return whether a path matches a glob pattern: a file itself, or a file in a folder."""
     return any(path.glob(pattern)) if path.is_dir() else fnmatch(path.name, pattern)
 
 

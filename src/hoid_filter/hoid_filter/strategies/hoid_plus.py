@@ -101,7 +101,10 @@ class HoidPlus:
 def _undetected(
     regions: MovingRegions, label: ByteArray, detected_mask: BoolArray
 ) -> MovingRegions:
-    """Return the moving regions (`label`: 1 + index) mostly outside of detected objects."""
+    """Return the moving regions that lie mostly outside of the mask of detected objects.
+
+    `label` (h, w) is 1 + the index of the region of each pixel, or 0 outside of all regions.
+    """
     area = np.bincount(label.ravel(), minlength=len(regions.depths_m) + 1)[1:]
     detected_area = np.bincount(label[detected_mask], minlength=len(area) + 1)[1:]
     return regions.select(np.flatnonzero(detected_area < _MAX_DETECTED_RATIO * area))

@@ -22,7 +22,7 @@ from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.dense.submap import SPAN, Submap, cells_of_keys
 from hoid_scene.place import Place
 
-_STEPS = 256  # of an offset within a voxel
+_STEPS = 256  # quantization of an offset within a voxel: number of steps along an axis
 _OF_VOXELS = ('key', 'offset', 'color_bgr', 'weight', 'counts')
 
 

@@ -223,7 +223,10 @@ def _join_order(item: MappedObject) -> tuple[bool, int]:
 
 
 def _may_be(item: MappedObject, other: MappedObject) -> bool:
-    """Return whether the second object has the first one's class and was first seen after it."""
+    """Return whether `other` may be `item`, found again at another place.
+
+    It must be of the same class and map, and seen for the first time after `item` was seen last.
+    """
     return (
         other.evidence.first_ns > item.evidence.last_ns
         and other.object_id != item.object_id

@@ -40,7 +40,7 @@ _LATE_POSES = (
 
 
 class SceneImage(NamedTuple):
-    """An image that a map of the scene needs."""
+    """A color image with its depth, its objects and the request to the scene mapper to use it."""
 
     request: SceneRequest
     depth_m: Float32Array  # (H, W)
