@@ -40,7 +40,7 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
 def convert_command(args: argparse.Namespace) -> None:
     """Convert a recording to a bag, and print the summary of the bag.
 
-    The messages of a bag are copied as they are. HoidError as of `convert` and `copy_bag`, or at
+    The messages of a bag are copied as they are. HoidError as in `convert` and `copy_bag`, or at
     the end if the bag is damaged.
     """
     fault = None
@@ -83,7 +83,7 @@ def add_info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def info_command(args: argparse.Namespace) -> None:
-    """Print the topics of a bag with their numbers and rates of messages, after `--repair`.
+    """Print the topics of a bag with message counts and rates; with `--repair`, repair it first.
 
     InputError: the bag cannot be read or repaired; or, after printing, it is damaged.
     """

@@ -37,7 +37,7 @@ class ConvertConfig(Config):
     jpeg_quality: int = param(95, limits=(1, 100), internal=True)
     depth_units_per_m: float = param(
         0.0, limits=(0.0, inf), internal=True
-    )  # 0: those of the layout
+    )  # 0: units of the layout
 
 
 _Stream = Iterator[tuple[int, str, Message]]  # stamp (ns), topic, message; in order of time
@@ -51,7 +51,7 @@ def convert(
     *,
     show_progress: bool = False,
 ) -> None:
-    """Convert a recording in files to a bag, image by image; without camera, with its own.
+    """Convert a recording in files to a bag, image by image. `camera` None: the recording's own.
 
     InputError if the recording or one of its files cannot be used, or the bag exists already or
     cannot be written. No part of the new bag remains. MessageError if an image cannot be encoded.

@@ -47,7 +47,7 @@ def check_complete(data: bytes, name: object) -> None:
 def decode_color(data: ImageData, name: object) -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of a PNG or JPEG file; pixels are returned as they are.
 
-    InputError, which begins with `name`: it is truncated, no image, too large, or damaged.
+    InputError (text begins with `name`): the data is truncated, no image, too large, or damaged.
     """
     if isinstance(data, np.ndarray):
         return data
@@ -57,7 +57,7 @@ def decode_color(data: ImageData, name: object) -> ByteArray:
 def decode_depth(data: ImageData, name: object) -> NDArray[Any]:
     """Return the (H, W) uint16 depth, in the units of the file, of a 16-bit gray PNG.
 
-    Pixels, which may be floats, are returned as they are. InputError as of `decode_color`, and for
+    Pixels, which may be floats, are returned as they are. InputError as in `decode_color`, and for
     an image of another kind.
     """
     if isinstance(data, np.ndarray):

@@ -26,7 +26,7 @@ from hoid_common.messages import ImuSample, imu_from_msg
 _GRAVITY_MPS2 = 7.0, 12.0
 _ACCELEROMETER_WORDS = ('accel', 'ax ay az')
 _GYRO_WORDS = ('gyro', 'wx wy wz')
-_HEAD_CHARS = 500  # chosen: of the comments at the start of a file
+_HEAD_CHARS = 500  # chosen: characters at the start of a file that are searched for comments
 
 
 class ImuRecording(NamedTuple):
@@ -36,7 +36,7 @@ class ImuRecording(NamedTuple):
     accelerations: NumberTable | None = None  # (N, 3) m/s^2; None: there is no accelerometer
 
     def joined(self, other: ImuRecording) -> ImuRecording:
-        """Return the sensors of both; of one that both have, the samples of `self`."""
+        """Return the samples of both; for a sensor that both have, those of `self`."""
         return ImuRecording(
             self.rates if self.rates is not None else other.rates,
             self.accelerations if self.accelerations is not None else other.accelerations,
@@ -57,7 +57,7 @@ def read_imu(name: str, recording: Path) -> ImuRecording:
 
 
 def read_own_imu(recording: Path) -> ImuRecording:
-    """Return the samples that a recording has under the usual names; InputError without any.
+    """Return the samples of a recording's IMU under the usual names; InputError if there is none.
 
     These are the topics `imu` and `imu/accelerometer` of a bag, and the files of a folder's
     layout, such as `gyro.txt`. If both contain the same sensor, the first one is used.

@@ -23,7 +23,7 @@ C = TypeVar('C', bound=Config)
 
 
 def add_folder_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for calibration, also as `--camera`, and depth units of a recording."""
+    """Declare the options `--calibration` (alias `--camera`) and `--depth-factor`."""
     parser.add_argument(
         '--calibration',
         '--camera',
@@ -97,7 +97,7 @@ def add_config_arguments(parser: argparse.ArgumentParser, config: Config) -> Non
 
 
 def config_from(args: argparse.Namespace, kind: type[C], **internal: Any) -> C:
-    """Return the configuration of the options of `add_config_arguments`; ConfigError if bad."""
+    """Return the configuration that command-line options set; ConfigError if one is invalid."""
     return kind(**{p.name: getattr(args, p.name) for p in kind().node_params()}, **internal)
 
 
@@ -121,7 +121,7 @@ def chosen_topics(args: argparse.Namespace) -> TopicChoice:
 def open_recording(
     args: argparse.Namespace, path: Path, max_gap_ns: int = MAX_PAIR_GAP_NS
 ) -> Sequence:
-    """Open a recording with the options of the command line; print what was taken on stderr.
+    """Open a recording with the options of the command line; print the chosen inputs on stderr.
 
     InputError if the recording or the camera file cannot be read. ConfigError if the depth units
     are not positive, a folder lists a file with an impossible name, or `--driver` is given for a

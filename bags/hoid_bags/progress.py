@@ -15,7 +15,7 @@ _TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates
 
 
 def progress(items: Iterable[Any] | None, total: int, unit: str, *, show: bool = True) -> Any:
-    """Return tqdm's bar, an iterator over the items; None: the caller calls its `update`."""
+    """Return tqdm's bar over the items. If `items` is None, the caller calls `update`."""
     interval_s = _TERMINAL_S if sys.stderr.isatty() else _LOG_S
     return tqdm(
         items,
@@ -36,6 +36,6 @@ class AboveProgress(logging.Handler):
 
 def write_above(line: str) -> None:
     """Write a line to stderr, above a progress bar that is being drawn."""
-    # tqdm releases its lock even where an interrupt came before the lock was taken, which fails.
+    # If an interrupt comes before tqdm takes its lock, tqdm still releases it, which fails.
     with signal_handlers_deferred(), tqdm.external_write_mode(sys.stderr):
         sys.stderr.write(f'{line}\n')

@@ -30,11 +30,11 @@ class Sequence(Protocol):
 
     @property
     def ground_truth(self) -> Trajectory | None:
-        """Return the ground-truth poses of the camera in a fixed frame; None: there are none."""
+        """Return the ground-truth poses of the camera in a fixed frame, or None."""
 
     @property
     def true_detections(self) -> Mapping[int, Detections] | None:
-        """Return the ground-truth boxes by stamp of the color image (ns); None: there are none."""
+        """Return the ground-truth boxes by stamp of the color image (ns), or None."""
 
     @property
     def fault(self) -> str | None:
@@ -49,7 +49,7 @@ class Sequence(Protocol):
     def __iter__(self) -> Iterator[RgbdFrame]:
         """Yield the frames in order of time; the stamp of a frame is that of its color image.
 
-        InputError: in files, an image is damaged, or of another kind, size or unit than expected.
+        InputError: an image file is damaged, or of another kind, size or unit than expected.
         A bag leaves such images out; the error then means that the first 30 pairs, or all, are
         unusable.
         """
@@ -69,7 +69,7 @@ def open_sequence(
     units are not positive, or a list names an impossible file.
 
     Args:
-        camera: Camera of the recording; None: its own.
+        camera: Camera of the recording; None: the camera that the recording states.
         depth_units_per_m: Depth units per meter; None: those of the layout, or of the encoding.
         choice: Topics of a bag that the user names; the others are found (see `find_topics`).
         max_gap_ns: A color and a depth image make a pair only if their stamps differ by less.

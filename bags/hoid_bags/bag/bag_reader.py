@@ -1,4 +1,4 @@
-"""Reading of bags that this suite or `ros2 bag record` has written, also damaged ones."""
+"""Reading of bags that this suite or `ros2 bag record` wrote, including damaged bags."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class BagReader:
         self._has_packed_messages = False
 
     def __enter__(self) -> Self:
-        """Open the bag; InputError if no file can be opened, or no message be read."""
+        """Open the bag; InputError if no file can be opened, or no message can be read."""
         with ExitStack() as stack:
             try:
                 self._files = self._open_as_described(stack)
@@ -72,7 +72,7 @@ class BagReader:
 
     @property
     def fault(self) -> str | None:
-        """Return a line of text about the damage that was found so far; None: no damage."""
+        """Return a line of text about the damage found so far, or None without damage."""
         damage = [chunk for file in self._mcap_files for chunk in file.damage.values()]
         if not damage:
             return self._fault
@@ -81,7 +81,7 @@ class BagReader:
 
     @property
     def topics(self) -> tuple[BagTopic, ...]:
-        """Return every topic, also one without messages.
+        """Return all topics, including those without messages.
 
         A topic that was recorded with several QoS profiles is listed once.
         """
@@ -105,7 +105,7 @@ class BagReader:
     def parts(self) -> tuple[BagTopic, ...]:
         """Return the topics that messages of other topics contain: images of a video or RGBD.
 
-        Their messages are read under their names by `messages`. They are in no other list.
+        `messages` yields their messages under their names. `topics` does not list them.
         """
         found: list[BagTopic] = []
         for topic in filter(is_container, self.topics):
@@ -141,10 +141,10 @@ class BagReader:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None
     ) -> Iterator[BagMessage]:
-        """Yield the readable messages file by file, from a log time on; `fault` names the others.
+        """Yield readable messages, file by file, from a log time on; `fault` describes lost ones.
 
         The messages of a file are in order of log time, except in an MCAP file without chunks,
-        where they are in the order of the file. Without topics, those of all are read.
+        where they are in the order of the file. `topics` None: all topics are read.
         """
         num_read = first_ns = last_ns = 0
         try:
@@ -188,7 +188,7 @@ class BagReader:
         return [file for file in self._files if isinstance(file, McapFile)]
 
     def _open_as_described(self, stack: ExitStack) -> list[_File]:
-        """Open the file, the files that metadata.yaml lists, or else all files of the folder.
+        """Open `path` if it is a file, else the files that metadata.yaml lists, else all files.
 
         InputError: a file cannot be opened, or metadata.yaml contradicts the files.
         """
@@ -217,7 +217,7 @@ class BagReader:
         return sorted(files, key=lambda file: file.metadata.start_time)
 
     def _open_each(self, paths: Iterable[Path], stack: ExitStack) -> list[_File]:
-        """Open the files, and note those that cannot be opened; InputError if none can."""
+        """Open the files and record failures in `fault`; InputError if no file can be opened."""
         files, errors = [], []
         for path in paths:
             try:
@@ -232,7 +232,7 @@ class BagReader:
         return files
 
     def _note_unusable_files(self) -> None:
-        """Set the fault if a file or its index is damaged; InputError if all is lost."""
+        """Set `fault` if a file or its index is damaged; InputError if no message is readable."""
         num_messages = sum(topic.num_messages for topic in self.topics)
         errors = [file.index_error for file in self._mcap_files if file.index_error is not None]
         if errors and not num_messages:
@@ -270,7 +270,7 @@ def _open_file(path: Path, stack: ExitStack) -> _File:
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    """Return the files with messages; a compressed copy of another file is left out."""
+    """Return the storage files of a bag, without compressed copies of uncompressed files."""
     names = {path.name for path in folder.iterdir() if path.name.endswith(_STORAGE_SUFFIXES)}
     packed = {name for name in names if name.endswith(SUFFIX)}
     return sorted(

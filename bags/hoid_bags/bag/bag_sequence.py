@@ -118,7 +118,7 @@ class BagSequence:
             self.fault = f'{len(errors)} images left out; {errors[0]}'
 
     def _paired_messages(self) -> Iterator[tuple[int, bytes, bytes]]:
-        """Yield the stamp (ns) of each color image that has a partner, and both messages."""
+        """Yield (color stamp in ns, color message, depth message) of each pair, serialized."""
         names = [self.topics.color.name, self.topics.depth.name]
         waiting = iter(self.depth_of_color.items())
         color_ns, depth_ns = next(waiting)
@@ -244,7 +244,7 @@ class _Index:
             _LOG.warning('%s', text)
 
     def _report_problems(self, given_camera: CameraModel | None) -> None:
-        """Warn of topics with unusable messages; InputError if images or camera_info lack any."""
+        """Warn of unusable messages; InputError if a required topic has no usable message."""
         found = self._found
         is_empty = {
             found.color.name: not self._images[found.color.name],

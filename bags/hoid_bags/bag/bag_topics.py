@@ -47,14 +47,14 @@ class TopicChoice(NamedTuple):
 
 
 class RecordedTopics(NamedTuple):
-    """The topics of an RGB-D recording in a bag; None: there is no such topic, or no clear one."""
+    """The topics of an RGB-D recording in a bag; None: the topic is missing or ambiguous."""
 
     color: BagTopic
     depth: BagTopic
     camera_info: BagTopic | None
     ground_truth: BagTopic | None
     true_detections: BagTopic | None
-    # What registers depth to color: the camera of depth, and where it is.
+    # Topics for registering depth to color: depth camera_info and transforms.
     depth_info: BagTopic | None = None
     static_frames: BagTopic | None = None
     extrinsics: BagTopic | None = None  # realsense2_camera's depth_to_color
@@ -73,7 +73,7 @@ class _Image(NamedTuple):
         return topics.image_base(self.topic.name)
 
 
-_Rank = Callable[[_Image], tuple[Any, ...]]  # the least is best
+_Rank = Callable[[_Image], tuple[Any, ...]]  # the lowest rank is chosen
 
 
 def find_topics(
@@ -90,10 +90,10 @@ def find_topics(
 
 
 def topics_to_play(reader: BagReader, names: Sequence[str] = ()) -> tuple[BagTopic, ...]:
-    """Return those of the named topics that have messages, or all but /clock.
+    """Return the named topics that have messages; without names, all such topics but /clock.
 
-    With a warning, those of a ROS 1 bag whose types ROS 2 lacks are left out. InputError: a named
-    topic is missing or of such a type, or there are no messages.
+    Topics of a ROS 1 bag whose types ROS 2 lacks are left out with a warning. InputError: a named
+    topic is missing or has such a type, or there are no messages.
     """
     by_name = {topic.name: topic for topic in reader.topics}
     absolute = [f'/{name.lstrip("/")}' for name in names]
@@ -173,7 +173,7 @@ class _Finder:
         )
 
     def _rank_of_color(self, image: _Image) -> tuple[Any, ...]:
-        """Rank the suite's own topic first, then that of a driver, then by the name."""
+        """Rank the suite's topic first, then driver topics, then others by words in the name."""
         text = image.base.lower()
         return (
             not _is_of_driver(image, _OWN, 'rgb_image', self._depths),
@@ -184,7 +184,7 @@ class _Finder:
         )
 
     def _rank_of_depth(self, color: _Image) -> _Rank:
-        """Return the rank of depth by how likely it is registered to color."""
+        """Return a function that ranks depth topics: likely registered to color comes first."""
 
         def rank(image: _Image) -> tuple[Any, ...]:
             text = image.base.lower()

@@ -22,8 +22,8 @@ _METADATA_VERSION: Final = 9  # version that rosbag2 of Jazzy writes
 class BagWriter:
     """Context manager that writes an MCAP bag, which appears only when it is complete.
 
-    Until then, messages are in a hidden folder beside it, which an exception removes. InputError:
-    the path exists already, or the bag cannot be written (as from all methods).
+    Until then, messages are in a hidden folder beside it, which an exception removes. All methods
+    raise InputError if the path exists already or the bag cannot be written.
     """
 
     def __init__(self, path: Path, *, compress: bool = False) -> None:
@@ -60,7 +60,7 @@ class BagWriter:
                 raise write_error(self.path, cause) from cause
 
     def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
-        """Add a topic, whose name becomes absolute; without profile, it is reliable.
+        """Add a topic, whose name becomes absolute. Without `qos`, its profile is reliable.
 
         InputError: the definition of the type is unknown.
         """

@@ -56,7 +56,7 @@ def is_container(topic: BagTopic) -> bool:
 
 
 def parts_of(topic: BagTopic, first: bytes) -> tuple[BagTopic, ...]:
-    """Return the topics that a topic contains, by its first message, or raise MessageError."""
+    """Return the topics inside a container topic, given its first message, or MessageError."""
     part = topic._replace(source=topic.name)
     if topic.type_name == types.RGBD:
         return tuple(
@@ -80,9 +80,9 @@ class PartReader:
         self._decoder: VideoDecoder | None = None
 
     def read(self, log_ns: int, data: bytes) -> Iterator[BagMessage]:
-        """Yield the messages that a message contains; a damaged one contains none.
+        """Yield the messages that a message contains; nothing if the message is damaged.
 
-        InputError: it is video, and PyAV is missing or has no decoder.
+        InputError: the message is video, and PyAV is missing or has no decoder.
         """
         with suppress(MessageError):
             yield from (

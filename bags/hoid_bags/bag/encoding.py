@@ -112,7 +112,7 @@ def mm_from_units(units: NDArray[Any], units_per_m: float) -> NDArray[np.uint16]
 def first_not_whole_mm(listed: Images, units_per_m: float) -> Path | None:
     """Return the first file whose depth is not exact in 16-bit millimeters; None: all are exact.
 
-    With 1000 units per meter, all are, and none is read. InputError for files that are no depth.
+    With 1000 units per meter, all are exact and no file is read. InputError: a file is no depth.
     """
     if units_per_m == images.MM_PER_M:
         return None

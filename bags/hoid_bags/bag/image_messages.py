@@ -35,8 +35,8 @@ def decode_color(data: bytes, topic: BagTopic) -> ByteArray:
 def decode_depth(data: bytes, topic: BagTopic, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a depth message, with 0 for "no reading".
 
-    With 0 units per meter, whole numbers are in mm and floats in m. MessageError as of
-    `decode_color`, or for a wrong unit.
+    If `units_per_m` is 0, integer depth is in mm and float depth in m. MessageError as in
+    `decode_color`, or if the median depth shows a wrong unit.
     """
     message = deserialize(data, topic.type_name)
     if topic.type_name == IMAGE:

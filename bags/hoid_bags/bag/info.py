@@ -23,8 +23,8 @@ class TopicSummary(NamedTuple):
     name: str
     type_name: str
     num_messages: int
-    # Between its messages; of a latched topic, in the whole bag. 0 with fewer than two messages,
-    # or if all have the same log time.
+    # Mean rate between its first and last message, or over the whole bag if it is latched.
+    # 0 with fewer than two messages, or if all have the same log time.
     rate_hz: float
     size_bytes: int | None = None  # total size of its serialized messages; None: not counted
 
@@ -56,7 +56,7 @@ class BagSummary(NamedTuple):
 
 
 def summarize(path: Path, *, sizes: bool = False) -> BagSummary:
-    """Return the summary of a bag; `sizes` counts the bytes of each topic, which reads it all."""
+    """Return the summary of a bag; `sizes` reads all messages to count the bytes of each topic."""
     with BagReader(path) as reader:
         counted: Counter[str] = Counter()
         for topic, _, data in reader.messages() if sizes else ():

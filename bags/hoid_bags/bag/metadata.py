@@ -18,7 +18,7 @@ from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import NS_PER_S
 
 METADATA: Final = 'metadata.yaml'
-_MAX_TIME_ERROR_NS = NS_PER_S  # chosen: recorders may take the time of a message differently
+_MAX_TIME_ERROR_NS = NS_PER_S  # chosen: recorders define the time of a message differently
 
 
 class BagMetadata(NamedTuple):
@@ -32,7 +32,7 @@ class BagMetadata(NamedTuple):
     last_ns: int  # log time of the last message
 
     def check(self, connections: Iterable[Connection], first_ns: int, last_ns: int) -> None:
-        """Raise InputError if the metadata contradict the files, so that they may hide messages.
+        """Raise InputError if the metadata contradict the files: messages may be missing then.
 
         The numbers of messages must be equal; times may differ by one second.
         """
@@ -50,7 +50,7 @@ class BagMetadata(NamedTuple):
 
 
 def read_metadata(folder: Path) -> BagMetadata | None:
-    """Return the metadata in a folder, None if it has none; InputError if it is unusable."""
+    """Return the metadata in a bag folder, or None without a file; InputError if it is bad."""
     path = folder / METADATA
     if not path.exists():
         return None

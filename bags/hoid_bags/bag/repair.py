@@ -20,7 +20,7 @@ def repair(path: Path) -> Path:
 
     A damaged bag (a folder or a file) is kept, and its copy has the suffix `_repaired`. The hidden
     folder `.NAME.partial-XXXX` of a killed recording is removed once its messages are in the bag
-    NAME, or in NAME_repaired if NAME exists. InputError as of `copy_bag`, or if the recorder still
+    NAME, or in NAME_repaired if NAME exists. InputError as in `copy_bag`, or if the recorder still
     runs.
     """
     scratch = _SCRATCH.fullmatch(path.name) if path.is_dir() else None
@@ -42,10 +42,10 @@ def repair(path: Path) -> Path:
 def copy_bag(
     source: Path, target: Path, *, compress: bool = False, expand: bool = False
 ) -> str | None:
-    """Copy all readable messages to a new MCAP bag; return a line about damage, None without.
+    """Copy all readable messages to a new MCAP bag; return a line about damage, or None.
 
-    The copy of a ROS 1 bag has messages of ROS 2, and lacks topics of types that ROS 2 lacks, with
-    a warning. With `expand`, the images of videos and RGBD messages replace these messages.
+    The copy of a ROS 1 bag has ROS 2 messages. Topics whose types ROS 2 lacks are left out with a
+    warning. With `expand`, the images of videos and RGBD messages replace these messages.
     InputError if nothing can be read, the definition of a message type is unknown, or the new bag
     exists already or cannot be written.
     """

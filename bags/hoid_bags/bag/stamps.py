@@ -21,7 +21,7 @@ def header(stamp_ns: int, frame_id: str) -> Message:
 
 
 def begins_with_header(type_name: str) -> bool:
-    """Return whether messages of a type begin with a field `header`; False if unknown."""
+    """Return whether messages of a type begin with a field `header`; False for an unknown type."""
     try:
         ensure_type(type_name)
     except InputError:

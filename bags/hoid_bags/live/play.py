@@ -63,7 +63,7 @@ def play(
 
     Args:
         topic_names: Topics to play; empty means all but /clock.
-        choice: Topics of the images, which lockstep pairs; those that are not named are found.
+        choice: Image topics that lockstep pairs; topics that are not named are searched for.
         depth_offset_ns: Time by which the stamps of depth images are too late. Only lockstep uses
             it, to pair images; published stamps stay as they are.
         namespace: Prefix of every topic except /clock and /diagnostics.
@@ -157,7 +157,7 @@ class Player:
     def run(self, *, show_progress: bool) -> None:
         """Publish all messages, each when it is due, and wait until they are received.
 
-        The wait is at most two seconds for each topic. With the option `loop`, there is no end.
+        The wait is at most two seconds for each topic. With the option `loop`, it never ends.
         Errors are those of `play`.
         """
         plan, config = self._plan, self._config
@@ -231,7 +231,7 @@ class Player:
             self._gate.note_answer(stamp_from_msg(message.header.stamp))
 
     def _give_up(self, gate: LockstepGate) -> None:
-        """Let the next frame pass without odometry; InputError if there has been none at all."""
+        """Let the next frame pass without odometry; InputError if no odometry ever arrived."""
         if not gate.num_answered:
             raise InputError(
                 f'topic "{topics.ODOM}": no odometry for the first frame after'

@@ -18,7 +18,7 @@ from hoid_common.errors import InputError
 from hoid_common.values import NS_PER_S
 
 LOOP_GAP_NS = 100_000_000
-"""Time between the last message of a round and the first of the next. Chosen: three images."""
+"""Time from the last message of a round to the first of the next. Chosen: 3 images at 30 Hz."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class PlaybackPlan:
 
 
 def open_plan(path: Path, config: PlayConfig, topics: tuple[str, ...] = ()) -> PlaybackPlan:
-    """Return the plan by which a bag is played; without names, all topics but /clock.
+    """Return the playback plan of a bag; without topic names, all topics but /clock are played.
 
     InputError if the path is no readable bag, the bag lacks a topic or has no messages to play, or
     the last message to play is before the chosen start.

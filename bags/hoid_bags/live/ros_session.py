@@ -52,7 +52,7 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 
 
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
-    """Return reliability, durability and depth of a profile in a bag; None: the usual ones."""
+    """Return the rclpy profile of a bag's QoS profile; None gives the reliable default."""
     qos = qos or reliable_qos()
     is_weak = qos.reliability == QosReliability.BEST_EFFORT
     latched = qos.durability == QosDurability.TRANSIENT_LOCAL
@@ -64,7 +64,7 @@ def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
 
 
 def from_rclpy_qos(qos: QoSProfile) -> Qos:
-    """Return reliability and durability of a profile in the form in which a bag has them."""
+    """Return the bag profile with the reliability and durability of an rclpy profile."""
     noted = reliable_qos(latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
     if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
         noted = noted._replace(reliability=QosReliability.BEST_EFFORT)

@@ -96,7 +96,7 @@ def serialize(message: Message, type_name: str) -> memoryview:
 def deserialize(data: bytes | memoryview, type_name: str) -> Message:
     """Return the message in CDR bytes; arrays in it share the memory of the bytes.
 
-    MessageError: the bytes are no message of this type. InputError as of `ensure_type`.
+    MessageError: the bytes are no message of this type. InputError as in `ensure_type`.
     """
     ensure_type(type_name)
     try:

@@ -72,7 +72,7 @@ def unpack(data: bytes, compression: str, size: int | None = None, checksum: int
     """Return the records of a chunk: `size` bytes, or at most MAX_CHUNK_BYTES if it is unknown.
 
     rosbags and mcap verify the size only after they have unpacked everything. Here at most one
-    byte more is unpacked, so that a small file cannot fill the memory. One of `DAMAGE`: the
+    byte more is unpacked, so that a small file cannot fill the memory. Raises one of `DAMAGE`: the
     compression is unknown, or the content contradicts `size` or a checksum (CRC-32) that is not 0.
     """
     if size is not None and size > MAX_CHUNK_BYTES:
@@ -89,7 +89,7 @@ def unpack(data: bytes, compression: str, size: int | None = None, checksum: int
 
 
 def unpack_message(data: bytes) -> bytes:
-    """Return a message that was compressed on its own; else one of `DAMAGE`."""
+    """Return a message that was compressed on its own, or raise one of `DAMAGE`."""
     unpacker = ZstdDecompressor()
     message = unpacker.decompress(data, MAX_CHUNK_BYTES)
     if not unpacker.eof:
@@ -98,7 +98,7 @@ def unpack_message(data: bytes) -> bytes:
 
 
 def split_records(chunk: bytes) -> Iterator[Record]:
-    """Yield the positions of the records in an unpacked chunk; else one of `DAMAGE`."""
+    """Yield the positions of the records in an unpacked chunk, or raise one of `DAMAGE`."""
     at = 0
     while at < len(chunk):
         opcode, size = _RECORD.unpack_from(chunk, at)

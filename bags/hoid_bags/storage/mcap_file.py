@@ -32,7 +32,7 @@ from hoid_bags.storage.chunks import (
 from hoid_bags.storage.qos_profiles import stored_qos
 
 _RECORD_HEAD_BYTES = 9  # opcode and size
-# Of a chunk after that: two times, two sizes, checksum, and length of the compression's name.
+# Chunk header after it: two times, two sizes, checksum, length of the compression's name.
 _CHUNK_HEAD_BYTES = 4 * 8 + 2 * 4
 _MAX_TIME_NS = 2**63
 _NO_DEFINITION = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.NONE, '')
@@ -107,10 +107,10 @@ class McapFile(McapReader):
     def _items(
         self, chunk: ChunkInfo, by_id: dict[int, Connection], first_ns: int, end_ns: int
     ) -> Iterator[_Item]:
-        """Yield a chunk's messages in order of log time; a damaged chunk has none.
+        """Yield a chunk's messages in order of log time; a damaged chunk yields no messages.
 
-        The first item has no message, and the time of the chunk's first message. The chunk is read
-        after that, so that few chunks are in memory at the same time.
+        The first item is empty, with the time of the chunk's first message. The chunk is read only
+        after it, so that few chunks are in memory at the same time.
         """
         yield _Item(chunk.message_start_time, None, b'')
         try:

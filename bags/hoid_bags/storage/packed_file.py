@@ -24,8 +24,8 @@ _BLOCK_BYTES = 1 << 20  # chosen: memory for one block
 def unpack_file(path: Path, folder: Path) -> Path:
     """Unpack a zstd file into a folder; return the path of the result, without the suffix .zstd.
 
-    Of a file that is cut off or damaged, the part before is unpacked. InputError: that is nothing,
-    over 64 MiB plus 100 times the file's size, or more than fits on the disk.
+    A truncated or damaged file is unpacked up to the damage. InputError: the result is empty, over
+    64 MiB plus 100 times the file's size, or more than fits on the disk.
     """
     target = folder / path.stem
     limit = _SMALL_BYTES + _MAX_RATIO * path.stat().st_size

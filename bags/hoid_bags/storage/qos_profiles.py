@@ -35,10 +35,10 @@ def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
 
 
 def stored_qos(text: str) -> list[Qos]:
-    """Return the profiles in the YAML text that a recorder stored; none if it is no list.
+    """Return the profiles in the YAML text that a recorder stored; empty if it is no list.
 
-    Reliability, durability and depth are read; an entry that is missing is the default. Recorders
-    older than Iron write names as numbers.
+    Reliability, durability and depth are read, with defaults for missing entries. Recorders older
+    than Iron write policies as numbers.
     """
     try:
         entries = parse_yaml(text, 'offered_qos_profiles')

@@ -29,7 +29,7 @@ from hoid_common.errors import InputError
 ROS1_SUFFIX = '.bag'
 _RENAMED = {'tf/msg/tfMessage': TF_MESSAGE}
 _HEADER = 'std_msgs/msg/Header'  # its field `seq` exists in ROS 1 only, and is left out
-# In the name of a topic: other characters, and the place before a digit that begins a part.
+# In a topic name: characters that ROS 2 forbids, and the place before a part's leading digit.
 _FORBIDDEN = re.compile(r'[^\w/]|(?<=/)(?=\d)', re.ASCII)
 
 
@@ -45,7 +45,7 @@ class Ros1File(Reader):
         self._converters: dict[int, Converter] = {}  # by connection
 
     def open(self) -> None:
-        """Read the index; rosbags.rosbag1.ReaderError if there is no complete one."""
+        """Read the index; rosbags.rosbag1.ReaderError if it is missing or incomplete."""
         super().open()
         for i, found in enumerate(self.connections):
             viewer = viewer_topic(found.topic, found.msgtype)
@@ -108,7 +108,7 @@ def _converter(connection: Connection) -> Converter | None:
 
 def _is_equal(types: Mapping[str, Any], name: str) -> bool:
     """Return whether ROS 2 serializes the fields of a type in the same order and kinds."""
-    if name == _HEADER or name not in types:  # the latter: time and duration
+    if name == _HEADER or name not in types:  # not in `types`: time and duration
         return True
     store = shared_typestore()
     if name not in store.fielddefs:

@@ -17,7 +17,7 @@ from hoid_common.messages import stamp_from_msg
 from hoid_common.values import ByteArray
 
 VIDEO_TYPES = (types.FFMPEG_PACKET, types.COMPRESSED_VIDEO)
-"""Message types that always carry video. A CompressedImage does so if its format says it."""
+"""Message types that always carry video. CompressedImage does if `format` names a codec."""
 # FFmpeg's decoder by a part of the names that encoders and messages use.
 _CODECS = {'264': 'h264', 'avc': 'h264', '265': 'hevc', 'hevc': 'hevc', 'av1': 'av1', 'vp9': 'vp9'}
 _MAX_DELAY = 64  # chosen: packets that a decoder holds; H.264 and H.265 allow 16
@@ -35,7 +35,7 @@ class Packet(NamedTuple):
 
 
 def video_packet(data: bytes, type_name: str) -> Packet:
-    """Return the content of a message, whose codec is '' if it is no video, or MessageError."""
+    """Return the packet in a message, with codec '' if it is no video, or raise MessageError."""
     message = types.deserialize(data, type_name)
     if type_name == types.COMPRESSED_VIDEO:
         stamp, frame, name, size = message.timestamp, message.frame_id, message.format, None
@@ -93,7 +93,7 @@ class VideoDecoder:
             return
         for frame in frames:
             packet, log_ns = self._fed.pop(frame.pts)
-            # Decoders conceal damage by what they have seen before, until the next key frame.
+            # Decoders conceal damage with earlier image content, until the next key frame.
             self._waits_for_key = (self._waits_for_key or frame.is_corrupt) and not frame.key_frame
             if not self._waits_for_key:
                 image_bgr = np.ascontiguousarray(frame.to_ndarray(format='bgr24'))
@@ -115,7 +115,7 @@ class VideoFile:
         self.num_images: int = self._stream.frames  # 0: unknown
 
     def image(self, number: int) -> ByteArray:
-        """Return the (H, W, 3) uint8 BGR image of a number from 0 on; an earlier one is slow."""
+        """Return the (H, W, 3) uint8 BGR image with index `number`; going backward is slow."""
         if number < self._next:
             self._open()
         try:
@@ -139,7 +139,7 @@ class VideoFile:
 
 
 def _import_av(what: str) -> Any:
-    """Return the module of PyAV; InputError with the way to install it."""
+    """Return the PyAV module; InputError, which names the install command, if it is missing."""
     if find_spec('av') is None:
         raise InputError(f'{what}, which needs the extra "video": {_INSTALL}')
     return import_module('av')

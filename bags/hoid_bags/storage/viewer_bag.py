@@ -1,7 +1,7 @@
-"""Recordings of RealSense Viewer and librealsense: what makes their messages those of ROS drivers.
+"""Conversion of RealSense Viewer and librealsense recordings to the messages of ROS drivers.
 
-They have no frames. The place of each stream in the device is a message of its own; librealsense
-2.5x appends the unit of depth (m, float32) to images, without changing the type's definition.
+The recordings have no frames. The pose of each stream in the device is a separate message.
+librealsense 2.5x appends the depth unit (m, float32) to images without changing the type.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class ViewerTopic(NamedTuple):
 
 
 def viewer_topic(topic: str, type_name: str) -> ViewerTopic | None:
-    """Return what a topic of librealsense becomes; None for other topics, which stay as they are.
+    """Return the ROS driver's topic for a topic of librealsense; None for all other topics.
 
-    Images, IMU and camera_info get a frame, and the places of the streams become /tf_static.
+    Images, IMU and camera_info get a frame, and the poses of the streams become /tf_static.
     """
     stream = _STREAM.fullmatch(topic)
     if stream is None:
@@ -65,7 +65,7 @@ def _from_ros1(data: bytes, type_name: str) -> Message:
 def _with_frame(data: bytes, type_name: str, frame: str) -> memoryview:
     message = _from_ros1(data, type_name)
     message.header.frame_id = frame
-    # "Brown Conrady", "Inverse Brown Conrady", ...: the driver of ROS calls all of them so.
+    # "Brown Conrady", "Inverse Brown Conrady", ...: the ROS driver calls all plumb_bob.
     if type_name == types.CAMERA_INFO and 'Brown Conrady' in message.distortion_model:
         message.distortion_model = 'plumb_bob'
     return types.serialize(message, type_name)
@@ -89,9 +89,9 @@ def _image(data: bytes, frame: str) -> memoryview:
 
 
 def _static_transform(data: bytes, parent: str, child: str) -> memoryview:
-    """Return the place of a stream as /tf_static.
+    """Return the /tf_static message with a stream's pose.
 
-    librealsense records how points of the device come to the stream: T_stream_device.
+    librealsense records the transform of device points to the stream: T_stream_device.
     """
     place = _from_ros1(data, _TRANSFORM)
     q, t = place.rotation, place.translation

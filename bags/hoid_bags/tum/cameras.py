@@ -39,7 +39,7 @@ _BONN_NAME = re.compile(r'(?<![a-z])bonn(?![a-z])', re.IGNORECASE)
 
 
 def camera_from_name(name: str) -> CameraModel | None:
-    """Return the published camera whose name, such as fr1 or bonn, a name contains, or None."""
+    """Return the published camera that a folder name mentions, such as fr1 or bonn, or None."""
     if _BONN_NAME.search(name):
         return _BONN
     match = _TUM_NAME.search(name)

@@ -68,7 +68,7 @@ def openloris_camera(folder: Path) -> FolderCamera:
     path = folder / 'sensors.yaml'
     if not path.exists():
         return FolderCamera(None)
-    storage = _opencv_yaml(path)  # its nodes do not keep it
+    storage = _opencv_yaml(path)  # its nodes do not keep it alive
     try:
         camera = storage.getNode('d400_color_optical_frame')
         fx, cx, fy, cy = map(float, camera.getNode('intrinsics').mat().ravel())
@@ -79,7 +79,7 @@ def openloris_camera(folder: Path) -> FolderCamera:
 
 
 def openloris_truth(path: Path) -> Trajectory:
-    """Return the poses of the color camera; those of the file are of the robot's base."""
+    """Return the poses of the color camera, from the poses of the robot's base in the file."""
     truth, transforms = read_tum(path), path.parent / 'trans_matrix.yaml'
     storage = _opencv_yaml(transforms)
     with suppress(cv2.error):  # a node is of another type
@@ -138,7 +138,7 @@ def icl_camera(_folder: Path) -> FolderCamera:
 
 
 def icl_images(folder: Path, associations: str, _depth: str) -> tuple[Images, Images]:
-    """Return the images of lines with a number and a file of depth, then of color."""
+    """Return the images of a list with number and file of depth, then of color, in each line."""
     path = folder / associations
     colors: list[ListedImage] = []
     depths: list[ListedImage] = []
@@ -153,7 +153,7 @@ def icl_images(folder: Path, associations: str, _depth: str) -> tuple[Images, Im
 
 
 def icl_truth(path: Path) -> Trajectory:
-    """Return the poses of a `.gt.freiburg` file, whose stamps are numbers of images."""
+    """Return the poses of a `.gt.freiburg` file, whose stamps are image numbers."""
     truth = read_tum(path)
     return _without_y_up((truth.stamps_ns // NS_PER_S).tolist(), truth.T_world_camera)
 

@@ -18,7 +18,7 @@ from hoid_common.values import ByteArray, Float32Array
 _MAGIC: Final = b'\x76\x2f\x31\x01'
 _NOT_SCAN_LINES: Final = 0x1A00  # flags of the version: tiles, deep data, several parts
 _LINES = {0: 1, 2: 1, 3: 16}  # scan lines of a block by compression: none, ZIPS, ZIP
-_TYPES = {0: '<u4', 1: '<f2', 2: '<f4'}  # of a channel
+_TYPES = {0: '<u4', 1: '<f2', 2: '<f4'}  # NumPy type by pixel type
 _MAX_PIXELS = 50_000_000  # chosen: more than any depth camera has
 _MAX_BLOCK_BYTES = 100_000_000  # chosen: 16 lines of 90,000 pixels in four channels
 
@@ -26,7 +26,7 @@ _MAX_BLOCK_BYTES = 100_000_000  # chosen: 16 lines of 90,000 pixels in four chan
 def decode_exr(data: bytes, name: object) -> Float32Array:
     """Return the (H, W) values of channel R, or of the first one if there is no R.
 
-    InputError, which begins with `name`: it is damaged, or compressed in another way than ZIP.
+    InputError (text begins with `name`): the data is damaged, or not uncompressed or ZIP.
     """
     attributes, at = _header(data, name)
     width, height = _size_px(attributes, name)
@@ -73,7 +73,7 @@ def _unpacked(block: bytes, size: int) -> ByteArray:
     if len(block) == size:
         return np.frombuffer(block, np.uint8)
     packed = np.frombuffer(zlib.decompressobj().decompress(block, size), np.uint8).copy()
-    # Differences of neighbors, of the even bytes first and then the odd ones.
+    # ZIP stores differences of neighboring bytes: all even bytes first, then all odd bytes.
     packed[1:] -= np.uint8(128)
     values = np.cumsum(packed, dtype=np.uint8)
     found = np.empty(size, np.uint8)

@@ -1,6 +1,6 @@
 """Layouts of RGB-D recordings in files, one row each; `tum_folder` reads all of them.
 
-They follow their own documentation: TUM RGB-D and Bonn, ETH3D SLAM, OpenLORIS-Scene, Replica as
+Each follows its own documentation: TUM RGB-D and Bonn, ETH3D SLAM, OpenLORIS-Scene, Replica as
 NICE-SLAM renders it, ICL-NUIM, ScanNet, Open3D's recorders for RealSense and Azure Kinect, and the
 apps Record3D and Stray Scanner for iPhones.
 """
@@ -55,7 +55,7 @@ class Layout(NamedTuple):
         return min(path.glob(self.truth), default=None) if self.truth else None
 
     def imu(self, path: Path) -> tuple[NumberTable | None, NumberTable | None]:
-        """Return angular velocities (N, 3) in rad/s and accelerations in m/s^2; None: none."""
+        """Return rates (N, 3) [rad/s] and accelerations (N, 3) [m/s^2], each None if missing."""
         if self.read_imu is not None:
             return self.read_imu(path)
         gyro, accelerometer = (
@@ -134,4 +134,4 @@ LAYOUTS = (
         '', sens.sens_imu, f'{_SHRUNK}, to which it is mapped',
     ),
 )  # fmt: skip
-"""The known layouts; the first whose marks exist is taken."""
+"""The known layouts, in order: the first one whose marks exist is used."""

@@ -26,12 +26,12 @@ from hoid_common.values import (
 )
 
 _MAX_NUMBER = 10**9  # chosen: a year at 30 Hz
-_RATE_HZ = 30.0  # chosen: of recordings whose images have numbers and no stamps
+_RATE_HZ = 30.0  # chosen: assumed for images that have numbers, but no stamps
 _SUFFIXES = ('.jpg', '.jpeg', '.png', '.depth')
 _MAX_BYTES = 100_000_000  # chosen: a trajectory of a million poses
 # Chosen: 768x576 for the 256x192 px of a phone's depth; twice VGA costs more than it brings.
 _MAX_REPEATS = 3
-_MAX_SKEW = 1e-3  # chosen: of a rotation matrix in float32 or text
+_MAX_SKEW = 1e-3  # chosen: rounding error of a rotation matrix in float32 or text
 
 
 class ListedImage(NamedTuple):
@@ -70,7 +70,7 @@ def listed_images(folder: Path, name: str) -> Images:
 
 
 def numbered_images(folder: Path, pattern: str) -> Images:
-    """Return the images whose names end with a number, in order of it."""
+    """Return the images whose names end with a number, in order of that number."""
     numbers = {
         int(match[1]): path
         for path in folder.glob(pattern)
@@ -143,7 +143,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def json_number(path: Path, found: Any, name: str) -> float:
-    """Return a number of a JSON object; InputError if it has none of this name."""
+    """Return a number of a JSON object; InputError if it has no number of this name."""
     value = found.get(name) if isinstance(found, dict) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f'{path}: {name} must be a number, got {value!r}')
@@ -182,7 +182,7 @@ def read_table(
 
 
 def rigid_poses(stamps_ns: IntArray, T: FloatArray) -> Trajectory:
-    """Return the rigid ones of N poses (N, 4, 4); files mark lost tracking by other matrices."""
+    """Return the rigid poses of (N, 4, 4) matrices; files mark lost tracking by other matrices."""
     R = T[:, :3, :3]
     with np.errstate(invalid='ignore'):  # comparisons with NaN are false
         is_rotation = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max((1, 2)) < _MAX_SKEW

@@ -98,7 +98,7 @@ def stray_camera(folder: Path) -> FolderCamera:
 
 
 def stray_images(folder: Path, _color: str, _depth: str) -> tuple[Images, Images]:
-    """Return the images of the video, one for each pose, and the depth images of these."""
+    """Return the color images of the video, one for each pose, and their depth images."""
     camera, video = stray_camera(folder).camera, VideoFile(folder / 'rgb.mp4')
     assert camera is not None
     path = folder / 'odometry.csv'

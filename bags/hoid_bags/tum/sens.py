@@ -44,14 +44,14 @@ _FRAME = struct.Struct('<16f4Q')  # T_world_camera, stamps (us) and bytes of col
 _RATES = np.dtype([('rate_radps', '<f8', 3), ('others', 'V96'), ('stamp_us', '<u8')])
 _JPEG_OR_PNG = (1, 2)
 _RAW_DEPTH, _ZLIB_DEPTH = 0, 1
-_MAX_NAME_BYTES = 4096  # chosen: of the sensor
+_MAX_NAME_BYTES = 4096  # chosen: longest name of the sensor
 _NS_PER_US = 1000
 
 
 class _Frame(NamedTuple):
     """A frame: its pose, and where the file has its images."""
 
-    T_world_camera: FloatArray  # (4, 4); not finite: the scanner had lost its place
+    T_world_camera: FloatArray  # (4, 4); not finite: the scanner had lost tracking
     stamp_us: int
     color_at: int
     color_bytes: int
@@ -61,7 +61,7 @@ class _Frame(NamedTuple):
 class SensFile:
     """The content of a file, without the images.
 
-    InputError: it is cut off in its head, of another version, or packed as ScanNet does not.
+    InputError: the header is truncated, or the version or compression is not ScanNet's.
     """
 
     def __init__(self, path: Path) -> None:
@@ -96,7 +96,7 @@ class SensFile:
         return int(head['num_frames'])
 
     def _read_frames(self, file: BinaryIO) -> None:
-        """Note the frames that are whole, and the rates after them."""
+        """Record the complete frames, and the angular velocities after them."""
         size = os.fstat(file.fileno()).st_size
         for _ in range(self.num_frames):
             head = file.read(_FRAME.size)
@@ -165,7 +165,7 @@ def sens_images(path: Path, _color: str, _depth: str) -> tuple[Images, Images]:
 
 
 def sens_truth(path: Path) -> Trajectory:
-    """Return the poses of the frames where the scanner knew its place."""
+    """Return the poses of the frames that the scanner tracked."""
     source = SensFile(path)
     T = np.array([frame.T_world_camera for frame in source.frames]).reshape(-1, 4, 4)
     return listing.rigid_poses(source.stamps_ns, T)

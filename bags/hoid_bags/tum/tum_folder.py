@@ -44,7 +44,7 @@ class TumFolder:
     true_detections: None = None
 
     def __str__(self) -> str:
-        """Return a line of text: what was taken for what; empty for the usual layout, TUM."""
+        """Return a line about the files that were chosen; empty for the usual layout, TUM."""
         layout, camera = self.layout, self.camera
         if layout is TUM:
             return ''
@@ -66,7 +66,7 @@ class TumFolder:
 
     @cached_property
     def ground_truth(self) -> Trajectory | None:
-        """Return the poses; None if there is no file or, with a warning, no usable one."""
+        """Return the poses; None if the file is missing or, with a warning, unusable."""
         path = self.layout.truth_path(self.path)
         try:
             return self.layout.read_truth(path) if path is not None else None
