@@ -22,7 +22,7 @@ EXPERT = 'expert'
 
 _SPEC, _EXPERT_SECTION = 'hoid_param', 'hoid_expert'  # keys of a dataclass field's metadata
 # Chosen: difflib's similarity ratio above which names are suggested (one or two letters differ),
-# and above which the most similar one is if no name is (in a word of three, two are exchanged).
+# and the lower ratio for the best name if no name reaches the first (two of three letters swap).
 _MIN_SIMILARITY, _MIN_OF_BEST = 0.8, 0.6
 _MAX_SUGGESTIONS = 3
 
@@ -127,7 +127,7 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
-    """Return a checked value; an int becomes a float where one is declared, `('',)` is `()`."""
+    """Return a checked value; an int becomes a declared float, and `('',)` becomes `()`."""
     if type(value) is int and isinstance(like, float):
         value = float(value)  # YAML reads `3` as an int
     if value == ('',):

@@ -39,8 +39,8 @@ class ExtractionConfig(Config):
         expert=True,
     )
 
-    # Whether levels of the pyramid on which most corners are noise, the fine ones in a blur or in
-    # the dark, yield features to coarser levels (decision 059). Without it, levels have the fixed
+    # Whether pyramid levels on which most corners are noise (fine levels, in blurred or dark
+    # images) yield features to coarser levels (decision 059). Without it, levels have the fixed
     # shares of ORB-SLAM3, and `low_fast_threshold` is used on all of them or on none.
     adapt_levels: bool = param(default=True, internal=True)
 
@@ -116,7 +116,7 @@ class PlusConfig(Config):
     # Chosen, the length of an arm: a handled object is at most this much nearer to the camera than
     # the person's torso. `depth_limit_m` limits how much farther it may be.
     reach_m: ClassVar[float] = 0.6
-    # Time without anybody handling it after which an object counts as static.
+    # An object counts as static when nobody has handled it for this time.
     rest_s: ClassVar[float] = REST_S
 
 
@@ -215,7 +215,7 @@ class FilterConfig(Config):
     plus: PlusConfig = section(PlusConfig, expert=True)
     motion: MotionConfig = section(MotionConfig, expert=True)
 
-    # Chosen, more than detectors return: of more boxes in an image, the best are used.
+    # Chosen, more than detectors return: further boxes of an image, by score, are ignored.
     max_detections: ClassVar[int] = 300
     # Chosen: side of the square at the center of a box whose median depth is the object's depth.
     sample_box_px: ClassVar[int] = 10

@@ -53,7 +53,7 @@ class FinalVerdict(NamedTuple):
 class FeatureFilter:
     """Detects corners, classifies objects, and describes the corners on static surface.
 
-    `process` runs all stages. The live filter runs them one by one, because motion segmentation
+    `process` runs all stages. The live filter runs single stages, because motion segmentation
     takes longest: `detect_corners`, `select_and_describe` with the moving regions of an earlier
     image, `detect_motion`, `reevaluate`.
 
@@ -69,7 +69,7 @@ class FeatureFilter:
         self.counters: Counter[str] = Counter()
 
     def reconfigure(self, config: FilterConfig) -> None:
-        """Apply parameters, but those of the extraction, and forget earlier images."""
+        """Apply all parameters except those of the extraction, and forget earlier images."""
         self._config = config
         self.reset()
 
@@ -195,11 +195,11 @@ class FeatureFilter:
         depth_m: Float32Array,
         detections: Detections | None,
     ) -> FinalVerdict:
-        """Classify an image again with what is known by now, and return its final verdict.
+        """Classify an image again with newer detections and motion; return its final verdict.
 
         `features` are those that `select_and_describe` returned for the image, at most a second
-        ago. `detections` are of the image, or of the nearest one for which the detector has sent
-        some; None: those that were given before are used.
+        ago. `detections` are of the image, or of the nearest image for which the detector has sent
+        any; None: the detections that were given before are used.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T
@@ -233,7 +233,7 @@ class FeatureFilter:
         return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return the (N, 2) pixels of the features that are missing because of the filter."""
+        """Return the (N, 2) pixels of features that the filter removed; empty unless `wanted`."""
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)

@@ -140,7 +140,7 @@ class LiveFilter:
         # Arrival of the first image after the last detections; None: no image came since then.
         self._unanswered_since_s: float | None = None
         self._newest_image_s = 0.0  # time of arrival of the newest image, on the steady clock
-        self._newest_image_ns: int | None = None  # its stamp
+        self._newest_image_ns: int | None = None  # stamp of the newest image
 
     def forget(self) -> None:
         self._filter.reset()
@@ -185,7 +185,7 @@ class LiveFilter:
         self._publish_held()
 
     def poll(self) -> None:
-        """Publish the final verdict on images that waited too long; call it often in `wait_s`."""
+        """Publish the final verdict on overdue images; call this several times per `wait_s`."""
         overdue = []
         while self._awaiting and self._is_overdue(self._awaiting[0]):
             overdue.append(self._awaiting.popleft())
@@ -225,7 +225,7 @@ class LiveFilter:
         self._diagnostics.note(text, 'times that stamps went back')
 
     def _publish_held(self) -> None:
-        """Publish one held image; more would overflow the short queue of the SLAM node."""
+        """Publish one held image; several would overflow the short queue of the SLAM node."""
         if not self._held or self._must_wait(self._held[0]):
             return
         header, frame, _ = self._held.popleft()
@@ -287,7 +287,7 @@ class LiveFilter:
         )
 
     def _overtake(self, stamp_ns: int) -> None:
-        """Move the newest published image to its next state, before another one replaces it."""
+        """Move the newest published image to its next state, before a newer image replaces it."""
         if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
             self._newest = None  # the stamps went back
         if self._num_without_motion == _MAX_IMAGES_WITHOUT_MOTION:
@@ -339,7 +339,7 @@ class LiveFilter:
 
     @property
     def _silent_s(self) -> float:
-        """Return the time [s] over which images came but no detections; 0 if none is missing."""
+        """Return the time [s] for which images have come without detections; 0 = not missing."""
         since_s = self._unanswered_since_s
         return 0.0 if since_s is None else self._newest_image_s - since_s
 

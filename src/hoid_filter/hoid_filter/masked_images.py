@@ -12,7 +12,7 @@ _POINT_STRIDE_PX = 8  # 1.5 cm at 1 m in a VGA image, finer than the 5 cm cells 
 
 
 def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
-    """Return the (H, W) mask of dynamic pixels, or else of the boxes of dynamic objects."""
+    """Return the (H, W) mask of dynamic pixels; without it, that of dynamic objects' boxes."""
     if verdict.dynamic_mask is not None:
         low = verdict.dynamic_mask.astype(np.uint8)
         return cv2.resize(low, size_px, interpolation=cv2.INTER_NEAREST) > 0

@@ -17,8 +17,8 @@ class CameraInfoCheck:
     """Decides which calibration to use when camera_info messages contradict each other or images.
 
     The first calibration with the size of the images is used at once, on trial for 30 images.
-    During the trial, another one of this size replaces it, at once if the one in use has the wrong
-    size, else when it is received twice in a row. Afterwards the one in use is kept (decision
+    During the trial, another calibration of this size replaces it: at once if the first is of a
+    wrong size, else when it is received twice in a row. Afterwards it is kept (decision
     045), and contradictions are reported. A calibration of another size is scaled if one size is a
     whole multiple of the other.
     """

@@ -60,8 +60,8 @@ class InputWatch:
     def loss_message(self, now_s: float, profile: str = '', *, is_own: bool = False) -> str:
         """Return one line about the current losses.
 
-        A `profile` of Fast DDS is recommended to publishers of best effort, unless nodes of the
-        suite publish the topic (`is_own`), which have it.
+        For best-effort publishers, the line recommends the Fast DDS `profile`, unless the topic
+        is the suite's own (`is_own`), whose nodes already use it.
         """
         arrived = self.num_received - self._received_before
         remedy = 'check the network and the processor load'
@@ -124,7 +124,7 @@ class InputLog:
         missing: Mapping[str, str],
         others: Mapping[str, str],
     ) -> None:
-        """Log the problems that are due (`missing` by topic), and inputs that arrive."""
+        """Log due problems (`missing` by topic, `others` by kind), and inputs that arrive."""
         causes = {topic: text for topic, text in missing.items() if self._is_cause(topic)}
         if now_s < self._start_s + _GRACE_S:
             causes = {}

@@ -12,8 +12,8 @@ from hoid_native import Pinhole, register_depth
 
 _NOT_REGISTERED = 'depth is not registered to color: {}; {}'
 _NO_READING = cv2.BORDER_CONSTANT  # 0 outside the image
-# Chosen: a part of the color image whose undistorted place is outside this many times the image
-# is too far at the edge of a wide lens, and gets no depth.
+# Chosen: a color pixel whose undistorted position is outside the image by more than this ratio of
+# the image size is too close to the edge of a wide lens, and gets no depth.
 _MARGIN = 0.5
 # Chosen: cameras whose focal lengths and centers differ by less than this ratio of the image, and
 # which are nearer to each other than this, count as one. Depth noise is larger.

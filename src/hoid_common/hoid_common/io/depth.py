@@ -26,9 +26,9 @@ _USUAL_MEDIAN_M = (0.3, 8.0)
 # those with depth that is five times too large or small (0.0018 and 0.00016).
 _NOISE_PER_M, _USUAL_NOISE_PER_M = 0.0006, (0.00024, 0.0012)
 _USUAL_NEAREST_M = (0.35, 2.5)
-_LEAST_NOISE_PER_M = 1e-6  # of rendered depth, whose logarithm is needed
-_DEVIATION_PER_MEDIAN = 1.4826  # of the absolute values of a normal distribution
-_SCALES = (0.1, 0.2, 5.0, 10.0)  # units in use: 0.1 mm, 0.2 mm (TUM) and 1 mm
+_LEAST_NOISE_PER_M = 1e-6  # lower limit for rendered depth, because the logarithm is taken
+_DEVIATION_PER_MEDIAN = 1.4826  # standard deviation over median absolute value, if normal
+_SCALES = (0.1, 0.2, 5.0, 10.0)  # ratios of units in use: 0.1 mm, 0.2 mm (TUM) and 1 mm
 _NUM_IMAGES = 10  # chosen: a third of a second of images decides whether to warn
 
 
@@ -52,7 +52,7 @@ def readings_m(depth_m: Float32Array) -> Float32Array:
 
 
 def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
-    """Raise MessageError, ended by a remedy, if the median depth (m) is outside the range."""
+    """Raise MessageError, which ends with `unit`, if the median depth (m) is out of range."""
     median_m = _median_m(depth_m)
     if median_m is not None and not MIN_DEPTH_M <= median_m <= MAX_DEPTH_M:
         raise MessageError(
@@ -63,8 +63,8 @@ def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
 class DepthUnitWarning:
     """Warns once, with a remedy, if ten depth images look as if their unit were wrong.
 
-    Signs are the median, and nearest depth with noise, which grows with the square of the depth in
-    triangulating cameras.
+    The check uses the median depth, and the nearest depth with the noise, which grows with the
+    square of depth in triangulating cameras.
     """
 
     def __init__(self, remedy: str) -> None:
@@ -72,7 +72,7 @@ class DepthUnitWarning:
         self._seen: list[tuple[float, float, float]] = []  # median, nearest depth, noise by image
 
     def warning_for(self, depth_m: Float32Array) -> str:
-        """Store the signs of depth (H, W) in m; return a warning at the tenth image, else ''."""
+        """Store median, nearest depth and noise of (H, W) depth in m; return a warning or ''."""
         if len(self._seen) >= _NUM_IMAGES or (median_m := _median_m(depth_m)) is None:
             return ''
         self._seen.append((median_m, *_nearest_and_noise(depth_m)))

@@ -26,8 +26,8 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     """Yield a new hidden folder, which is removed with its content at the end of the block.
 
     Results are written there and moved when they are complete, so that a reader never finds half a
-    file; `within` must be on their file system. It is made if it is missing. `purpose` is in the
-    name, which identifies it after a power cut. InputError if it cannot be made.
+    file. `within`, which must be on the same file system, is created if missing. `purpose` is part
+    of the name, to identify it after a power cut. InputError: the folder cannot be created.
     """
     with ExitStack() as stack:
         try:
@@ -45,7 +45,7 @@ def staged(folder: Path, target: Path | None = None) -> Iterator[Path]:
     """Yield a scratch folder, whose files are moved to `folder` at the end of the block.
 
     If the block raises an error, `folder` keeps its files. InputError, which names `target` if
-    there is only one file, if they cannot be written.
+    it is given, if the files cannot be written.
     """
     try:
         with scratch_folder(folder, 'results') as stage:
@@ -57,7 +57,7 @@ def staged(folder: Path, target: Path | None = None) -> Iterator[Path]:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file into a folder, which is made if it is missing; InputError if it cannot be."""
+    """Write a file, and create its folder if it is missing; InputError if this fails."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
@@ -79,7 +79,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def abandoned_scratch_folders(within: Path) -> list[Path]:
-    """Return the scratch folders of killed processes; none on a file system without locks."""
+    """Return the scratch folders of killed processes; empty on a file system without locks."""
     with suppress(OSError):  # `within` is missing or not readable
         return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_abandoned(path))
     return []

@@ -56,7 +56,7 @@ def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def is_safe_to_decode(data: bytes | memoryview) -> bool:
-    """Return whether the cost of decoding is in proportion to size, with all chunks of a PNG."""
+    """Return whether decoding costs no more than the size suggests, and a PNG is complete."""
     if not is_png(data):
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
     at, num_compressed = len(_PNG_START), 0
@@ -101,7 +101,7 @@ def _tiff_size(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def _jpeg_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from the frame header, or None; struct.error at the end of data."""
+    """Return (width, height) from the frame header, or None; struct.error if data ends early."""
     at = len(_JPEG_START) - 1
     while True:
         start, marker, length = _JPEG_SEGMENT.unpack_from(data, at)

@@ -111,7 +111,7 @@ def decode_color(image: RawImage) -> ByteArray:
 
 
 def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
-    """Return the (H, W) float32 depth in m of a message, 0 = none; memory may be shared.
+    """Return the (H, W) float32 depth in m of a message, 0 = no reading; memory may be shared.
 
     With 0 `units_per_m`, whole numbers are in mm and floats in m. MessageError if encoding, data
     or unit is invalid.

@@ -19,8 +19,8 @@ END_STAMP_NS = 2**31 * NS_PER_S
 def parse_stamp_ns(text: str) -> int:
     """Return the stamp of a text with decimal seconds, rounded to the nearest nanosecond.
 
-    A Decimal, because a float64 resolves only 240 ns at today's epoch. ValueError if the text is
-    no stamp of ROS.
+    Decimal is used, because a float64 resolves only 240 ns at today's epoch. ValueError if the
+    text is no stamp of ROS.
     """
     try:
         stamp_s = Decimal(text)
@@ -58,7 +58,7 @@ def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:
 
 
 def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
-    """Return the slice with most stamps in which time does not start anew, as in a loop."""
+    """Return the longest slice of stamps in which time does not restart (as a looped bag does)."""
     given = np.asarray(stamps_ns, np.int64)
     starts, newest_ns = [0], given[0] if len(given) else 0
     for i, stamp_ns in enumerate(given.tolist()):

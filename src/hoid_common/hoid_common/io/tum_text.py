@@ -47,7 +47,7 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def sorted_rows(path: Path) -> list[Row]:
-    """Return the rows in order of time, each stamp once, with a warning if that was not so."""
+    """Return the rows in order of time, each stamp once; a warning reports any change."""
     rows = list(read_rows(path))
     order = in_order([row.stamp_ns for row in rows])
     if text := str(order):
@@ -66,7 +66,7 @@ def read_numbers(
 
     Rows without stamp or numbers, or for which `problem` returns a text, are left out with a
     warning: motion-capture systems write rows of NaN or zeros while they do not see their target.
-    InputError if there are rows, and none is usable.
+    InputError if the file has rows, but no usable one.
     """
     stamps_ns: list[int] = []
     values: list[FloatArray] = []

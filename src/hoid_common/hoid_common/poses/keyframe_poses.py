@@ -13,8 +13,7 @@ from hoid_common.values import BoolArray, CameraModel, FloatArray, IntArray
 class KeyframePoses(NamedTuple):
     """Snapshot of the poses of all keyframes, sorted by ascending uid.
 
-    Only the poses of the main map are in the map frame; those of other maps have frames of their
-    own.
+    Only the poses of the main map are in the map frame; each other map has a frame of its own.
     """
 
     # Of the map. It increases with the changes that a mapper in another process sends; with a
@@ -73,18 +72,18 @@ NO_KEYFRAMES = KeyframePoses(
 class LoadedKeyframes(NamedTuple):
     """The keyframes of the map that a session has loaded last."""
 
-    number: int = 0  # of maps that the session has loaded so far; 0: none
+    number: int = 0  # number of maps that the session has loaded so far
     source: str = ''  # path of the map file, or the session of a node that has crashed
     saved_uids: IntArray = np.empty(0, np.int64)  # (K,) of the keyframes there, ascending
-    loaded_uids: IntArray = np.empty(0, np.int64)  # (K,) in this session
+    loaded_uids: IntArray = np.empty(0, np.int64)  # (K,) their uids in this session
 
 
 class SessionKeyframes(NamedTuple):
     """The keyframes of a session of the SLAM node."""
 
     session: str  # its name; a session ends when the map is discarded
-    camera: CameraModel | None  # whose images are tracked; None: it is not known yet
+    camera: CameraModel | None  # camera of the tracked images; None: not known yet
     is_level: bool  # whether the z axis of the map frame points up
     keyframes: KeyframePoses
     loaded: LoadedKeyframes = LoadedKeyframes()
-    T_camera_base: FloatArray | None = None  # (4, 4) of the robot's base; None: none is configured
+    T_camera_base: FloatArray | None = None  # (4, 4); None: no base frame is configured

@@ -52,12 +52,12 @@ _has_server = Event()
 def preload(*modules: str) -> None:
     """Import modules, and start a fork server from which later `ChildWorker`s fork their children.
 
-    The server is a copy of this process, and ends when it and all children have ended. Call this
+    The server is a copy of this process, and ends after this process and all children. Call this
     before there are threads.
     """
     for module in modules:
         import_module(module)
-    # Should the server be killed, multiprocessing starts another one with these imports.
+    # If the server is killed, multiprocessing starts another one with these imports.
     forkserver.set_forkserver_preload(list(modules))
     with _sigint_blocked():
         _fork_server()
@@ -113,7 +113,7 @@ class ChildWorker(Generic[Message, Report]):
 
     Two threads of the parent serve the pipes, so that neither side blocks when it sends. `target`
     is called in the child with the connections for messages and for reports, and `args`. It must
-    return when receiving raises EOFError: the parent has closed it or died.
+    return when receiving raises EOFError: the parent has closed the connection or died.
     """
 
     def __init__(self, name: str, target: Callable[..., None], *args: object) -> None:
@@ -132,7 +132,7 @@ class ChildWorker(Generic[Message, Report]):
         return not self._received.empty()
 
     def receive(self, timeout_s: float) -> Report:
-        """Return the child's next report; ChildTimeoutError, or at last ChildEndedError."""
+        """Return the child's next report; ChildTimeoutError, or ChildEndedError after the last."""
         try:
             report = self._received.get(timeout=timeout_s)
         except Empty:

@@ -1,4 +1,4 @@
-"""System limits, checked at the start of a process, which would fail later with any error."""
+"""Checks of system limits when a process starts: later it would fail with an unclear error."""
 
 from __future__ import annotations
 

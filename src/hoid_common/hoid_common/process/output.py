@@ -24,7 +24,7 @@ from hoid_common.process.signals import NODE_END_SIGNALS
 _STREAMS = (1, 2)  # stdout and stderr
 _MARK = 'HOID_RELAYED_OUTPUT'  # environment variable: identifies the pipes that a relay reads
 _COLORS = 'RCUTILS_COLORIZED_OUTPUT'
-_MAX_WAITING_BYTES = 1 << 18  # chosen: the last 2,000 lines or so
+_MAX_WAITING_BYTES = 1 << 18  # chosen: about the last 2,000 lines
 _READ_BYTES = 1 << 16  # capacity of a pipe
 _WRITE_BYTES = select.PIPE_BUF  # a writable pipe accepts as much without blocking (pipe(7))
 _RETRY_S = 0.05  # chosen: pause after a stream that `select` calls writable has accepted nothing
@@ -34,9 +34,9 @@ _PATIENCE_S = 1.0  # chosen: how long the rest is offered to a reader after the 
 def relay_output(*, terminals: bool = True) -> None:
     """Let a child process write this process's stdout and stderr, so that nothing here blocks.
 
-    While nobody reads, the last 256 KiB wait; the number of older lines is written later. Output
-    to files is left as it is, and so is output that a parent relays. With `terminals` off, so are
-    terminals: their programs see a pipe, and draw no progress bars. Call this before threads
+    While nobody reads, the last 256 KiB wait, and older lines are dropped and counted. Output to
+    files or to a parent's relay is not changed, nor to a terminal if `terminals` is False: behind
+    a relay, programs see a pipe and draw no progress bars. Call this before threads
     exist, because it forks.
     """
     relayed = os.environ.get(_MARK, '').split()
@@ -87,7 +87,7 @@ def _flush() -> None:
 
 
 def _finish(relay: int, finish: int, owner: int) -> None:
-    """Wait at exit, in the process `owner` only, until the relay has written everything or 1 s.
+    """At exit of process `owner`, wait until the relay has written everything, at most 1 s.
 
     The relay gets a message, because children of this process keep its pipe open.
     """
@@ -111,7 +111,7 @@ def _run(pairs: Iterable[tuple[int, int]], finish: int) -> NoReturn:
 
 
 def _close_all_but(kept: set[int]) -> None:
-    """Close all other descriptors: the relay would keep pipes of the process open by them."""
+    """Close all descriptors except `kept`: they would keep pipes of the process open."""
     before = 0
     for descriptor in [*sorted(kept), os.sysconf('SC_OPEN_MAX')]:
         os.closerange(before, descriptor)

@@ -26,9 +26,9 @@ _SEGMENT_SIZE = re.compile(
     r'(<type>SHM</type>(?:(?!</transport_descriptor>).)*?<segment_size>)\s*(\d+)', re.DOTALL
 )
 _OWN_PROFILE = 'profile_name="hoid"'  # in the suite's profiles
-# Chosen: the features of three seconds at 30 Hz. Of 32 MiB, which a camera needs because nobody
-# sends its images again, 33 MB are resident in each node, of 8 MiB at most 5 MB. A larger message
-# is sent in parts: a cloud of 24 MB arrives as fast as before (decision 017).
+# Chosen: the features of three seconds at 30 Hz. Of a segment of 32 MiB, which a camera's images
+# need, 33 MB are resident in each node; of 8 MiB, at most 5 MB. A larger message is sent in parts:
+# a cloud of 24 MB arrives as fast as before (decision 017).
 _NODE_SEGMENT_BYTES = 8 << 20
 _LOCK_FILE = re.compile(rf'{_FOLDER}/fastrtps_[0-9a-f]+_el')
 _FILE_SIZE_RATIO = 1.06  # measured: size of a segment's file / configured segment size
@@ -57,8 +57,8 @@ def reduce_own_segment() -> None:
     """Let Fast DDS allocate 8 MiB in this process, which sends no stream of images.
 
     Call this before ROS is initialized. Only the suite's profiles are changed, in a temporary copy
-    for the lifetime of the process, which the environment variable then names. It must be a file
-    with a name, since Fast DDS resolves the path. Where none can be written, nothing is changed.
+    for the lifetime of the process, which the environment variable then names. The copy needs a
+    name, since Fast DDS resolves the path. If it cannot be written, nothing is changed.
     """
     text = _profile_text()
     if _OWN_PROFILE not in text or _segment_mb() * _BYTES_PER_MB <= _NODE_SEGMENT_BYTES:
@@ -75,7 +75,7 @@ def reduce_own_segment() -> None:
 
 
 def full_profile() -> str:
-    """Return the path of the profile of Fast DDS for a process that sends images; '': none."""
+    """Return the path of the profile of Fast DDS for a process that sends images, or ''."""
     return os.environ.get(_FULL_PROFILE) or os.environ.get(PROFILE_VARIABLE, '')
 
 

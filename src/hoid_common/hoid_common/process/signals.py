@@ -21,8 +21,8 @@ NODE_END_SIGNALS = (signal.SIGINT, *TERMINATION_SIGNALS, FAILURE_SIGNAL)
 def interrupt_on_termination() -> None:
     """Make the first SIGTERM, SIGHUP or SIGQUIT raise KeyboardInterrupt; ignore later ones.
 
-    They must not interrupt the clean-up: a shell that is closed sends SIGHUP twice. Ignored
-    signals stay so, as with `nohup`.
+    Later signals must not interrupt the clean-up: a closing shell sends SIGHUP twice. Signals that
+    were ignored before, as with `nohup`, stay ignored.
     """
     for sign in TERMINATION_SIGNALS:
         if signal.getsignal(sign) is not signal.SIG_IGN:

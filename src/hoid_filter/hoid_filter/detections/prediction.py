@@ -25,7 +25,7 @@ class BoxPredictor:
     def predict(self, stamp_ns: int) -> Detections:
         """Return the boxes predicted for a stamp, which may lie outside the image.
 
-        There are none if the stamp is more than `limit_s` from that of the last detections.
+        No box is returned if the stamp is more than `limit_s` from the last detections.
         """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)

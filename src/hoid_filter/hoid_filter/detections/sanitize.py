@@ -25,7 +25,7 @@ def sanitize(
     """Return the usable detections, with boxes clipped to the image and scores to [0, 1].
 
     Boxes that are not finite, inverted or without area in the image are dropped, and so are scores
-    that are not finite. At most `max_detections` remain, those of highest score.
+    that are not finite. At most `max_detections` boxes remain: those with the highest scores.
     """
     raw, scores = detections.boxes_xyxy_px, detections.scores
     if len(raw) <= max_detections and _are_valid(raw, scores, width_px, height_px):
@@ -55,7 +55,7 @@ def _are_valid(boxes: Float32Array, scores: Float32Array, width_px: int, height_
 
 
 def clip_boxes(boxes_xyxy_px: Boxes, width_px: int, height_px: int) -> FloatArray:
-    """Return the boxes (N, 4) clipped to the image, with an area of 0 outside of it."""
+    """Return the boxes (N, 4) clipped to the image; a box outside it gets an area of 0."""
     limits = np.array([width_px, height_px, width_px, height_px], np.float64)
     inside: FloatArray = np.minimum(np.maximum(boxes_xyxy_px.astype(np.float64), 0.0), limits)
     return inside

@@ -19,7 +19,7 @@ _MIN_IOU = 0.2  # chosen: least overlap of a predicted box and a detection of th
 # continue the track closely.
 _MIN_IOU_UNSURE = 0.5
 # Least overlap of a predicted box and a detection of another class. Detectors alternate between
-# classes for one object, with nearly the same box; with another box, it is another object.
+# classes for one object, with nearly the same box; a box elsewhere is another object.
 _MIN_IOU_OTHER_CLASS = 0.5  # decision 011
 # Chosen: subtracted from the overlap with a detection of another class, so that at equal overlap
 # the same class is preferred.
@@ -41,11 +41,11 @@ class BoxTrack:
     score: float  # score of the last detection
     box_xyxy_px: list[float]  # box of the last detection
     seen_ns: int  # stamp of the last detection
-    # Number of detections that confirm a track of which all detections may be false; 0 = one of
-    # its detections was trusted.
+    # Number of detections that confirm a track whose detections may all be false; 0 = at least
+    # one of its detections was trusted.
     hits_to_confirm: int = 0
     hits: int = 1  # number of detections
-    is_missed: bool = False  # whether no detection in the newest image with detections matched it
+    is_missed: bool = False  # True: the newest detections do not contain this track
     # Velocity of the box's center. Predicted boxes keep their size, because edges jump
     # (decision 011).
     velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
@@ -94,8 +94,8 @@ class BoxTracker:
     def observe(self, detections: Detections, is_unsure: BoolArray) -> None:
         """Update the tracks with N newer detections, and start tracks for unmatched ones.
 
-        `is_unsure` (N,) flags tentative detections: a track of them only is confirmed after
-        `hits_to_confirm` in a row.
+        `is_unsure` (N,) flags tentative detections. A track with only tentative detections is
+        confirmed after `hits_to_confirm` detections in a row.
         """
         stamp_ns = detections.stamp_ns
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
@@ -146,7 +146,7 @@ class BoxTracker:
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
-        """Predict the tracks, and delete those undetected for too long or outside the image.
+        """Predict the tracks, and delete tracks undetected for too long or outside the image.
 
         Returns the T active tracks, those in the newest detections first, and their boxes (T, 4),
         clipped to the image. A missed object is active only if it has three detections and was

@@ -28,7 +28,7 @@ from hoid_native import (
 )
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
-_MIN_SIDE_PX = 32  # of a level without its border, below which `fast_corners` finds none
+_MIN_SIDE_PX = 32  # `fast_corners` finds nothing on a level that is smaller inside its border
 _SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # before BRIEF comparisons, as in OpenCV's ORB
 
 
@@ -42,7 +42,7 @@ class OrbExtractor:
     def detect(self, image_gray: ByteArray) -> Corners:
         """Return the FAST corners of a gray image (H, W) on all levels of its pyramid.
 
-        Levels with fewer corners than features are wanted of them have those of low contrast, too.
+        Levels with fewer corners than the features wanted also get low-contrast corners.
         """
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
@@ -81,7 +81,7 @@ class OrbExtractor:
         return np.bincount(octave, minlength=self._config.num_levels)
 
     def _budgets_of(self, corners: Corners) -> IntArray:
-        """Return the (L,) numbers of features wanted of each level of this image."""
+        """Return the numbers (L,) of features wanted on each pyramid level of this image."""
         config = self._config
         if not config.adapt_levels:
             return self._budgets
@@ -93,7 +93,7 @@ class OrbExtractor:
         """Return the ascending indices of the corners to describe, distributed evenly.
 
         With `refill`, they are chosen from `kept` (None: all) and distributed over the static area
-        (decision 014). Without it, they are chosen from all corners, and those that are not in
+        (decision 014). Without it, they are chosen from all corners, and corners that are not in
         `kept` are removed.
         """
         uv_px, octave, score = corners.uv_px, corners.octave, corners.score
@@ -197,6 +197,6 @@ def structure_shares(counts: IntArray, pyramid: Pyramid, border_px: int) -> Floa
 
 
 def _in_proportion(weights: FloatArray, total: int) -> IntArray:
-    """Return integers (L,) with a sum that are proportional to weights, not all of them 0."""
+    """Return integers (L,) in proportion to weights (not all 0), with the sum `total`."""
     ends = np.round(np.cumsum(weights) / weights.sum() * total).astype(np.int64)
     return np.concatenate([ends[:1], ends[1:] - ends[:-1]])

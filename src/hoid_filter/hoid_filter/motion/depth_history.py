@@ -32,8 +32,8 @@ _MIXED_RATIO = 0.25
 # filter does not know the readout time of its camera. While a camera turns slowly, the shift of
 # the image rows is below the other tolerances.
 _READOUT_S = 0.03
-# The least tolerance of a tracked point, 6 sigmas of 0.25 px. The measured noise already contains
-# smaller shifts, and to count them again hides surface that moves slowly (decision 050).
+# The least tolerance of a tracked point: 6 sigmas of 0.25 px. The measured noise already contains
+# smaller shifts; counting them twice would hide slowly moving surfaces (decision 050).
 _MIN_SHIFT_PX = 1.5
 
 
@@ -126,8 +126,8 @@ class DepthHistory:
     def contradiction(self, view: DownscaledView, T_world_camera: FloatArray) -> float:
         """Return the ratio of a view that would be in front of earlier depth at a pose (4, 4).
 
-        It is 0 at the right pose if everything is at rest. It is the mean over the images of 0.4
-        and 1 s before; 0 without one.
+        It is 0 at the right pose if everything is at rest. It is the mean for the images 0.4 s and
+        1 s earlier; 0 without such an image.
         """
         depth_m = view.depth_m[::_STEP_PX, ::_STEP_PX].ravel()
         points_m = self._rays[depth_m > 0] * depth_m[depth_m > 0, None].astype(np.float64)
@@ -181,7 +181,7 @@ def widened(range_m: Float32Array, by_px: FloatArray | float) -> Float32Array:
 
 
 def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
-    """Return the largest shift [px] (...) of a row between two images, against the middle row.
+    """Return the largest rolling-shutter shift [px] (...) of a row relative to the middle row.
 
     Turn rates are (..., 3). A shift below 1.5 px counts as none, because the measured noise
     contains it.

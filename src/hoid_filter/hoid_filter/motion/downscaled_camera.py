@@ -110,8 +110,8 @@ class DownscaledCamera:
     def _downscaled_of_pixel(self) -> IntArray:
         """Return the flat index (H * W,) into the depth image of each full-resolution pixel.
 
-        Pixels outside of it get an index on its border. Only as many pixels as the depth image has
-        are undistorted, and the others interpolated, because undistorting all takes as long as the
+        Pixels outside of it get an index on its border. Only one position per depth pixel is
+        undistorted, and the others are interpolated, because undistorting all takes as long as the
         time between two images.
         """
         height, width = self.shape_hw

@@ -33,8 +33,8 @@ _NUM_SAMPLES = 32
 # best pose with the prior. In a trial without this comparison, a wrong prior confirmed itself in
 # one of four runs.
 _SWITCH_RATIO = 0.15
-# Chosen: least ratio of the area that another pose must explain, and the best one does not, before
-# depth decides between the two.
+# Chosen: before depth decides between two poses, the second one must explain at least this ratio
+# of the area in addition to the best one.
 _MIN_RIVAL_RATIO = 0.12
 # Chosen: depth decides for the other pose if the ratio of the image that contradicts earlier depth
 # is lower by 1 % of the image and by a factor of 0.6.
@@ -98,7 +98,7 @@ class EgoMotion:
         Area counts in proportion to its prior probability of being static. A wrong prior would
         confirm itself, so that the best pose without the prior wins if it explains clearly more.
 
-        Depth decides if another pose explains much of what the best one does not: a picture that
+        Depth decides if another pose explains much of the unexplained area: a picture that
         moves on a large screen may explain more area than the room, but at its pose the surfaces
         of the room would have moved in front of earlier depth.
 
@@ -135,7 +135,7 @@ class EgoMotion:
     def _rival(
         self, points: PointObservations, poses: list[FloatArray], best: EgoMotionEstimate
     ) -> EgoMotionEstimate | None:
-        """Return the pose fitted to area that the best one does not explain; None below 12 %."""
+        """Return the pose fitted to the area unexplained by `best`; None if it is below 12 %."""
         gate_px = _GATE_SIGMAS * self.noise_px
         is_left = self.residuals_px(points, best.T_camera_world) >= gate_px
         area = points.weights[is_left, 1]

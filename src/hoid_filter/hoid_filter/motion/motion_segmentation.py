@@ -44,7 +44,7 @@ from hoid_filter.motion.point_tracks import PointTracks, predict_px, track
 
 _MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again
 # A point moves when its reprojection error exceeds the smaller of 6 times the noise and 3 px, and
-# the shift by a rolling shutter. On five scenes, 6 was as good as or better than 4, and than 3 px
+# also the rolling-shutter shift. On five scenes, 6 was as good as or better than 4, and than 3 px
 # alone (decision 027).
 _OUTLIER_SIGMAS, _MAX_OUTLIER_PX = 6.0, 3.0
 # Chosen: log-odds per `EVIDENCE_PERIOD_S` from one point, and limit for all points on a segment.
@@ -59,8 +59,8 @@ _MAX_DEPTH_CHANGE, _MAX_SPEED_MPS = 0.05, 3.0
 # Chosen: points that are nearer than this, or have no depth reading, are weighted as if they were
 # at this depth.
 _MIN_WEIGHT_DEPTH_M = 0.3
-# Chosen, for the velocity of a region: over a shorter time the depth noise of a point exceeds its
-# displacement; the median of fewer points does not ignore an outlier.
+# Chosen, for the velocity of a region: over a shorter time, the depth noise of a point exceeds its
+# displacement. With fewer points, the median does not reject an outlier.
 _MIN_ELAPSED_S, _MIN_REGION_POINTS = 0.1, 3
 _MAX_RESULTS = 60  # chosen: two seconds at 30 Hz, more than the live filter re-evaluates
 _UNSEGMENTED_AREA_PX = 2.0  # chosen: area that a point on a depth edge, in no segment, represents
@@ -134,7 +134,7 @@ class MotionSegmentation:
     def _track_points(
         self, view: MotionView, small: DownscaledView, T_next_world: FloatArray
     ) -> PointPixels:
-        """Track the points into a view, and drop those that are lost or on another surface."""
+        """Track the points into a view, and drop points that are lost or on another surface."""
         if self._view is None:
             return PointPixels(np.empty(0, np.int64), np.empty(0))
         predicted_px = predict_px(self._tracks, self._T_camera_world, T_next_world, self.camera)

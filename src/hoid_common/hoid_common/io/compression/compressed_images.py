@@ -46,7 +46,7 @@ def compressed_head(format_: str, data: Buffer) -> tuple[str, tuple[int, int] | 
 
 
 def decode_compressed_color(data: Buffer, format_: str = '') -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of fields `data` and `format`; MessageError if none."""
+    """Return the (H, W, 3) uint8 BGR image of `data` in a `format`; MessageError if unreadable."""
     if format_ == ZSTD_FORMAT:
         return decode_color(stored_image(bytes(data)))
     what = f'compressed color image of format "{format_}"' if format_ else 'compressed color image'

@@ -11,11 +11,11 @@ from hoid_common.errors import MessageError
 from hoid_common.values import MAX_PIXELS
 
 _SIZE = struct.Struct('<II')  # width, height
-_MORE, _BITS = 8, 3  # of a group of four bits: whether more follow, and the bits of the value
+_MORE, _BITS = 8, 3  # of each 4-bit group: flag that more follow, and number of value bits
 
 
 def rvl_size_px(data: bytes) -> tuple[int, int]:
-    """Return width and height of an RVL image; MessageError if it has none."""
+    """Return width and height of an RVL image; MessageError if they are missing or invalid."""
     if len(data) < _SIZE.size:
         raise MessageError(f'RVL image has {len(data)} bytes, too few for its size')
     width, height = _SIZE.unpack_from(data)
@@ -27,8 +27,8 @@ def rvl_size_px(data: bytes) -> tuple[int, int]:
 def decode_rvl(data: bytes) -> NDArray[np.uint16]:
     """Return the (H, W) uint16 pixels of an RVL image; MessageError if it is invalid.
 
-    Runs of zeros and of other pixels alternate, and of the latter the difference to the pixel
-    before is stored.
+    Runs of zeros and runs of other pixels alternate. Each of the other pixels is stored as the
+    difference from the previous one.
     """
     width, height = rvl_size_px(data)
     values = _numbers(data[_SIZE.size :])
@@ -51,7 +51,7 @@ def decode_rvl(data: bytes) -> NDArray[np.uint16]:
 
 
 def _numbers(data: bytes) -> NDArray[np.int64]:
-    """Return the numbers in 32-bit words, from their highest four bits: groups of three bits."""
+    """Return the numbers stored in 4-bit groups, from the highest bits of each 32-bit word on."""
     words = np.frombuffer(data[: len(data) // 4 * 4], '<u4').astype('>u4').view(np.uint8)
     groups = np.stack([words >> 4, words & 0xF], axis=1).ravel()
     ends = np.flatnonzero(groups < _MORE)
