@@ -6,10 +6,10 @@ a docstring excludes raise a ValueError. Arrays that are not contiguous are copi
 that a kernel changes: these must be contiguous. Arguments of type `NDArray[Any]` may have any real
 dtype. Where a docstring does not say otherwise:
 
-- `depth_m` is a depth image (H, W); 0 or NaN = no measurement. Other images are as large.
-- `points_map_m` are the points (H * W, 3) of its pixels in the map frame.
-- `boxes_xyxy_px` are finite boxes (N, 4), `others_xyxy_px` others (M, 4).
-- `ends` have the index after the last row of each part of a table; the last one is its length.
+- `depth_m` is a depth image (H, W); 0 or NaN = no measurement. Other images have the same size.
+- `points_map_m` are the points (H * W, 3) of the depth image's pixels in the map frame.
+- `boxes_xyxy_px` are boxes (N, 4) with finite corners, `others_xyxy_px` further ones (M, 4).
+- `ends` hold the index after the last row of each part of a table.
 """
 
 from hoid_native._native import *  # noqa: F403  all names of the stub

@@ -1,4 +1,4 @@
-"""Numbers of the roles of boxes in `classify_boxes`; 0 is that of a box with neither role."""
+"""Roles of a box in `classify_boxes`, as numbers; a box with neither role has the number 0."""
 
 PERSON = 1
 MAY_BE_HANDLED = 2  # an object of a class that people may handle

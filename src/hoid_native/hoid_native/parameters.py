@@ -49,8 +49,8 @@ class MatchThreshold(NamedTuple):
     """Limits of the descriptor distances of a match."""
 
     max_distance: int  # largest Hamming distance
-    # Largest ratio of the best distance to the second best distance. The ratio is tested only if
-    # both features have the same octave; 1.0: no test.
+    # Largest ratio of the best distance to the second best distance. It is tested only if both
+    # features have the same octave. With 1.0, there is no test.
     ratio: float
 
 
@@ -65,9 +65,9 @@ class QueryConstraints(NamedTuple):
 class Candidates(NamedTuple):
     """N features of an image among which matches are searched."""
 
-    # (N, 3) stereo observations u, v, u_right; NaN u_right: no depth. A feature whose position is
-    # NaN or beyond 16384 px is not matched.
+    # (N, 3) stereo observations u, v, u_right; u_right is NaN without depth. A feature whose
+    # position is NaN or beyond 16384 px is not matched.
     measurement_px: NDArray[np.float32]
     octave: NDArray[np.uint8]  # (N,)
     descriptors: NDArray[np.uint8]  # (N, 32) ORB descriptors
-    free: NDArray[np.bool_] | None = None  # (N,) whether each may be matched; None: all may
+    free: NDArray[np.bool_] | None = None  # (N,) mask of those that may be matched; None: all

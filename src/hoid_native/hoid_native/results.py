@@ -45,15 +45,15 @@ class Edges(NamedTuple):
     """E pairs of keyframes that share enough map points."""
 
     first: NDArray[np.int64]  # (E,) row of one keyframe
-    second: NDArray[np.int64]  # (E,) row of the other keyframe, which is larger
+    second: NDArray[np.int64]  # (E,) row of the other keyframe, larger than that in `first`
     shared: NDArray[np.int64]  # (E,) numbers of common map points
 
 
 class PointStatistics(NamedTuple):
-    """What is derived from the observations of R map points."""
+    """Values that are computed from the observations of R map points."""
 
     rows: NDArray[np.int64]  # (R,) rows of the points, ascending
-    view_direction: NDArray[np.float32]  # (R, 3) unit vectors from the cameras to the point
+    view_direction: NDArray[np.float32]  # (R, 3) mean directions from the cameras to a point
     reference: NDArray[np.int64]  # (R,) rows of the reference keyframes
     max_distance_m: NDArray[np.float32]  # (R,)
     descriptors: NDArray[np.uint8]  # (R, 32)
@@ -73,8 +73,8 @@ class PoseFit(NamedTuple):
 class MatchEvaluation(NamedTuple):
     """How well each of N matches fits a pose."""
 
-    # (N,) squared errors of pixel and disparity, each divided by its measured variance and
-    # truncated at its limit, added up (see `evaluate_matches` for `joint_noise`).
+    # (N,) sum of the squared errors of pixel and disparity, each divided by its measured variance
+    # and truncated at its limit (see `evaluate_matches` for `joint_noise`).
     cost: NDArray[np.float64]
     inliers: NDArray[np.bool_]  # (N,) flags of the matches that pass the outlier test
 
@@ -94,10 +94,11 @@ class BundleFit(NamedTuple):
 
     T_camera_map: NDArray[np.float64]  # (C, 4, 4)
     points_m: NDArray[np.float64]  # (P, 3) in the map frame
-    # (M,) squared normalized residuals after the adjustment; infinite behind the camera.
+    # (M,) squared normalized residuals after the adjustment; infinite for points behind the
+    # camera.
     chi2: NDArray[np.float64]
     cost_before: float  # Huber cost of all observations before the adjustment
-    cost_after: float  # Huber cost of the observations in the last round after the adjustment
+    cost_after: float  # Huber cost, after the adjustment, of the observations used last
 
 
 class ClassifiedBoxes(NamedTuple):
@@ -105,11 +106,11 @@ class ClassifiedBoxes(NamedTuple):
 
     depth_m: NDArray[np.float64]  # (N,) median depth at the center of the box; NaN = unknown
     # (N,) share of the box that is covered by the box of the person who handles the object or,
-    # where nobody handles it, of the person who covers most; 0 for people.
+    # where nobody handles it, of the person who covers most of it; 0 for people.
     overlap: NDArray[np.float64]
-    gap_m: NDArray[np.float64]  # (N,) depth difference to the same person; NaN = unknown
+    gap_m: NDArray[np.float64]  # (N,) depth difference to this person; NaN = unknown
     moves: NDArray[np.uint8]  # (N,) role of each dynamic box; 0 = static
-    outside: NDArray[np.int64]  # ascending indices of those of the K pixels in no dynamic box
+    outside: NDArray[np.int64]  # ascending indices, among the K pixels, of those in no dynamic box
     area_px: int  # number of pixels of the whole image in no dynamic box
 
 
@@ -128,14 +129,14 @@ class ObjectSurfaces(NamedTuple):
     """The surfaces of S detected objects, one after the other."""
 
     detection: NDArray[np.int32]  # (S,) ascending indices of the detections
-    pixels: NDArray[np.int64]  # (P,) pixels that show the objects, of each in ascending order
-    pixels_end: NDArray[np.int64]  # (S,) index in `pixels` after the last one of each
+    pixels: NDArray[np.int64]  # (P,) pixels that show the objects, ascending for each object
+    pixels_end: NDArray[np.int64]  # (S,) index in `pixels` after the last pixel of each object
     others: NDArray[np.int64]  # (Q,) pixels in the boxes that show other things
-    others_end: NDArray[np.int64]  # (S,) index in `others` after the last one of each
+    others_end: NDArray[np.int64]  # (S,) index in `others` after the last pixel of each object
     points_map_m: NDArray[np.float64]  # (P, 3) points of `pixels`
     center_map_m: NDArray[np.float64]  # (S, 3) medians of the points along each axis
     low_map_m: NDArray[np.float64]  # (S, 3) lowest corners of the points' bounding boxes
-    high_map_m: NDArray[np.float64]  # (S, 3) highest corners
+    high_map_m: NDArray[np.float64]  # (S, 3) highest corners of these boxes
 
 
 class Voxels(NamedTuple):
@@ -145,14 +146,14 @@ class Voxels(NamedTuple):
     means_m: NDArray[np.float64]  # (N, 3) means of the points measured in each voxel
     readings: NDArray[np.float32]  # (N,) numbers of these points
     hits: NDArray[np.float32]  # (N,) numbers of images that measured the object in the voxel
-    misses: NDArray[np.float32]  # (N,) numbers of images that showed that it is not there
+    misses: NDArray[np.float32]  # (N,) numbers of images that showed that the object is not there
 
 
 class SeenVoxels(NamedTuple):
-    """What an image shows of the N voxels of O objects, of one object after the other."""
+    """Which of the N voxels of O objects, object by object, an image shows."""
 
     uv_px: NDArray[np.float64]  # (N, 2) pixels; NaN out of view
     is_visible: NDArray[np.bool_]  # (N,) whether a surface is measured at the voxel
-    # (O, 3) numbers of solid voxels, of visible ones and of ones that are seen through.
+    # (O, 3) numbers of solid voxels, visible solid voxels, and solid voxels that are seen through.
     counts: NDArray[np.int64]
     boxes_px: NDArray[np.float64]  # (O, 4) bounding boxes of visible solid voxels, xyxy; NaN: none

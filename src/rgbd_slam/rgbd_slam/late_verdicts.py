@@ -15,7 +15,7 @@ _MAX_WAITING = 60  # number of keyframes without a verdict, and of verdicts with
 
 
 class LateVerdicts:
-    """Remembers the latest keyframes without a verdict, and verdicts before their image."""
+    """Remembers the latest keyframes without a verdict, and verdicts that precede their image."""
 
     def __init__(self) -> None:
         self._keyframes: OrderedDict[int, int] = OrderedDict()  # stamp: number of features
@@ -35,7 +35,7 @@ class LateVerdicts:
         _put(self._keyframes, self._newest_ns, self._num_newest)
 
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
-        """Return whether verdicts call features of a keyframe dynamic, which has no verdict yet.
+        """Return whether verdicts are the first on a keyframe and call features of it dynamic.
 
         Verdicts on an image that has not arrived yet are stored for `filtered`. Raises
         MessageError if the keyframe has another number of features.

@@ -22,15 +22,15 @@ _LEVEL_SIGMA_RAD, _LEVEL_AFTER_NS = np.deg2rad(0.5), 30 * NS_PER_S
 class Leveling:
     """Turns the map frame with each new measurement of gravity, so that its z axis points up.
 
-    If the first trial of the accelerometer contradicts it, the frame of the start comes back. The
+    If the first trial of the accelerometer fails, the map frame of the start is restored. The
     frame is kept once gravity is known well, or 30 s after the first usable measurement.
     """
 
     def __init__(self, frames: RobotFrames, imu: Imu | None) -> None:
         self._frames, self._imu = frames, imu
         self._last: Gravity | None = None
-        # (3,) z of the map at the start, in the core's map, once an accelerometer that could not
-        # be tried yet has turned it.
+        # (3,) z axis of the map frame at the start, in the core's map frame; None unless an
+        # untried accelerometer has turned the map frame.
         self._up_untried: FloatArray | None = None
         self._first_ns: int | None = None
 

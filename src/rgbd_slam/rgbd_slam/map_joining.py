@@ -148,7 +148,7 @@ class _Joiner:
         return self._within(self._map_id[self._rows[n]])
 
     def _within(self, map_ids: IntArray) -> set[int]:
-        """Return the numbers of the saved maps with keyframes in any of the maps by id (N,)."""
+        """Return the numbers of the saved maps with keyframes in any map of the ids (N,)."""
         return {
             m for m, rows in enumerate(self._rows) if np.isin(self._map_id[rows], map_ids).any()
         }
@@ -159,7 +159,7 @@ class _Joiner:
         return any(both.issuperset(pair) for pair in self._apart)
 
     def _links(self, own: IntArray) -> Iterator[Join]:
-        """Close loops at every tenth of the keyframes (K,) in one map; yield those to others."""
+        """Close loops at every tenth of the keyframes (K,) in one map; yield loops to others."""
         uids = set(self._atlas.keyframes.uid[own].tolist())
         for i in own[::_LINK_EVERY].tolist():
             place = self._closer.detector.detect(

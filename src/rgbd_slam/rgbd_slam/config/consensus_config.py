@@ -13,10 +13,10 @@ class ConsensusConfig(Config):
     """Estimation of an image's pose, in which well-observed map points decide (decision 026).
 
     A map point is well observed if at least `min_observations` keyframes observe it. The matches
-    of well-observed points decide between pose hypotheses; if these are fewer than
-    `min_well_observed`, all matches decide. The other matches refine the pose, as long as they do
-    not contradict the matches of well-observed points. The cost of a pose is the sum of the
-    squared residuals of its matches, each divided by its measured variance.
+    of well-observed points decide between pose hypotheses; if there are fewer than
+    `min_well_observed` such matches, all decide. The other matches refine the pose, as long as
+    they do not contradict the matches of well-observed points. The cost of a pose is the sum of
+    the squared residuals of its matches, each divided by its measured variance.
     """
 
     enabled: bool = param(
@@ -39,9 +39,9 @@ class ConsensusConfig(Config):
     # a cost that is higher by this share than with the pose that fits this half. Not tuned.
     max_cost_increase: ClassVar[float] = 0.15
     # Decision 036: a region biases the pose if the cost of the other points falls by this share
-    # when the pose is estimated without it. With 1 % and 5 %, `slow-6` is worse.
+    # when the pose is estimated without it. With 1 % and 5 %, the error on `slow-6` is larger.
     min_cost_decrease: ClassVar[float] = 0.025
-    # Not tuned: a constant that the difference of two costs must exceed in addition to either of
-    # these shares. On fr1_xyz, where nothing moves, leaving a region out changes the cost by at
-    # most 52 (decision 036).
+    # Not tuned: a constant that the difference of two costs must exceed in addition to
+    # `max_cost_increase` or `min_cost_decrease`. On fr1_xyz, where nothing moves, leaving a region
+    # out changes the cost by at most 52 (decision 036).
     cost_margin: ClassVar[float] = 25.0

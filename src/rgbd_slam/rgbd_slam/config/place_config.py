@@ -74,13 +74,13 @@ class LoopConfig(Config):
         'to false to see the drift of the visual odometry.',
     )
     # Not tuned, except where another source is named.
-    global_iterations: ClassVar[int] = 6  # of each round of the global bundle adjustment
+    global_iterations: ClassVar[int] = 6  # of each solution of the global bundle adjustment
     # Number of keyframes near the new one that must recognize the place as well. ORB-SLAM asks for
     # three consistent groups of keyframes.
     min_support: ClassVar[int] = 2
     merge_inliers: ClassVar[int] = 60  # points that must be found to merge two maps
-    # A loop that would correct more drift than this is rejected, in position and in rotation: a
-    # constant part, plus a part that is proportional to the length of the path between its ends.
+    # Largest drift, in position and in rotation, that a loop may correct: a constant part plus a
+    # part that is proportional to the length of the path between its ends.
     drift_m: ClassVar[float] = 0.1
     drift_share: ClassVar[float] = 0.04
     drift_deg: ClassVar[float] = 4.0

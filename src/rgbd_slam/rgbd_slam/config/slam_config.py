@@ -24,8 +24,8 @@ class CameraConfig(Config):
         'noisier depth.',
         limits=(0.01, 10.0),
     )
-    # Gives u_right, the column in the right image of the virtual stereo camera, the same noise as
-    # u and v, and applies one robust kernel to all three, as ORB-SLAM3 does. When it is off,
+    # Whether u_right, the column in the right image of the virtual stereo camera, has the same
+    # noise as u and v and shares one robust kernel with them, as in ORB-SLAM3. When it is off,
     # depth has its own noise and robust kernel. Decision 021: the rule of ORB-SLAM3.
     joint_noise: bool = param(default=False, internal=True)
     rolling_shutter: bool = param(
@@ -75,7 +75,7 @@ class TrackingConfig(Config):
     # If the last frame observed fewer map points than this, its other features with depth are
     # matched as well from the first search on; otherwise only if map points alone give no
     # convincing pose. A larger number uses these features more often; some of them may be on a
-    # moving object that is not in the map. ORB-SLAM3, in localization (Tracking.cc,
+    # moving object that is not in the map. Value of ORB-SLAM3 in localization (Tracking.cc,
     # UpdateLastFrame).
     few_points: int = param(100, internal=True)
     # A pose is accepted at once if its inliers are more than this share of the matches, or more
@@ -158,9 +158,9 @@ class KeyframeConfig(Config):
     # quickly, if many features have newly appeared, or if the view changes while a keyframe waits
     # for the mapper.
     skip_known_views: bool = param(default=True, internal=True)
-    # Stores matches that are outliers of the pose in the keyframe as well, and leaves their
-    # rejection to bundle adjustment, as ORB-SLAM3 does. When it is off, a keyframe stores inliers
-    # only. Decision 021: the rule of ORB-SLAM3.
+    # Whether a keyframe also stores matches that are outliers of the pose, whose rejection is then
+    # left to bundle adjustment, as in ORB-SLAM3. When it is off, a keyframe stores inliers only.
+    # Decision 021: the rule of ORB-SLAM3.
     keep_outliers: bool = param(default=False, internal=True)
     # Number of near points up to which a keyframe is filled with points from depth. If there are
     # too few features within 3 m, more distant ones are used, whose points are noisier. A larger
@@ -214,7 +214,7 @@ class MappingConfig(Config):
     # one.
     rounds: int = param(2, internal=True)
     # Largest number of iterations in each round. A larger number converges further and takes more
-    # time. ORB-SLAM's first round (Optimizer.cc); ORB-SLAM3 has ten in one round.
+    # time. Value of ORB-SLAM's first round (Optimizer.cc); ORB-SLAM3 has ten in one round.
     iterations: int = param(5, internal=True)
     # A keyframe is removed if three others see at least this share of its points. A larger share
     # keeps more keyframes. Not tuned; ORB-SLAM3 has 0.9 (LocalMapping.cc, KeyFrameCulling).

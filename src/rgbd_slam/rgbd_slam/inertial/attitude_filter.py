@@ -14,33 +14,33 @@ from rgbd_slam.inertial.rotations import rotation_vector, rotations
 # rad/s in the bias of the gyro turns the attitude by 0.14 degrees. A prior that rests on the last
 # image alone does harm: if the rotation of that image is wrong, the prior holds on to it.
 _AVERAGING_S = 0.5
-_LEAST_S = 0.1  # chosen: before images of this time, no filtered attitude is given
+_LEAST_S = 0.1  # chosen: shortest time of averaging after which an attitude is given
 _SPREAD_S = 1.0  # chosen: time over which the spread of the tracked rotations is measured
-_INITIAL_SPREAD_RAD = np.deg2rad(0.5)  # chosen: of the rotations of blurred images
+_INITIAL_SPREAD_RAD = np.deg2rad(0.5)  # chosen: spread of the rotations of blurred images
 # Chosen: time over which gyro and tracked rotations are compared to see whether the gyro has just
-# gone wrong. One that has been wrong for 0.1 s shows half of its error then, hence the factor.
+# gone wrong. If the gyro has been wrong for 0.1 s, the comparison shows half of its error, hence
+# the factor.
 _RECENT_S, _RECENT_FACTOR = 0.15, 2.0
-_NOISE_FACTOR = 4.0  # chosen: of the variance; two standard deviations are noise of tracking
+_NOISE_FACTOR = 4.0  # chosen: factor of the variance; two sigmas count as noise of tracking
 _CORRELATED = 4.0  # chosen: factor of the variance, as errors of tracking last for some images
-_LEAST_SIGMA_RAD = np.deg2rad(0.2)  # chosen: of a prior; what the stamps leave open in fast turns
+_LEAST_SIGMA_RAD = np.deg2rad(0.2)  # chosen: of a prior, for errors of stamps in turns
 
 
 class AttitudeFilter:
-    """Averages the differences between tracked rotations and those of a gyro.
+    """Averages the differences between tracked rotations and rotations measured by a gyro.
 
     This is a complementary filter (Mahony et al., TAC 2008). Its gain for the n-th image is 1 / n
-    until the averaging time is reached, in which the errors of tracking and of the bias add up to
-    least: 0.5 s, or longer where the tracked rotations spread, as in blurred images or before a
-    bare wall. There they are wrong together, and would take a shorter average with them. The
-    average is kept relative to the last tracked image, so that corrections of the map do not
-    matter.
+    until the averaging time is reached, which minimizes the error of tracking and bias: 0.5 s, or
+    longer where the tracked rotations scatter, as in blurred images or before a bare wall. There,
+    successive rotations share an error, which would bias a shorter average. The average is kept
+    relative to the last tracked image, so that corrections of the map do not matter.
     """
 
     def __init__(self) -> None:
         self._R_filtered_tracked: FloatArray = np.eye(3)  # at the last tracked image
         self._variance_rad2 = _INITIAL_SPREAD_RAD**2  # of a tracked rotation about each axis
-        self._difference_rad: FloatArray = np.zeros(3)  # of the rotations to the last image
-        self._difference_radps: FloatArray = np.zeros(3)  # of the rates, a moment ago
+        self._difference_rad: FloatArray = np.zeros(3)  # of both rotations to the last image
+        self._difference_radps: FloatArray = np.zeros(3)  # of both rates, averaged over 0.15 s
         # Variance of a tracked rotation about each axis. The change from one difference to the
         # next one has three independent errors, with the weights 1, -2 and 1.
         self._noise_rad2 = _INITIAL_SPREAD_RAD**2
@@ -62,8 +62,8 @@ class AttitudeFilter:
         """Add the rotation R_last_camera (3, 3) of the camera between two tracked images.
 
         Args:
-            R_gyro: As the gyro has measured it; None if it is unknown: the filter restarts.
-            R_tracked: As it was tracked.
+            R_gyro: The rotation by the gyro; if it is None (unknown), the filter restarts.
+            R_tracked: The tracked rotation.
             elapsed_s: Time between both images; the filter restarts if it is not positive.
             bias_sigma_radps: Standard deviation of the gyro's bias.
         """
@@ -84,20 +84,20 @@ class AttitudeFilter:
         """Learn the noise of tracking and the recent error of the gyro from a difference (3,)."""
         recent = math.exp(-self._step_s / _RECENT_S)
         share = min(self._step_s / _SPREAD_S, 1.0)
-        change_rad = difference_rad - self._difference_rad  # without the error of the gyro
+        change_rad = difference_rad - self._difference_rad  # the error of the gyro cancels
         self._noise_rad2 += share * (float(change_rad @ change_rad) / 18 - self._noise_rad2)
         self._difference_rad = difference_rad
         self._difference_radps *= recent
         self._difference_radps += (1.0 - recent) / self._step_s * difference_rad
 
     def _averaging_s(self, step_s: float) -> float:
-        """Return the averaging time at which the variance in `sigma_rad` is least."""
+        """Return the averaging time [s] that minimizes the variance in `sigma_rad`."""
         variance_s = 2 * _CORRELATED * self._variance_rad2 * step_s
         return max(_AVERAGING_S, math.cbrt(variance_s / self._bias_sigma_radps**2))
 
     @property
     def R_tracked_filtered(self) -> FloatArray | None:  # noqa: N802
-        """Return the correction (3, 3) of the last tracked rotation, once it averages 0.1 s."""
+        """Return the correction (3, 3) of the last tracked rotation; None before 0.1 s."""
         return None if self._time_s < _LEAST_S else self._R_filtered_tracked.T
 
     @property

@@ -26,19 +26,20 @@ from rgbd_slam.inertial.rotations import cauchy_weights, rotation_vector
 _WINDOW_S = 1.5
 WINDOW_NS = round(_WINDOW_S * NS_PER_S)
 _MIN_IMAGES, _MIN_WINDOW_S = 8, 0.3  # chosen: fewer positions do not determine the velocity
-# Chosen: a trial predicts tracked positions over this time; trials begin at images that are this
-# time apart. There must be three to use the accelerometer, that is, 2.3 s of tracked images.
+# Chosen: a trial predicts tracked positions over 1 s. Up to five trials begin at images 0.5 s
+# apart; the accelerometer is used after three trials, that is, 2.3 s of tracked images.
 _TRIAL_S, _TRIAL_STEP_S, _NUM_TRIALS, _MIN_TRIALS = 1.0, 0.5, 5, 3
 TRIED_NS = 9 * NS_PER_S // 2  # chosen: time of the trials and of the positions before them
 _LEAST_M = 0.002  # chosen: smallest standard deviation of a tracked position
 _CORRELATED = 4.0  # chosen: factor of the variance, as errors of tracking last for some images
-_ROUNDS = 3  # of robust weights; not tuned
+_ROUNDS = 3  # rounds of robust weighting; not tuned
 _CAUCHY = 2.0  # chosen: positions with residuals of this multiple of the median weigh half
 _MEDIAN_LENGTH = 1.54  # of a vector of three normally distributed numbers with the variance 1
-_MAX_LENGTH_ERROR_MPS2 = 0.5  # chosen: of gravity; the scale of cheap accelerometers is off by 0.2
-_NUM_SIGMAS = 3.0  # chosen: by which gravity may differ from what was measured before
-# Chosen: what a turn by one radian changes: the bias and the error of the mounting turn with the
-# camera [m/s^2], and the accelerometer is not at the center of the camera [m].
+_MAX_LENGTH_ERROR_MPS2 = 0.5  # chosen: of gravity's length; cheap accelerometers are off by 0.2
+_NUM_SIGMAS = 3.0  # chosen: largest difference of gravity from the measured one
+# Chosen: errors that a turn by one radian adds: of the acceleration [m/s^2], because bias and
+# mounting error turn with the camera, and of the position [m], because the accelerometer is not at
+# its center.
 _TURNED_MPS2, _LEVER_M = 0.1, 0.03
 _NOISE_MPS15 = 0.01  # chosen: ten times the density of a cheap accelerometer [m/s^1.5]
 
@@ -56,10 +57,10 @@ class Path(NamedTuple):
 
     times_s: FloatArray  # (N,)
     positions_m: FloatArray  # (K, 3)
-    R: FloatArray  # (N, 3, 3) rotation of the IMU since the first time, for its angle
+    R: FloatArray  # (N, 3, 3) rotation of the IMU since the first time; only its angle counts
     velocity_mps: FloatArray  # (N, 3) integral of the specific force
     moved_m: FloatArray  # (N, 3) double integral of the specific force
-    up: FloatArray  # (3,) direction opposite to gravity, as it was measured
+    up: FloatArray  # (3,) measured direction opposite to gravity
     up_sigma_rad: float
 
     def trial_error(self) -> float | None:
@@ -86,7 +87,7 @@ class Path(NamedTuple):
     def reckoned(self, origin: int, later: slice, scale: float = 1.0) -> Reckoned | None:
         """Predict the positions of the frames `later` from the tracked ones up to `origin`.
 
-        None: too few frames are tracked before. The variances are multiplied by `scale`.
+        Return None if too few frames precede. The variances are multiplied by `scale`.
         """
         if not self._is_enough(origin):
             return None
@@ -117,13 +118,13 @@ class Path(NamedTuple):
         return bool(is_long and origin + 1 - first >= _MIN_IMAGES)
 
     def _moved(self, origin: int, part: slice) -> tuple[FloatArray, FloatArray]:
-        """Return the times (M,) since an index, and the double integrals (M, 3) from there."""
+        """Return the times (M,) since frame `origin`, and the double integrals (M, 3) from it."""
         elapsed_s = self.times_s[part] - self.times_s[origin]
         moved_m = self.moved_m[part] - self.moved_m[origin]
         return elapsed_s, moved_m - elapsed_s[:, None] * self.velocity_mps[origin]
 
     def _fit(self, origin: int, before: slice) -> tuple[FloatArray, FloatArray] | None:
-        """Return position, velocity and gravity (3, 3) in rows, and their covariance (3, 3)."""
+        """Return the rows position, velocity, gravity (3, 3), and the rows' covariance (3, 3)."""
         times_s, moved_m = self._moved(origin, before)
         positions_m = self.positions_m[before] - moved_m
         rows = np.vander(times_s, 3, increasing=True) * [1.0, 1.0, -0.5]

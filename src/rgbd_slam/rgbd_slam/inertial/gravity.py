@@ -31,18 +31,18 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer
 from rgbd_slam.inertial.tracked_motion import TrackedMotion, TrackedPoses
 
 GRAVITY_MPS2 = 9.81  # within 0.3 % everywhere at sea level
-_HALF_NS = NS_PER_S // 4  # chosen: between the images of a triple
-_EPOCH_NS = NS_PER_S // 10  # chosen: between the centers of successive triples
+_HALF_NS = NS_PER_S // 4  # chosen: time between successive images of a triple
+_EPOCH_NS = NS_PER_S // 10  # chosen: time between the centers of successive triples
 _MAX_TRIPLES = 300  # chosen: of 30 s, in which the tracked rotation drifts by about 1 degree
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: the rotation is interpolated over shorter steps only
-# Chosen: triples before a direction is given, somewhat more than a second after the first image;
-# and the fewest samples of a triple.
+# Chosen: least number of triples for a direction, which takes somewhat more than a second, and
+# least number of samples of a triple.
 _MIN_EPOCHS = 10
 _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 degrees; not tuned
 # Chosen: standard deviations of the acceleration of one triple of images, of the length of gravity
 # (the scale of cheap sensors is off by 2 %), and of the bias of an accelerometer that its driver
-# has calibrated. If the last one is 0.3, the estimated bias takes up errors of the tracked
-# rotation: the error after 6 s of fr1_xyz is then 3.9 instead of 1.5 degrees.
+# has calibrated. With 0.3 instead of the last number, the estimated bias takes up errors of the
+# tracked rotation: the error after 6 s of fr1_xyz is then 3.9 instead of 1.5 degrees.
 _TRIPLE_MPS2, _LENGTH_MPS2, _BIAS_MPS2 = 0.15, 0.2, 0.1
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees between axes
 # Chosen: the scale of a cheap accelerometer is off by up to 0.2 m/s^2 at the length of gravity; an
@@ -80,7 +80,7 @@ class GravityEstimator:
         self._motion = motion
         self._triples: deque[_Triple] = deque(maxlen=_MAX_TRIPLES)
         self._chain_ns: int | None = None  # stamp of the start of the chain of the triples
-        self._center_ns = 0  # of the last triple that was tried
+        self._center_ns = 0  # center of the last triple that was tried
 
     def measure(self, accelerometer: SampleBuffer, offset_ns: int) -> None:
         """Store the equations of the triples of images since the last call."""
@@ -103,12 +103,12 @@ class GravityEstimator:
     def fit(self, mounting: Mounting | None) -> Gravity | None:
         """Return gravity by all stored triples of images; None if it is not determined.
 
-        There must be 10 triples, the rotation of the IMU must be given or determined to 12
-        degrees, and the length of gravity right within 1 m/s^2. Standard deviations grow with the
+        There must be 10 triples, the rotation of the IMU must be given or known to 12 degrees, and
+        the length of gravity must be right within 1 m/s^2. Standard deviations grow with the
         residuals, so that an accelerometer that contradicts the tracked motion determines nothing.
 
         Args:
-            mounting: Its rotation is refined, with its standard deviation as a prior. None: the
+            mounting: Its rotation, a prior with its standard deviation, is refined. If None, the
                 rotation is estimated, which needs accelerations in all directions.
         """
         if len(self._triples) < _MIN_EPOCHS:
@@ -131,7 +131,7 @@ class GravityEstimator:
 def _triple(
     poses: TrackedPoses, accelerometer: SampleBuffer, offset_ns: int, center_ns: int
 ) -> _Triple | None:
-    """Return the equation of the images nearest to a time, and 0.25 s before and after."""
+    """Return the equation of the images nearest to a time, to 0.25 s before and 0.25 s after."""
     wanted_ns = center_ns + _HALF_NS * np.array([-1, 0, 1])
     i0, i1, i2 = np.abs(poses.stamps_ns[:, None] - wanted_ns).argmin(axis=0).tolist()
     stamps_ns = poses.stamps_ns[i0 : i2 + 1]
@@ -177,7 +177,7 @@ def _linear_rotation(equations: _Triple) -> FloatArray:
 
 
 def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> Gravity:
-    """Return the least-squares solution by Gauss-Newton, with priors of bias and length.
+    """Return the least-squares solution by Gauss-Newton, with priors of bias and gravity's length.
 
     `up_camera` of the result is gravity upwards [m/s^2], in the chain. The start R (3, 3) of
     R_camera_imu is a prior with the given standard deviation about each axis.

@@ -11,14 +11,14 @@ from rgbd_slam.inertial.rotations import cauchy_weights, nearest_rotation, rotat
 from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer
 from rgbd_slam.inertial.tracked_motion import TrackedMotion
 
-MAX_OFFSET_S = 0.1  # chosen: more than drivers of cameras with an IMU are off
+MAX_OFFSET_S = 0.1  # chosen: more than the offset of any camera with an IMU
 # Chosen: step [s] and number of steps to each side of the searches for the time offset, among all
 # offsets and near the one that was found last.
 _COARSE, _FINE = (0.01, 10), (0.0025, 2)
 _WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations that are compared with the gyro
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: a longer step between tracked images is not compared
-_MIN_STEPS = 20  # chosen: fewer tracked rotations say nothing
-_ROUNDS, _NEAR_ROUNDS = 3, 2  # chosen: fine searches, each with the weights of the one before
+_MIN_STEPS = 20  # chosen: fewer tracked rotations determine no calibration
+_ROUNDS, _NEAR_ROUNDS = 3, 2  # chosen: fine searches, each with the weights of the previous one
 _CAUCHY = 1.5  # chosen: residuals of this multiple of the median have the weight 0.5
 _LEAST_RAD = 1e-4  # chosen: far below the errors of tracked rotations, so that no weight is 0 / 0
 _LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median say nothing about the bias
@@ -72,13 +72,13 @@ def fit_gyro(
 ) -> GyroFit | None:
     """Return the calibration of a gyro by the tracked rotations; None if there are too few.
 
-    The rotation is that of Kabsch (1976), the bias the mean difference, and the offset that of the
-    least squared residuals.
+    The rotation is estimated as by Kabsch (1976), the bias is the mean difference of the rates,
+    and the offset minimizes the squared residuals.
 
     Args:
         R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
         near_s: The offset (see `GyroFit.offset_s`), if it is known to 10 ms; None: all are tried.
-        window_ns: The latest time whose rotations are compared.
+        window_ns: Duration of the latest rotations that are compared.
     """
     steps = _tracked_steps(motion, gyro, window_ns)
     if steps is None:
@@ -120,7 +120,7 @@ def _tracked_steps(motion: TrackedMotion, gyro: SampleBuffer, window_ns: int) ->
 
 
 def _are_covered(stamps_ns: IntArray, low_ns: IntArray, high_ns: IntArray) -> BoolArray:
-    """Return the mask (M,) of the times between lows and highs that samples (N,) fill."""
+    """Return the mask (M,) of the intervals from low to high that samples (N,) cover."""
     if not len(stamps_ns):
         return np.zeros(len(low_ns), np.bool_)
     num_gaps = np.append(0, np.cumsum(np.diff(stamps_ns) > GAP_NS))
@@ -146,7 +146,7 @@ class _Steps(NamedTuple):
         return self.second_s - self.first_s
 
     def measured_rad(self, offset_s: float) -> FloatArray:
-        """Return the integrals (M, 3) of the rates at an offset; their order hardly matters."""
+        """Return the integrals (M, 3) [rad] of the rates at an offset, as if turns commuted."""
         ends_s = np.concatenate([self.first_s, self.second_s]) + offset_s
         ends = [np.interp(ends_s, self.known_s, column) for column in self.sums_rad.T]
         first, second = np.split(np.stack(ends, axis=1), 2)
@@ -192,7 +192,7 @@ def _aligned(steps: _Steps, offset_s: float, R_camera_imu: FloatArray | None) ->
 def _best_offset(
     steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None
 ) -> tuple[float, float]:
-    """Return the offset [s] at the minimum of a parabola, and its curvature [rad^2/s^2]."""
+    """Return the offset [s] of least cost, by a parabola, and its curvature [rad^2/s^2]."""
     aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
     cost = np.array([steps.weight @ np.square(item.residuals_rad) for item in aligned])
     best, step_s = int(np.clip(np.argmin(cost), 1, len(cost) - 2)), float(tried_s[1] - tried_s[0])
@@ -236,7 +236,7 @@ def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray |
 def _mean_difference(steps: _Steps, aligned: _Alignment) -> tuple[FloatArray, float]:
     """Return the mean (3,) of tracked minus measured rates [rad/s], and its standard deviation.
 
-    Steps weigh all or nothing here, so that noise of the poses cancels: each pose ends one
+    Each step has the weight 0 or 1 here, so that noise of the poses cancels: each pose ends one
     rotation and begins the next. The standard deviation follows from the spread of the means of
     half a second, in which drift of the tracked rotation does not cancel.
     """

@@ -77,11 +77,11 @@ class Imu:
         # Stamp of the image up to which the last trials were made, and their error.
         self._trial: tuple[int | None, float | None] = None, None
         self.levels = config.level  # whether gravity is measured to make the map level
-        self.fit: GyroFit | None = None  # by the last comparison in which there was no fault
+        self.fit: GyroFit | None = None  # of the last comparison without a fault
         self.up: Gravity | None = None  # by the last comparison
 
     def add_rates(self, rates_radps: Samples) -> None:
-        if not len(self._gyro) and len(rates_radps):  # before images need the integrals
+        if not len(self._gyro) and len(rates_radps):  # imports GTSAM before an image needs it
             integrals(rates_radps, rates_radps.stamps_ns[[0, -1]], np.zeros(3))
         self._gyro.add(rates_radps)
 
@@ -137,8 +137,8 @@ class Imu:
     def position(self, last_ns: int, stamp_ns: int) -> Reckoned | None:
         """Return the position at a time in the camera frame of the last tracked image.
 
-        It is None unless the accelerometer is trusted, gravity known to 3 degrees, and enough
-        images were tracked without interruption, which dead reckoning must not contradict.
+        It is None unless the accelerometer is trusted, gravity is known to 3 degrees, enough
+        images were tracked without interruption, and dead reckoning agrees with them.
         """
         if not (self._config.integrate and self.trust.uses_gyro):
             return None
@@ -159,7 +159,7 @@ class Imu:
 
     @property
     def num_impossible(self) -> int:
-        """Return the number of samples that were left out because no sensor measures that."""
+        """Return the number of samples left out because no sensor can measure their values."""
         return self._gyro.num_impossible + self._accelerometer.num_impossible
 
     @property
@@ -228,7 +228,7 @@ class Imu:
         return fit_gyro(self._motion, self._gyro, R, offset_s, _PERIOD_NS)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
-        """Return the given R_camera_imu (3, 3), or `snapped` if the images contradict it."""
+        """Return the given R_camera_imu (3, 3), or `snapped` if it is unknown or contradicted."""
         if self._mounting is None:
             return snapped(R_found, sigma_rad)
         given = self._mounting.R_camera_imu

@@ -24,7 +24,7 @@ def integrals(
 ) -> Preintegrated | None:
     """Return the integrals of the samples from the first of M times to each of them.
 
-    Rates and forces are linear between samples, and must `cover` these times.
+    Rates and forces are linear between samples. None is returned unless they `cover` the times.
 
     Args:
         rates: Samples of the gyro around these times.

@@ -38,7 +38,7 @@ class Mounting(NamedTuple):
 
 
 def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
-    """Return the nearest rotation between parallel axes, if R_camera_imu (3, 3) may be it."""
+    """Return R_camera_imu (3, 3), replaced by the nearest rotation of parallel axes if close."""
     nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
     angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
     return nearest if angle_rad < _AXES_RAD + _NUM_SIGMAS * sigma_rad else R_camera_imu

@@ -13,7 +13,7 @@ from rgbd_slam.inertial.rotations import rotation_vector
 
 @dataclass(frozen=True)
 class ImuReport:
-    """The calibration of an IMU, with the names of `summary.json`; None: it is not known."""
+    """The calibration of an IMU, with the names of `summary.json`; None: unknown."""
 
     time_offset_ms: float | None = None  # by which its stamps are later than those of the images
     time_offset_sigma_ms: float | None = None
@@ -26,7 +26,7 @@ class ImuReport:
     in_use: str = 'none'  # the sensors that are in use: gyro, accelerometer
     fault: str = ''  # which sensor is left out, and why
     problems: tuple[str, ...] = ()  # all that were reported so far
-    samples_left_out: int = 0  # because no sensor measures that
+    samples_left_out: int = 0  # samples with values that no sensor can measure
 
 
 def report_of(imu: Imu) -> ImuReport:

@@ -1,4 +1,4 @@
-"""Rotations and their vectors, and weights of residuals, for many at once."""
+"""Arrays of rotations and rotation vectors, and robust weights of residuals."""
 
 from __future__ import annotations
 

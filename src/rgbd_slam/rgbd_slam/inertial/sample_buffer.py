@@ -41,7 +41,7 @@ class SampleBuffer:
     def __init__(self, limit: float = np.inf) -> None:
         self._limit = limit
         self._samples = Samples(np.empty(0, np.int64), np.empty((0, 3)))
-        self.num_impossible = 0  # samples that were dropped because no sensor measures that
+        self.num_impossible = 0  # dropped samples, whose values no sensor can measure
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -51,7 +51,7 @@ class SampleBuffer:
         return int(self._samples.stamps_ns[-1]) if len(self) else None
 
     def add(self, samples: Samples) -> None:
-        """Append samples, without late ones and those that no sensor measures.
+        """Append samples, without late ones and those with values that no sensor can measure.
 
         If the stamps go back by more than a second (a bag played in a loop), old samples are
         dropped.
@@ -80,7 +80,7 @@ class SampleBuffer:
         return Samples(stamps_ns[part], values[part])
 
     def between(self, first_ns: int, second_ns: int) -> Samples:
-        """Return the samples between two times, and the ones before and after these."""
+        """Return the samples between two times, one sample before them and one after them."""
         stamps_ns, values = self._samples
         low = max(int(np.searchsorted(stamps_ns, first_ns, side='right')) - 1, 0)
         high = int(np.searchsorted(stamps_ns, second_ns)) + 1

@@ -55,7 +55,7 @@ class TrackedMotion:
         return self._poses(self._index(from_ns))
 
     def steps(self, from_ns: int, longest_ns: int) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return stamps (M,), (M,) and rotations (M, 3, 3) between successive images."""
+        """Return both stamps (M,), (M,) and the rotation (M, 3, 3) of each step between images."""
         first = self._index(from_ns)
         stamps_ns, T = self._poses(first)
         R = T[:, :3, :3]

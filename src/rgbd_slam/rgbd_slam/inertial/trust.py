@@ -13,8 +13,8 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 
 _LATE_NS = NS_PER_S // 4  # chosen: more than any driver's delay and the offsets that are found
 _EQUAL_SAMPLES = 20  # chosen: fewer equal samples may be a coincidence of coarse sensors
-_SATURATED_RADPS = 0.9  # chosen: a rate that stays equal above it is the end of the range
-_SATURATED_SAMPLES = 4  # chosen: noise makes as many equal samples rare below the end
+_SATURATED_RADPS = 0.9  # chosen: equal rates above it are at the end of the range
+_SATURATED_SAMPLES = 4  # chosen: below the range's end, noise makes this many equal samples rare
 _UNIT_TOLERANCE = 1.5  # chosen: factor around 180 / pi within which the unit is deg/s
 _MIN_CORRELATION = 0.7  # chosen: below it, the rates are not those of the camera in another unit
 _MIN_SIGNAL_RADPS = 0.1  # chosen: below it, the tracked rates are mostly noise
@@ -32,7 +32,7 @@ _UNTRIED_SIGMA_RAD = np.deg2rad(1.5)
 # Chosen: RMS of the errors of dead reckoning, in standard deviations, above which an accelerometer
 # is not used. A good one has 0.3 to 1.3; faulty ones have 3 and more as long as the camera moves.
 _MAX_TRIAL_ERROR = 2.0
-_PATIENCE_NS = 10 * NS_PER_S  # chosen: time without agreement after which that is reported
+_PATIENCE_NS = 10 * NS_PER_S  # chosen: time without agreement after which it is reported
 _LEFT_OUT = 'imu: the gyro is left out: {}'
 _BOTH_LEFT_OUT = f'{_LEFT_OUT}; so is the accelerometer, because it has the same clock'
 _CONTRADICTS = (
@@ -88,7 +88,7 @@ class Trust:
 
     @property
     def uses_gyro(self) -> bool:
-        """Return whether the images have shown how the gyro is mounted, and no fault."""
+        """Return whether the images confirmed the mounting of the gyro and no fault is known."""
         return self._gyro is not None and self._is_mounting_known and self.fault is None
 
     @property
@@ -145,7 +145,7 @@ class Trust:
 
         Args:
             fit: The comparison with the rotation to the camera that is used.
-            is_expected: Whether that rotation is the given one or none.
+            is_expected: Whether that rotation is the given one or the identity.
             is_certain: Whether that rotation is given or known well enough.
         """
         needed = _EXPECTED_CORRELATION if is_expected else _FOUND_CORRELATION

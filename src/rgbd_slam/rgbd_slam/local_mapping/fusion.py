@@ -35,7 +35,7 @@ def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: Mapp
 
 
 def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig) -> None:
-    """Search points (P,) in keyframe `i`; observe them there, or fuse them with its points.
+    """Search points (P,) in keyframe `i`, which then observes them, or fuse them with its points.
 
     A feature that observes no point and may not create one (`may_seed`) is left as it is.
     """

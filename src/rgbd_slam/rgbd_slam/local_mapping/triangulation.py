@@ -105,9 +105,8 @@ def epipolar_segments(
 ) -> FloatArray:
     """Return the (N, 4) u, v [px] of both ends of features' epipolar segments in the second view.
 
-    A depth limits the segment to 30 % around it; otherwise it extends from `min_depth_m` to
-    infinity, in both cameras. It is NaN if nothing remains, or if the ray leads away from the
-    second camera.
+    A depth limits the segment to 30 % around it; otherwise it extends from `min_depth_m` in both
+    cameras to infinity. It is NaN if it is empty, or if the ray leads away from the second camera.
     """
     depth = views.first.depth_m[k].astype(np.float64)
     near = np.where(depth > 0, (1 - _DEPTH_SHARE) * depth, min_depth_m)

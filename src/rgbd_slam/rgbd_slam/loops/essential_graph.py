@@ -81,7 +81,7 @@ def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
 def loop_covariance(match: PlaceMatch) -> FloatArray:
     """Return the (6, 6) covariance [rad^2, m^2] of a loop in the frame of the new camera.
 
-    It is larger than that of the match, whose points share errors of the map.
+    It is larger than the covariance of the match, because the points share errors of the map.
     """
     constant = np.square([_LOOP_SIGMA_RAD] * 3 + [_LOOP_SIGMA_M] * 3)
     return np.asarray(_LOOP_FACTOR**2 * match.covariance + np.diag(constant))
@@ -105,7 +105,7 @@ def motion_size(T: FloatArray) -> tuple[float, float]:
 def optimized(
     atlas: Atlas, region: Region, min_shared: int
 ) -> tuple[FloatArray, tuple[LoopEdge, ...]]:
-    """Close the loops of a map, without those that contradict the rest; do not change the map.
+    """Return the poses of a map with closed loops, except loops that contradict the rest.
 
     As in RTAB-Map (RGBD/OptimizeMaxError), a loop is left out if the optimized poses deviate from
     it by more than 0.25 m or 5 degrees: either this loop or one of the others is wrong then. The
@@ -205,8 +205,8 @@ def _loops_between_groups(
 ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
     """Yield (g, h, T_g_h, covariance) for each used loop between two groups g and h.
 
-    T_g_h (4, 4) is the relative pose of their heads, and the covariance (6, 6) in the frame of
-    that of h, rotation first.
+    T_g_h (4, 4) is the relative pose of their heads, and the covariance (6, 6) is in the frame of
+    the head of h, rotation first.
     """
     keyframes = atlas.keyframes
     for loop in loops:

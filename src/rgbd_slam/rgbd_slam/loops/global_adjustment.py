@@ -84,7 +84,7 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
 
     The first solution uses the configured noise of the camera, the second one the noise of the
     residuals. Some outliers are found only with this measured noise, and have distorted the
-    solution until then. The third solution is without them.
+    solution until then. The third solution leaves them out.
     """
     first = adjust(camera, bundle, iterations)
     camera, bundle = with_residual_noise(camera, bundle, first)
@@ -110,7 +110,7 @@ def _continued(
 def apply_solution(
     atlas: Atlas, problem: GlobalProblem, solution: BundleSolution, moves: Iterable[Move] = ()
 ) -> Move:
-    """Apply an adjustment to a map that `moves` have corrected since; return its motions."""
+    """Apply an adjustment to a map that `moves` have corrected since; return the motions."""
     keyframes, points = atlas.keyframes, atlas.points
     solved = se3.inverse(solution.T_camera_map)
     solved_m = np.ascontiguousarray(solution.points_m.T)
@@ -223,7 +223,7 @@ class GlobalAdjuster:
             apply_solution(self._atlas, problem, solution)
 
     def rebase(self, move: Move) -> None:
-        """Apply a correction of the map to the solution of a running adjustment later."""
+        """Store a correction of the map, for the solution of a running adjustment."""
         if self._running is not None:
             self._running.moves.append(move)
 

@@ -29,11 +29,11 @@ class KeyframeGroups(NamedTuple):
 
 
 def keyframe_groups(parents: IntArray, *, is_grouped: bool = True) -> KeyframeGroups:
-    """Group N keyframes along the spanning tree; up to 500 keyframes are a group each.
+    """Group N keyframes along the spanning tree; if at most 500, each is a group of its own.
 
     Args:
         parents: (N,) position of each keyframe's parent; -1 for a root.
-        is_grouped: False: any number of keyframes are a group each.
+        is_grouped: False: each keyframe is a group of its own, however many there are.
     """
     n = len(parents)
     size = -(-n // _MAX_NODES)
@@ -99,7 +99,7 @@ def spread_corrections(
 
 
 def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
-    """Return all M combinations of a keyframe and a pair whose first group is the keyframe's."""
+    """Return keyframes (M,) and pairs (M,): all pairs that begin with the keyframe's group."""
     starts = np.searchsorted(own, group)
     counts = np.searchsorted(own, group, side='right') - starts
     member = np.repeat(np.arange(len(group)), counts)

@@ -46,7 +46,7 @@ _FAR_M = 0.5
 _FAR_RAD = 0.5
 _CONTRADICTED = 'surroundings: the corrected views contradict the map'
 _NOTHING = np.empty(0, np.int64)
-_SEEN_FROM_M = 6.0  # chosen: the farthest that a camera may be from a keyframe and match it
+_SEEN_FROM_M = 6.0  # chosen: largest distance of a camera from a keyframe it matches
 _MAX_UNCONFIRMED = 5  # latest verified matches that later keyframes may confirm
 
 # Chosen: the correction of a loop with a shorter path is mostly the error of the match.
@@ -94,7 +94,7 @@ class DriftLimit:
     def is_usual(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
         """Return whether a drift is within five times the largest one of the loops so far.
 
-        Before three long loops, it must be usual for every camera; more than 2 m never is.
+        Before three long loops, it must be usual for every camera. More than 2 m is never usual.
         """
         factor = _USUAL_FACTOR if len(self._shares) >= _MIN_LOOPS else 0.0
         share = max(_USUAL_SHARE, factor * max(self._shares, default=0.0))
@@ -140,7 +140,7 @@ class LoopDetector:
         return None
 
     def _compare(self, i: int, c: int) -> tuple[PlaceMatch | None, str]:
-        """Return the confirmed match of keyframe `i` with candidate `c`, or None and why."""
+        """Return the confirmed match of keyframe `i` with candidate `c`, or None and a reason."""
         keyframes, path_m = self._atlas.keyframes, path_length_m(self._atlas, c, i)
         match, doubt = self._possible_match(i, c, path_m)
         if match is None:
@@ -163,7 +163,7 @@ class LoopDetector:
         return motion_size(match.T_camera_map @ self._atlas.keyframes.T_map_camera[i])
 
     def _possible_match(self, i: int, c: int, path_m: float) -> tuple[PlaceMatch | None, str]:
-        """Verify candidate `c` for keyframe `i`, if the drift is possible on the path."""
+        """Return the match with candidate `c` if its drift is possible, or None and the reason."""
         keyframes = self._atlas.keyframes
         apart_m = float(np.linalg.norm(np.subtract(*keyframes.T_map_camera[[i, c], :3, 3])))
         if not self._drift.is_possible(path_m, 0.0, max(apart_m - _SEEN_FROM_M, 0.0)):
@@ -182,7 +182,7 @@ class LoopDetector:
     def _is_drift(self, i: int, c: int, path_m: float, turn_rad: float, distance_m: float) -> bool:
         """Return whether the camera can have drifted so far between two keyframes.
 
-        It can have drifted farther where each path leads over loosely tied keyframes.
+        The limit is higher if every path between these leads over loosely tied keyframes.
         """
         if self._drift.is_possible(path_m, turn_rad, distance_m):
             return True

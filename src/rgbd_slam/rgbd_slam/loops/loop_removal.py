@@ -1,8 +1,8 @@
 """Removes a wrong loop or merge from a map, and undoes what it has changed.
 
-The loop has bent the map, and its points of two places were fused. They are split again, and the
-relative poses of connected keyframes are measured from the points that both observe, because the
-present ones are bent. The remaining loops then determine the map.
+The loop has bent the map and fused points of two places. These points are split again. The present
+relative poses of connected keyframes are bent, and are therefore measured anew from the points
+that both observe. The remaining loops then determine the map.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class _Parts(NamedTuple):
     """The keyframes of a map before and after a loop, or those of the two maps of a merge."""
 
     rows: IntArray  # (K,) of the map, in order of insertion
-    rank: IntArray  # (capacity,) position of each in this order
+    rank: IntArray  # (capacity,) position of each keyframe in this order
     is_later: BoolArray  # (capacity,) True: inserted after the loop, or in the merged map
     # A point that keyframes of both parts observe was fused by the loop if the ranks of these
     # keyframes differ by at least this number; 0 for a merge, which has fused all such points.
@@ -96,7 +96,7 @@ def _subtree(atlas: Atlas, i: int) -> list[int]:
 
 
 def _split_points(atlas: Atlas, parts: _Parts) -> None:
-    """Replace fused points, in the keyframes of the later part, by new points there."""
+    """Let keyframes of the later part observe new points instead of fused ones."""
     points, is_later = atlas.points, parts.is_later
     seen = atlas.observations_of(atlas.points_of(parts.rows))
     later, rank = is_later[seen.i], parts.rank[seen.i]
@@ -120,7 +120,7 @@ def _split_points(atlas: Atlas, parts: _Parts) -> None:
 
 
 def _separate_tree(atlas: Atlas, parts: _Parts) -> None:
-    """Give keyframes of the later part, whose parent is in the other part, one in theirs."""
+    """Give each later keyframe whose parent is in the other part a parent in its own."""
     parents = atlas.parents()
     if parts.root is not None:
         atlas.set_parent(parts.root, None)

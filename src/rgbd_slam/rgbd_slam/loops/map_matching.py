@@ -27,13 +27,13 @@ _MIN_FOUND_SHARE = 0.8
 
 
 class MapFit(NamedTuple):
-    """The largest number of consistent matches between keyframes of a map and another map."""
+    """The largest set of consistent matches between keyframes of a map and another map."""
 
     i: int  # row of the keyframe whose match has most points
-    place: FoundPlace  # this match
+    place: FoundPlace  # match of this keyframe
     num_places: int  # different views (`are_same_views`) among the consistent matches
     is_one_place: bool  # whether one of the two maps has only one view
-    num_elsewhere: int  # matches that would put the map elsewhere
+    num_elsewhere: int  # number of matches that would put the map elsewhere
     found_share: float  # mean share of the expected points that were found
 
     @property

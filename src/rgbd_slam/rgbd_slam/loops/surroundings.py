@@ -56,7 +56,7 @@ class CurrentViews(Enum):
 
     MATCH = 'match'  # a view shows what is mapped at its current pose: the loop is wrong
     CONTRADICT = 'contradict'  # at least two views contradict the map, and none matches it
-    UNKNOWN = 'unknown'  # nothing that these views could show is mapped there
+    UNKNOWN = 'unknown'  # little that these views could show is mapped there
 
 
 class Surroundings:
@@ -93,8 +93,8 @@ class Surroundings:
     def current_views(self, i: int, c: int) -> CurrentViews:
         """Evaluate the surroundings of keyframe `i` at their current poses.
 
-        In a room that only looks like that of the matched keyframe `c`, they match what is mapped
-        there.
+        In a room that only looks like that of the matched keyframe `c`, the views match the points
+        that are mapped at these poses.
         """
         is_later, num_contradicting = self._is_later(i, c), 0
         mapped = np.flatnonzero(self._is_near(i) & ~is_later)

@@ -29,8 +29,8 @@ class MapLoading:
 
     Any thread may make this object and call `restore`. Afterwards `atlas` is the restored map,
     until the tracker exchanges its contents for those of the running map. A running map that is
-    kept must not change until `restore` has ended. `places` makes the index of the restored map
-    beforehand, which would take the first relocalization 2 s for 10,000 keyframes.
+    kept must not change until `restore` has ended. `places` makes the index of the restored map in
+    advance, so that it does not delay the first relocalization (2 s for 10,000 keyframes).
     """
 
     def __init__(

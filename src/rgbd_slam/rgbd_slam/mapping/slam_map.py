@@ -101,7 +101,7 @@ class SlamMap:
         self._last_state: object = None  # at the last `consume_change`
         self._loading: MapLoading | None = None
         self._on_loaded: Callable[[], None] = _ignore
-        self.on_replaced: Callable[[], None] = _ignore  # called when a saved map is in use instead
+        self.on_replaced: Callable[[], None] = _ignore  # called when a saved map has replaced it
         self._next_map_id = 0  # the id of a map that was merged into another is not used again
         self._next_uid = 0  # of a keyframe
 
@@ -262,7 +262,7 @@ class SlamMap:
     # ---- saving and loading
 
     def export(self) -> MapFile:
-        """Copy the map for a file (0.04 ms per keyframe). Raises ConfigError without a map."""
+        """Copy the map for a file (0.04 ms per keyframe). Raises ConfigError if it is empty."""
         atlas = self.atlas
         if len(atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
@@ -293,8 +293,8 @@ class SlamMap:
             extend: Whether the map will be extended, and not only localized in.
 
         Raises:
-            MapFileError: The map has other features, or a camera that differs too much to extend
-                it.
+            MapFileError: The octaves of the features differ, or the camera differs too much to
+                extend the map.
         """
         state = content.seen_by(self._camera, *self._octaves, extend=extend).map
         self.frames.is_fixed = True

@@ -20,8 +20,8 @@ class Landmarks(NamedTuple):
 
     point: IntArray  # (N,) row of the map point; NO_POINT for a depth measurement
     position_m: FloatArray  # (N, 3) in the map frame
-    octave: ByteArray  # (N,) of the feature in the frame or keyframe that they were taken from
-    angle_deg: Float32Array  # (N,) of the same feature
+    octave: ByteArray  # (N,) of the feature from which the landmark was taken
+    angle_deg: Float32Array  # (N,) angle of the same feature
     descriptors: ByteArray  # (N, 32) of the map point, or of the feature with depth
 
     def select(self, keep: BoolArray) -> Landmarks:

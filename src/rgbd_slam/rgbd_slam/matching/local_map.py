@@ -35,9 +35,9 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
     """Return the points of the keyframes that share most observed points with a frame.
 
     Candidates are the last reference keyframe, or its nearest ancestor in the map, and its
-    covisible keyframes, so that the cost does not depend on the size of the map; without any, the
-    local map is empty. If no candidate observes any of the points `seen`, all keyframes that do
-    are candidates. If none does, the local map has the points of the reference keyframe only.
+    covisible keyframes, whatever the size of the map. Without any, the local map is empty. If no
+    candidate observes any of the points `seen`, all keyframes that do are candidates. If no
+    keyframe does, the local map has the points of the reference keyframe only.
     """
     anchor = atlas.anchor(last_reference_uid)
     if anchor is None or anchor.row is None:
