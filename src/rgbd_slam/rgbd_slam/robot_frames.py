@@ -163,14 +163,14 @@ def _least_rotation(up: FloatArray) -> FloatArray:
     """Return the rotation (3, 3) by the least angle from a unit vector (3,) to the z axis."""
     axis = np.cross(up, _UP)
     sine, cosine = float(np.linalg.norm(axis)), float(up @ _UP)
-    if sine < _LEAST_SINE:  # upright, or upside down: then about x
+    if sine < _LEAST_SINE:  # upright: no turn; upside down: about x
         return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
     twist = np.append(np.arctan2(sine, cosine) / sine * axis, np.zeros(3))
     return np.asarray(se3.exp(twist)[:3, :3])
 
 
 def _known(covariance: FloatArray) -> FloatArray:
-    """Return a covariance (6, 6), or a very small one for zero, which would mean unknown."""
+    """Return a covariance (6, 6); zero, which would mean unknown, becomes very small."""
     return covariance if covariance.any() else _LEAST_COVARIANCE
 
 

@@ -65,7 +65,7 @@ class SlamSession:
         background: True: the mapper runs in a separate process, as on a robot, which `close` ends.
             False: each keyframe is mapped before `learn` returns, so that runs repeat bit for bit.
         imu: An IMU, which predicts turns and bridges short losses; the caller adds its samples.
-        motion_sources: Further sensors that do so, such as `ExternalOdometry` of the wheels.
+        motion_sources: Further sensors that predict motion, such as wheels (`ExternalOdometry`).
 
     Raises:
         ConfigError: No place index has the configured name.
@@ -135,9 +135,9 @@ class SlamSession:
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
         """Remove the observations of a keyframe's features that turned out to be dynamic.
 
-        Verdicts on an image that has not arrived yet are applied when it is tracked. Those on an
-        image that is no keyframe, or that had verdicts before, are ignored. Raises MessageError if
-        the keyframe has another number of features.
+        Verdicts on an image that has not arrived yet are applied when it is tracked. Verdicts on
+        an image that is no keyframe, or that had verdicts before, are ignored. Raises MessageError
+        if the keyframe has another number of features.
         """
         if self._late.changes_keyframe(verdicts):
             self.map.mapper.retract(verdicts)

@@ -143,7 +143,7 @@ class RgbdSlam:
         return self.map.stats(self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
-        """Return the undistorted frame with virtual right columns, without rolling shutter."""
+        """Return the undistorted frame with right columns, compensated for rolling shutter."""
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
         if self.states.image(frame.stamp_ns):
@@ -165,7 +165,8 @@ class RgbdSlam:
             prior = odometry.prior()
             tracking = self._tracker.track(frame, last, *odometry.predict(), prior=prior)
         if tracking is None:
-            # While the map grows, a later merge connects the maps; in localization nothing does.
+            # While the map grows, a later merge connects the maps. In localization, no merge
+            # follows.
             in_main_map = not self.map.is_growing
             tracking = self._relocalizer.relocalize(frame, in_main_map=in_main_map)
             if tracking is None:
@@ -215,7 +216,7 @@ class RgbdSlam:
         )
 
     def _start_map(self, frame: Frame, bridge: Bridge | None) -> TrackingResult:
-        """Start a map with this frame at its bridged or last pose, at first the map's origin.
+        """Start a map with this frame at its bridged pose, the last pose, or the origin.
 
         It is linked with the map before if a gyro has bridged the loss. Without enough features
         with depth, and while a saved map is being loaded, no map is started, and the result has no

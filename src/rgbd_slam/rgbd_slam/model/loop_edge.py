@@ -19,14 +19,14 @@ class LoopEdge(NamedTuple):
     second_uid: int  # the keyframe in which it was recognized
     T_first_second: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame of the second, rotation first
-    num_inliers: int  # matched points that agree with it
+    num_inliers: int  # number of matched points that agree with the edge
     found_share: float  # share of the points expected there that were found
-    kind: str  # what it did: the value of a `LoopEvent`, such as `JOIN`
-    residual_m: float  # by which the map deviated from it after the last optimization
+    kind: str  # its effect on the map: the value of a `LoopEvent`, such as `JOIN`
+    residual_m: float  # deviation of the map from the edge after optimization
     is_used: bool  # False: it was left out, because it contradicts the rest of the map
 
     def residual(self, T_map_first: FloatArray, T_map_second: FloatArray) -> FloatArray:
-        """Return the motion (4, 4) by which the poses (4, 4) of its ends deviate from it."""
+        """Return the motion (4, 4) by which the poses (4, 4) of the ends deviate from the edge."""
         T: FloatArray = se3.inverse(self.T_first_second) @ se3.inverse(T_map_first) @ T_map_second
         return T
 

@@ -24,7 +24,7 @@ class Redirect(NamedTuple):
     """
 
     uid: int
-    parent_uid: int  # which may be removed or pending as well; DEAD: it is the first of a map
+    parent_uid: int  # may be removed or pending as well; DEAD for the first keyframe of a map
     # (4, 4), orthonormalized, because redirects are chained; T_map_camera without a parent.
     T_parent_camera: FloatArray
 

@@ -74,7 +74,7 @@ class MapState(Record):
     ) -> MapState:
         """Return the map with the pixels and octaves that another camera would have seen.
 
-        Those far outside the image, and octaves that do not exist, become the nearest ones.
+        Pixels far outside the image and octaves that do not exist become the nearest valid ones.
         """
         rays = (self.uv_px - _center_px(old)) / _focal_px(old)
         size_px = np.array(new.size_px)
@@ -146,10 +146,10 @@ def restore(
     Args:
         atlas: The running map.
         state: The saved map, made with the same camera; it has at least one keyframe.
-        camera: The camera.
+        camera: The camera, which gives the features their virtual right columns.
         first_uid: The uid of the first saved keyframe; None: the next unused one.
         keep: Whether to keep the running map beside the saved one, with higher map ids.
-        loops: Its loop edges, with the rows of the keyframes in `state` as their numbers.
+        loops: Loop edges of the saved map, numbered by the rows of keyframes in `state`.
     """
     if keep:
         atlas.make_younger(1 + int(state.map_id.max()))

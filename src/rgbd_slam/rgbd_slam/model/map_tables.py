@@ -125,7 +125,7 @@ class MapTables:
         return Anchor(row, T_anchor_keyframe)
 
     def pose(self, uid: int) -> FloatArray | None:
-        """Return T_map_keyframe (4, 4) of a keyframe, also removed or pending; None: unknown."""
+        """Return T_map_keyframe (4, 4) of a keyframe, even a removed or pending one, if known."""
         anchor = self.anchor(uid)
         if anchor is None or anchor.row is None:
             return None if anchor is None else anchor.T_anchor_keyframe
@@ -162,7 +162,7 @@ class MapTables:
         return change
 
     def skip_changes(self) -> int:
-        """Discard the changes after both processes have loaded a map; return the version then."""
+        """Discard the changes after both processes have loaded a map; return its version."""
         self._moves, self._has_copies = [], True
         self.keyframes.is_reobserved[:] = False
         self.redirects.take()

@@ -30,7 +30,7 @@ class PointTable(SoaTable):
         self.max_distance_m: Float32Array = np.zeros(n, np.float32)
         self.descriptors: ByteArray = np.zeros((n, 32), np.uint8)
         self.num_observations: IntArray = np.zeros(n, np.int64)  # keyframes that observe it
-        self.num_stereo: IntArray = np.zeros(n, np.int64)  # of these, with a depth measurement
+        self.num_stereo: IntArray = np.zeros(n, np.int64)  # observations with a depth
         self.num_visible: IntArray = np.zeros(n, np.int64)  # frames that should show it
         self.num_found: IntArray = np.zeros(n, np.int64)  # frames in which it was found
         # The keyframe that created the point; for a loaded point, its reference keyframe.

@@ -20,7 +20,7 @@ _logger = logging.getLogger(__name__)
 class PoseGuard:
     """Refuses poses that are not rigid transforms of at most 100 km, and counts them.
 
-    If a computation gives such a pose, an image or a keyframe is lost, and not the map.
+    If a computation gives an invalid pose, an image or a keyframe is lost, but not the map.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class PoseGuard:
         self._throttle = LogThrottle(_LOG_PERIOD_S)
 
     def are_valid(self, T: FloatArray, name: str) -> BoolArray:
-        """Return which poses (N, 4, 4) of things with a `name` are valid; log and count others."""
+        """Return which poses (N, 4, 4) are valid; count the others and log them by `name`."""
         is_valid = se3.is_rigid(T) & (np.abs(T[..., :3, 3]) < MAX_POSITION_M).all(-1)
         num_refused = int(np.count_nonzero(~is_valid))
         if num_refused:

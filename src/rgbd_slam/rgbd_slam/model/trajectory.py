@@ -32,7 +32,7 @@ _FRAME = np.dtype(
 _REMOVED = np.dtype(
     [('uid', np.int64), ('parent_uid', np.int64), ('T_parent_camera', np.float64, (4, 4))]
 )
-_NO_MAP = -1  # map id of the sentinel: of a removed keyframe without a known ancestor
+_NO_MAP = -1  # map id of the sentinel, for a removed keyframe without a known ancestor
 
 
 class _MapLink(NamedTuple):
@@ -77,8 +77,8 @@ class TrajectoryRecorder:
     def pose(self, n: int) -> FloatArray | None:
         """Return T_map_camera (4, 4) of the `n`-th frame by the current map; None if unknown.
 
-        It is in the map of its reference keyframe. It is unknown while that is pending, or if it
-        is not among the latest one or two thousand removed keyframes.
+        The pose is in the map of the reference keyframe. It is unknown while this keyframe is
+        pending, or if it was removed before the latest one or two thousand removed keyframes.
         """
         frame = self._frames[n]
         map_ids, poses = self._references(frame['reference_uid'])
@@ -101,7 +101,7 @@ class TrajectoryRecorder:
         self._frames[len(self) - 1] = frame
 
     def link(self, before: TrackedFrame, after: TrackedFrame, T_before_after: FloatArray) -> None:
-        """Store the pose (4, 4) of the first frame of a map in that of the last one before."""
+        """Store the motion (4, 4) from the last frame of a map to the first of the next map."""
         T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
         self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
 
@@ -212,7 +212,7 @@ class _PoseSnapshot:
         rows, poses = self.of(uids.ravel(), removed)
         ends = self.map_id[rows].reshape(-1, 2).tolist()
         T_main = {self._main: np.eye(4)}  # T_main_map of each map that is connected
-        for _ in links:  # in each round at least one more map, or all are found
+        for _ in links:  # each round connects at least one more map, or all are connected
             for (before, after), (T_before, T_after), link in zip(
                 ends, poses.reshape(-1, 2, 4, 4), links, strict=True
             ):
@@ -227,7 +227,7 @@ class _PoseSnapshot:
             self.is_main |= is_in_map
 
     def of(self, uids: IntArray, removed: NDArray[np.void]) -> tuple[IntArray, FloatArray]:
-        """Return the rows (K,) of keyframes or their nearest ancestors, and their own poses."""
+        """Return rows (K,) of keyframes or their nearest ancestors, and the keyframes' poses."""
         T_parent_camera = np.tile(np.eye(4), (len(uids), 1, 1))
         while (
             n := _find(removed['uid'], uids)

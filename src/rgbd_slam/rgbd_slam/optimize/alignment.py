@@ -65,7 +65,7 @@ def align_image(
     """Return the pose with which most of N matches agree, by RANSAC; None if fewer than 15 agree.
 
     A match of feature k (N,) with a point (N, 3) agrees if its reprojection error is below 4 px in
-    octave 0. The sizes of a pixel of each octave are in pixels of the image.
+    octave 0. `octave_scale` is the size of a pixel of each octave, in pixels of the image.
     """
     if len(points_m) < _MIN_INLIERS:
         return None

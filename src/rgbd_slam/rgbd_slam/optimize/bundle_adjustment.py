@@ -32,7 +32,7 @@ class BundleProblem:
     """
 
     T_camera_map: FloatArray  # (C, 4, 4) poses of the keyframes
-    num_free: int  # so many of the first keyframes are optimized
+    num_free: int  # number of keyframes, from the first on, that are optimized
     points_m: FloatArray  # (3, P) in the map frame
     camera: IntArray  # (M,) index of the keyframe of each observation
     point: IntArray  # (M,) index of the point of each observation
@@ -53,8 +53,8 @@ def adjust(
 ) -> BundleSolution:
     """Return adjusted poses and points. Each round leaves out the outliers of the round before.
 
-    The noise of the camera weights the residuals, whose kernels are Huber's. `iterations` is the
-    largest number in each round.
+    The residuals are weighted by the noise of the camera, with a Huber kernel. A round has at most
+    `iterations` iterations.
     """
     fit = hoid_native.adjust_bundle(
         camera.lens,

@@ -68,8 +68,8 @@ def with_image_noise(
 ) -> PoseProblem:
     """Return a problem with the noise that the residuals of all its matches at a pose show.
 
-    In a blur most matches are outliers; the inliers are those that fit by chance, and their
-    residuals are small.
+    All matches are used because, in a blur, most are outliers, and the inliers fit by chance and
+    have small residuals.
     """
     x = to_camera(T_camera_map, problem.points_m.T)
     residual_px = problem.measured_px[:, :2].T - camera.project_rows(x)[:2]
@@ -82,8 +82,8 @@ def with_residual_noise(
 ) -> tuple[StereoCamera, BundleProblem]:
     """Return the camera and the problem with the noise that the residuals of a solution show.
 
-    The camera has the measured noise of depth, the problem that of pixels. Noise of which fewer
-    than 500 observations are suitable stays as it is.
+    The camera has the measured noise of depth, the problem that of pixels. A noise for which there
+    are fewer than 500 suitable observations is not changed.
     """
     residual = _residuals_px(camera, problem, solution)
     seen = np.bincount(problem.point[~solution.outliers], minlength=problem.points_m.shape[1])

@@ -131,7 +131,7 @@ class _Hypothesis(NamedTuple):
 
     @property
     def supporters(self) -> BoolArray:
-        """Return the (D,) mask of inliers, tested with the noise that these costs show."""
+        """Return the (D,) mask of inliers, tested with the noise that all costs show."""
         return np.asarray(self.inliers & (self.cost <= CHI2_STEREO * _noise_scale(self.cost)))
 
 
@@ -159,10 +159,10 @@ class PoseConsensus:
     ) -> Consensus:
         """Return the pose that the well-observed points support, starting from an initial one.
 
-        If too few of the N matches are of well-observed points, all decide. If the consensus is
-        switched off, it is the pose that fits all best. For an initial pose (`is_initial`), which
-        only guides the search for more matches, a small bias does no harm, and no biasing region
-        is searched for.
+        If too few of the N matches are of well-observed points, all matches decide. If the
+        consensus is switched off, the pose that fits all matches best is returned. For an initial
+        pose (`is_initial`), which only guides the search for more matches, a small bias does no
+        harm, and no biasing region is searched for.
         """
         fit_to_all = optimize_pose(self.camera, problem, T_camera_map, self.prior)
         if not self._config.enabled:
@@ -290,13 +290,13 @@ class PoseConsensus:
         estimate: PoseEstimate,
         tolerance: float,
     ) -> bool:
-        """Return whether an estimate fits the inliers of a hypothesis as well as it does."""
+        """Return whether an estimate fits a hypothesis's inliers as well as the hypothesis."""
         inliers = hypothesis.inliers
         cost = self._evaluate(deciding, estimate.T_camera_map).cost
         return self._is_consistent(cost[inliers], hypothesis.cost[inliers], tolerance)
 
     def _is_consistent(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
-        """Return whether the costs (N,) of some matches are hardly higher than their least ones.
+        """Return whether the costs (N,) of some matches are hardly higher than their minima.
 
         Their sum may be larger by the share `tolerance` and by `cost_margin`.
         """
@@ -336,7 +336,7 @@ def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
 
 
 def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the (N,) costs of two poses, normalized by the smaller of their noises, truncated."""
+    """Return the (N,) costs of two poses, normalized by the smaller noise and truncated."""
     scale = min(_noise_scale(cost), _noise_scale(other_cost))
     return np.minimum(cost / scale, _MAX_COST), np.minimum(other_cost / scale, _MAX_COST)
 

@@ -37,7 +37,7 @@ from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, covaria
 # Not tuned: factors on the search windows of ORB-SLAM3, in the first search for the error of a
 # RANSAC pose, and in the second search for that of an optimized pose.
 _SEARCH_RADII = (4.0, 2.0)
-_KNOWN_FRAMES = 10  # chosen: their share tells how often a point is found to about 0.1
+_KNOWN_FRAMES = 10  # chosen: over these, the share that finds a point is known to 0.1
 _MIN_MATCHES = 10  # not tuned: number of matches below which no pose is optimized
 # Not tuned: half side of the window around a point in which features are compared, and the number
 # of depths that contradict a point, as a single one may be wrong at a depth edge. A depth lies
@@ -94,10 +94,10 @@ class PlaceEvidence(NamedTuple):
 class Visibility(NamedTuple):
     """Which of N points in the view of an image could be found in it, and which it contradicts."""
 
-    # (N,) there are features near the point's pixel; if some of them have depths, not all of these
-    # lie in front of the point, which would be occluded then.
+    # (N,) True: there are features near the point's pixel, and the point is not occluded, that is,
+    # not all depths of these features lie in front of it.
     observable: BoolArray
-    # (N,) there are at least two depths near the point's pixel, and all lie behind it.
+    # (N,) True: there are at least two depths near the point's pixel, and all lie behind it.
     contradicted: BoolArray
 
 
@@ -129,7 +129,7 @@ class PlaceVerifier:
     def search(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceMatch | None:
-        """Return the pose of a frame near T_camera_map if it shows keyframes' (K,) points."""
+        """Return the pose of a frame near T_camera_map if it shows points of keyframes (K,)."""
         points = self._atlas.points_of(keyframes)
         found = self._found(frame, T_camera_map, points)
         num_found = 0 if found is None else len(found.k)
@@ -248,7 +248,7 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
 def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
     """Return the (N,) probabilities that a frame with points in rows (N,) in view finds them.
 
-    They are the shares of earlier frames, with a Beta(1, 3) prior (chosen, not tuned).
+    They are shares of earlier frames, smoothed by a Beta(1, 3) prior (chosen, not tuned).
     """
     probability: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
     return probability

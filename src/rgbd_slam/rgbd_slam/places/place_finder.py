@@ -77,8 +77,7 @@ class PlaceFinder:
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
         """Return the rows of the keyframes most similar to descriptors (N, 32) of an image.
 
-        Of keyframes that share at least 15 points, only one is returned, and none in `excluded`
-        (rows).
+        Of keyframes that share at least 15 points, only one is returned; no row in `excluded` is.
         """
         self.index_places()
         keyframes = self._atlas.keyframes
@@ -99,7 +98,7 @@ class PlaceFinder:
 
         With identical furniture, two distant places in one map may be verified with about as many
         points. Then neither is returned; a later frame that shows more may resolve the ambiguity.
-        With `in_main_map`, no other map is searched, whose pose relative to it is unknown.
+        With `in_main_map`, other maps, whose relative pose is unknown, are not searched.
         """
         keyframes, excluded = self._atlas.keyframes, np.empty(0, np.int64)
         if in_main_map:

@@ -1,1 +1,1 @@
-"""Structures of arrays, and arrays in temporary files; nothing here knows what they mean."""
+"""Structures of arrays, and arrays in temporary files; independent of SLAM."""

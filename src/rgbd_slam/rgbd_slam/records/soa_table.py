@@ -88,7 +88,7 @@ class SoaTable:
 
         The rows depend only on which rows are empty, so that runs are repeatable. The other
         columns keep what these rows held before. The uids are the next unused ones, or count from
-        `first_uid`, from which on none may have been used.
+        `first_uid`; no uid from that one on may have been used.
         """
         if count == 0:
             return np.empty(0, np.int64)

@@ -34,7 +34,7 @@ _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
 
 
 class _Copied(NamedTuple):
-    """A copied part of the map, and what else a checkpoint contains."""
+    """A copied part of the map, with the header of the checkpoint."""
 
     part: MapPart
     header: MapHeader
@@ -58,9 +58,9 @@ class CheckpointThread:
         self._find_session = session
         self._node_thread = NodeThread(node)
         self._period_s, self._running = period_s, running
-        # While True, nothing is written: the camera is searched for in the map that is stored.
+        # While True, nothing is written, because the camera is searched for in the stored map.
         self.is_paused = False
-        # Whether the session continues the map that is stored; otherwise, that one is kept.
+        # Whether the session continues the stored map; otherwise, the stored map is kept.
         self.continues_stored = False
         self._writer: MapWriter | None = None
         # Version of the map whose last checkpoint was committed; None: there is none.
@@ -162,7 +162,7 @@ class CheckpointThread:
                     self._is_ended.wait(copied.copy_s / _MAX_COPY_SHARE)
         finally:
             with self._lock:
-                writer.abort()  # if it is not complete
+                writer.abort()  # does nothing after the last part
         return wrote_s
 
     def _begin(self) -> tuple[MapWriter, MapHeader | None] | None:

@@ -47,8 +47,8 @@ class Checkpoints:
         self._logger = node.get_logger()
         self._running, self._find_session = running, session
         self._thread: CheckpointThread | None = None
-        # Stamp at which a resumed session stops searching for the camera in the old map; None:
-        # there is no such search, or it has ended.
+        # Stamp at which a resumed session stops searching for the camera in the old map; None: it
+        # is not searching.
         self._search_end_ns: int | None = None
         self._stored: Future[MapFile | None] = Future()
         if not running.is_owned:
@@ -113,7 +113,7 @@ class Checkpoints:
             message = _FOUND if is_found else _NOT_FOUND
             if self._thread is not None:
                 self._thread.is_paused = False
-                self._thread.continues_stored = is_found  # otherwise, the stored one is kept
+                self._thread.continues_stored = is_found  # otherwise, the stored map is kept
             self._logger.warning(message)
         return done._replace(status=replace(done.status, mode=session.mode, message=message))
 

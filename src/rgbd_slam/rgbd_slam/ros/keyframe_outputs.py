@@ -43,7 +43,7 @@ class KeyframeOutputs:
         self._loaded = LoadedKeyframes()
         self._last = SessionKeyframes('', None, False, NO_KEYFRAMES)  # as published last
         self._published: object = None  # `pose_version` of these poses
-        self._next_s = 0.0  # monotonic time from which corrected poses are published
+        self._next_s = 0.0  # monotonic time before which no corrected poses are published
         self._poses = OnDemandPublisher(
             node, KeyframePosesMsg, topics.KEYFRAME_POSES, qos.LATCHED, self._publish
         )
@@ -55,7 +55,7 @@ class KeyframeOutputs:
         node.create_timer(_PERIOD_S, self._publish_change, clock=steady)
 
     def begin(self) -> None:
-        """Publish that the map, and all that was relative to its keyframes, is gone."""
+        """Publish that the map was discarded, with all that was relative to its keyframes."""
         self._loaded = LoadedKeyframes()
         self._publish()
 
@@ -66,9 +66,9 @@ class KeyframeOutputs:
 
         Args:
             source: Path of its file, or the session of the crashed node that it is from.
-            saved_uids: (K,) ascending uids of its keyframes there.
+            saved_uids: (K,) ascending uids of its keyframes in this source.
             loaded_uids: (K,) their present uids.
-            keep: Whether the running map, which has another name then, was kept.
+            keep: Whether the running map was kept beside it.
         """
         if not keep:
             self._loaded = LoadedKeyframes()

@@ -36,8 +36,8 @@ from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
 
 # Chosen: largest share of one core for making and publishing map_points, path and keyframes, so
-# that they are sent less often for large maps. Those for 10,000 keyframes with 1.7 million points
-# take 0.1 s, and are therefore sent at most every 2 s.
+# that they are sent less often for large maps. Messages for 10,000 keyframes with 1.7 million
+# points take 0.1 s, and are therefore sent at most every 2 s.
 _MAX_SHARE = 0.05
 # Chosen: number of rows of points that are copied at once; an image is delayed by less than 2 ms.
 _ROWS = 2**19
@@ -79,7 +79,7 @@ class MapOutputs:
                 (MarkerArray, topics.KEYFRAMES, _keyframes),
             )
         }
-        self._outdated: set[OnDemandPublisher] = set()  # those whose last message is of an old map
+        self._outdated: set[OnDemandPublisher] = set()  # topics whose last message is outdated
         self._is_busy, self._rest_until_s = False, 0.0
         self._is_retried = False  # True: the last messages could not be made and are made again
         self._is_ended = Event()

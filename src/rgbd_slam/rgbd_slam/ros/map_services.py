@@ -1,7 +1,7 @@
 """The services that save and load maps, save the trajectory, and set the mode.
 
-They run in a separate thread, which waits for files and for the mapper. What uses the session is
-done in the tracker's thread, between two images (`NodeThread`).
+They run in a separate thread, which waits for files and for the mapper. Everything that uses the
+session is done in the tracker's thread, between two images (`NodeThread`).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class MapServices:
     The service that sets the mode has a thread of its own, so that a slow disk does not delay it.
 
     Args:
-        keyframes: Knows the session and the keyframes for the scene node.
+        keyframes: Makes the message about the keyframes for the scene node.
         copy_stored: Copies the map on the disk to a new file (`Checkpoints.copy_to`).
     """
 

@@ -63,7 +63,7 @@ class SlamOutputs:
         self.frames = frames
 
     def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
-        """Publish odometry and those transforms of an image that `frames` asks for."""
+        """Publish the odometry of an image, and the transforms that `frames` asks for."""
         if pose is not None:
             self._publish_odometry(pose, header)
         self._publish_tree(pose, header)
@@ -110,7 +110,7 @@ class SlamOutputs:
 
         The latest transform is returned while the camera is lost (`pose` is None), so that the
         pose of the robot follows the wheels, and if the wheels have no pose for the image, which
-        is a problem.
+        is reported as a problem.
         """
         if T_wheels_base is None:
             self._diagnostics.set_problem(

@@ -24,7 +24,7 @@ class SceneMapClient:
         self._client = node.create_client(AddToMap, service)
 
     def add_to(self, path: Path, keyframes: KeyframePoses) -> str:
-        """Ask the scene node to add its maps to a closed map file; return a phrase about it.
+        """Ask the scene node to add its maps to a closed map file; return a phrase for the reply.
 
         It must not be called in the node's thread. A map is complete without a scene.
         """

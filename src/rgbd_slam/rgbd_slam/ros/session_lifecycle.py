@@ -65,7 +65,7 @@ class SessionLifecycle:
         self._frame = ''  # of the camera info with which the session began
         self._cameras = CameraInfoCheck(self._camera_remedy)
         self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
-        self._first_map: MapFile | None = None  # is loaded into the next session
+        self._first_map: MapFile | None = None  # to be loaded into the next session
         self._first_map_error: HoidError | None = None  # why the configured map file is not used
         self._is_reset = False  # True: the configured map file is not loaded again
         self.checkpoints = Checkpoints(node, config, running, diagnostics, lambda: self.session)

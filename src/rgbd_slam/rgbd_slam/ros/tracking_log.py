@@ -1,4 +1,4 @@
-"""Logs when tracking begins, is lost or found again, and new maps; and its progress every 10 s."""
+"""Logs the start, loss and recovery of tracking, new maps, and the progress every 10 s."""
 
 from __future__ import annotations
 

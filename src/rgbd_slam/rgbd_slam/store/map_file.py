@@ -29,9 +29,9 @@ class MapFile(NamedTuple):
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
-    uids: IntArray | None = None  # (K,) of the keyframes, ascending; None: their rows
+    uids: IntArray | None = None  # (K,) of the keyframes, ascending; None: equal to their rows
     loops: tuple[LoopEdge, ...] = ()  # between keyframes by uid
-    session: str = ''  # name of the session whose numbers the uids are
+    session: str = ''  # name of the session in which the keyframes have these uids
     stamp_ns: int = 0  # of the last image that was tracked in the map; 0: unknown
 
     @property
@@ -53,7 +53,7 @@ class MapFile(NamedTuple):
         """Return the map as if it had been made with a given camera (`MapState.in_camera`).
 
         Args:
-            camera: The camera.
+            camera: The camera that will use the map.
             scale_factor: Ratio of the scales of two successive octaves of the camera's features.
             num_octaves: Number of octaves of the camera's features.
             extend: Whether the camera will extend the map. Then its focal length must be similar,
@@ -91,7 +91,7 @@ def _listed(camera: CameraModel) -> str:
 
 
 def save(path: Path, content: MapFile) -> int:
-    """Write or replace a map file, return its size in bytes; MapFileError: it is not possible."""
+    """Write or replace a map file, return its size in bytes; MapFileError: it is not written."""
     check(content)
     return _write(path, content)
 

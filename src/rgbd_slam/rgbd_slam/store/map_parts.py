@@ -90,7 +90,7 @@ class MapParts:
     def __init__(self, atlas: Atlas) -> None:
         self.atlas = atlas
         nothing: IntArray = np.empty(0, np.int64)
-        self._uid = nothing  # by row of the table of keyframes: whose features were copied
+        self._uid = nothing  # uid, by row, of the keyframe whose features were copied
         # The version of the map at which the states of a keyframe's features were copied, by row
         # of the table of keyframes, and that at which points were copied, by chunk.
         self._state_version, self._chunk_version = nothing, nothing

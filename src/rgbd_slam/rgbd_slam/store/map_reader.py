@@ -30,13 +30,13 @@ from rgbd_slam.store.tables import (
 def read_map(
     database: Database,
 ) -> tuple[MapHeader, IntArray, MapState, tuple[LoopEdge, ...]]:
-    """Return header, uids of the keyframes (K,), map and loops between uids; do not check these.
+    """Return header, uids (K,) of the keyframes, map and loops between uids, all unchecked.
 
     The map is in the core's map frame.
 
     Raises:
         MapFileError: The database is damaged, or has no map. The text need not name the file.
-        ConfigError: No camera has the values of its camera.
+        ConfigError: The values of its camera are invalid.
     """
     missing = [table.name for table in TABLES if not database.has(table)]
     row = None if missing else database.row(META, 0)

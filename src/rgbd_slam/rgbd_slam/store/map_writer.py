@@ -33,7 +33,7 @@ class MapWriter:
 
     A transaction is `begin` and `append` for each part of the map. Between two of them, the
     database is closed, so that its disk can be made read-only. All of its content is written anew
-    the first time, and if somebody has deleted or replaced it.
+    the first time, and after somebody has deleted or replaced the database.
     """
 
     def __init__(self, atlas: Atlas, open_database: Callable[[], Database]) -> None:
@@ -43,7 +43,7 @@ class MapWriter:
         self._before = self._parts.state()  # at `begin`
         self._database: Database | None = None  # during a transaction
         self._stored_uids: IntArray | None = None  # None: nothing of this map is stored
-        self._written_uids: IntArray = np.empty(0, np.int64)  # whose features are written by now
+        self._written_uids: IntArray = np.empty(0, np.int64)  # keyframes with written features
 
     @property
     def is_open(self) -> bool:

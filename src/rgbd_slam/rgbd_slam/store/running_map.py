@@ -1,7 +1,7 @@
 """The database of a node's map, from which the next node resumes if this one is killed.
 
-A map is never deleted. When no node shall resume it any more, its database is renamed to that of a
-saved map.
+A map is never deleted. When no node should resume it any more, its database is renamed to that of
+a saved map.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class RunningMap:
         return self._lock is not None
 
     def own(self, name: str) -> None:
-        """Make this process the only one that writes; MapFileError: another one does."""
+        """Make this process the only writer; MapFileError: another process is it already."""
         self._lock = OwnerLock(self.path.with_suffix('.lock'), name)
 
     def disown(self) -> None:

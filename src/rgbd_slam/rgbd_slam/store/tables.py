@@ -101,7 +101,7 @@ class MapHeader(NamedTuple):
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     T_map_core: FloatArray  # (4, 4) pose of the core's map frame in the published map frame
-    session: str = ''  # name of the session whose numbers the keyframes have
+    session: str = ''  # name of the session in which the keyframes have their uids
     stamp_ns: int = 0  # of the last image that was tracked in the map
 
 

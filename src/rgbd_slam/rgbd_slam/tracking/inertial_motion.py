@@ -22,7 +22,7 @@ _SPREAD_S = 5.0  # chosen: time over which the spread of the velocity is average
 _INITIAL_SPREAD_MPS = 0.2  # chosen: along each axis, of a hand-held camera
 _LEAST_RECKONED_S = 0.1  # chosen: over three images, the last velocity predicts as well
 _MAX_BRIDGE_S = 1.5  # chosen: later the position is known to no better than about 0.2 m
-_RATE_NS = NS_PER_S // 50  # chosen: time of a measured rate, that of a usual rolling shutter
+_RATE_NS = NS_PER_S // 50  # chosen: time of a measured rate, about one readout of an image
 _SOURCE = 'the gyro'
 
 
@@ -30,9 +30,9 @@ class InertialMotion:
     """Predicts the motion of the camera by a gyro, and bridges up to 1.5 s without tracking.
 
     The rotation is measured. After 0.1 s, so is the position, if there is an accelerometer that
-    agrees with the tracked motion (`DeadReckoning`). Otherwise it follows from the velocity, which
-    decays with a time constant of 0.4 s (an Ornstein-Uhlenbeck process) and whose variance is
-    learned.
+    agrees with the tracked motion (`dead_reckoning`). Otherwise the position follows from the
+    velocity, which decays with a time constant of 0.4 s (an Ornstein-Uhlenbeck process) and whose
+    variance is learned.
     """
 
     def __init__(self, imu: Imu) -> None:
@@ -87,7 +87,7 @@ class InertialMotion:
     def rotation_prior(self) -> MeasuredRotation | None:
         """Return the turn of the camera since the last tracked image by a filtered attitude.
 
-        The tracked rotation of that image counts for a part only.
+        The tracked rotation of that image is only one part of the filtered attitude.
         """
         correction, rotation = self._attitude.R_tracked_filtered, self._rotation()
         if correction is None or rotation is None or not self._imu.gives_prior:
@@ -152,9 +152,9 @@ class InertialMotion:
         return reckoned if is_better else None
 
     def _reckoned_variance_m2(self, reckoned: Reckoned) -> float:
-        """Return the variance of a position along each axis, with what a wrong gyro adds.
+        """Return the variance of a position along each axis, errors of the gyro included.
 
-        A turn that is off more and more with time lets gravity accelerate the camera to the side.
+        With a growing error of the attitude, gravity seems to accelerate the camera sideways.
         """
         of_turn_m = GRAVITY_MPS2 * self._attitude.rate_sigma_radps * self._elapsed_s**3 / 6
         return float(reckoned.variances_m2[0]) + of_turn_m**2

@@ -51,9 +51,9 @@ class Odometry:
     """Accumulates the motions between tracked frames, as the pose `T_odom_camera`.
 
     Corrections of the map do not change this pose. Motion sources predict the motion up to the
-    next image: a gyro first, then the last velocity, then further ones. Those that measure it, the
-    gyro for up to 1.5 s, also replace the tracker while the camera is lost, which is called
-    bridging here.
+    next image: a gyro first, then the last velocity, then further ones. Sources that measure the
+    motion (the gyro for up to 1.5 s) also replace the tracker while the camera is lost, which is
+    called bridging.
     """
 
     def __init__(
@@ -86,8 +86,8 @@ class Odometry:
     def twist_at(self, stamp_ns: int) -> tuple[FloatArray, bool]:
         """Return the velocity at an image, and whether a gyro has measured its rotation.
 
-        The (6,) velocity is that of points in the camera frame, rotation first [rad/s, m/s]. What
-        is not measured is that of `twist`, the last observed velocity.
+        The (6,) velocity is that of points in the camera frame, rotation first [rad/s, m/s]. The
+        part that no gyro measures is from `twist`, the last observed velocity.
         """
         rate_radps = None if self._gyro is None else self._gyro.rate_radps(stamp_ns)
         if rate_radps is None:

@@ -50,8 +50,8 @@ class PoseNoise:
     def covariance(self, prior: FloatArray) -> FloatArray | None:
         """Return the (6, 6) covariance of a pose in the camera frame, rotation first, if known.
 
-        The `prior`, that by the residuals of the pose, outweighs the measured covariance as long
-        as this has fewer than five samples.
+        The `prior`, which follows from the residuals of the pose, outweighs the measured
+        covariance as long as there are fewer than five samples.
         """
         if self._num_samples == 0:
             return None

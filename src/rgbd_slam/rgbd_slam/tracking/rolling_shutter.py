@@ -32,11 +32,11 @@ from rgbd_slam.optimize.measured_noise import median
 # Number of successive images that give one estimate. Estimates of single images would not be
 # independent, because the errors of the map are the same in all images of one motion.
 _IMAGES_PER_ESTIMATE = 10
-# The same for pairs of images, which depend less on the map.
+# Number of successive pairs of images that give one estimate; pairs depend less on the map.
 _PAIRS_PER_ESTIMATE = 5
 _MAX_ESTIMATES = 12  # number of the latest estimates, which are averaged
-# The same for pairs of images, of which the newest are the best, because they are matched best:
-# matches favor the readout time that they are compensated for.
+# The same for pairs of images. The newest are matched best, because matches favor the readout time
+# that they are compensated for.
 _MAX_ESTIMATES_OF_PAIRS = 8
 _MIN_ESTIMATES = 4  # number of estimates before which the readout time counts as 0
 # Standard deviation of a prior readout time of 0, which prevails while the camera is at rest.
@@ -153,9 +153,9 @@ class RollingShutter:
         """Return the evidence of two images for the readout time; see `_marginal_of_time`.
 
         The first image and its depth predict where the second one shows a point. A rolling shutter
-        displaces it from there if the camera has changed its velocity or the point its row.
-        Matches that do not fit the poses are compared as well, because displaced features do not
-        fit.
+        displaces the point from there if the velocity of the camera or the row of the point has
+        changed. Matches that do not fit the poses are compared as well, because displaced features
+        do not fit.
         """
         k_first, k_second = _common(first, second)
         if len(k_first) < _MIN_MATCHES:

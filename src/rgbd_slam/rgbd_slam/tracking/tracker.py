@@ -127,7 +127,7 @@ class Tracker:
         Initial poses are tried from the cheapest to the most expensive search and refined with the
         local map. The first convincing result is returned, or else the one with most inliers. The
         predicted motions T_camera_last (4, 4), the most likely first, only place the search
-        windows; the prior counts beside the matches.
+        windows; the prior is used in the fit beside the matches.
         """
         self._consensus.prior = prior
         if self._atlas.anchor(last.reference_uid) is None:

@@ -88,7 +88,7 @@ class TrackingStates:
 
     @property
     def lost_s(self) -> float:
-        """Return the time [s] without a tracked image; of each gap, at most 0.5 s count."""
+        """Return the time [s] without a tracked image, with at most 0.5 s of each gap."""
         return S_PER_NS * self._lost_ns
 
     @property

@@ -77,7 +77,7 @@ class ImuInput:
         self._rates, self._accelerations = [], []
 
     def report(self) -> None:
-        """Report faults in the diagnostics, and log what was found out, after an image."""
+        """Report faults in the diagnostics, and log the news of the IMU, after an image."""
         imu = self._imu
         if imu is None or not self._num_samples:
             return
@@ -88,7 +88,7 @@ class ImuInput:
         if imu.fit is not None:
             self._diagnostics.set_value('IMU time offset', f'{1e3 * imu.fit.offset_s:.0f} ms')
         for text, is_problem in imu.trust.take_news():
-            if text != imu.trust.problem:  # which the diagnostics log
+            if text != imu.trust.problem:  # the diagnostics log that one
                 logger = self._node.get_logger()
                 (logger.warning if is_problem else logger.info)(text)
 
