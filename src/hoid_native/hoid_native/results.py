@@ -80,7 +80,7 @@ class MatchEvaluation(NamedTuple):
 
 
 class BiasingRegion(NamedTuple):
-    """The region without whose matches the others of N matches fit a pose best."""
+    """The region whose removal lets the rest of N matches fit a pose best."""
 
     mask: NDArray[np.bool_]  # (N,) flags of the matches in the region
     low: NDArray[np.float64]  # (3,) smallest x / z, y / z and log(z / m) in the camera frame

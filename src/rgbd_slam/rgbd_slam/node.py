@@ -27,7 +27,7 @@ from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_ma
 from rgbd_slam.ros.tracking_log import TrackingLog
 from rgbd_slam.session import SlamSession
 
-# Sections of parameters that this node had until version 0.3, and their node.
+# Sections of parameters that this node had until version 0.3, and the node that has them now.
 _MOVED = dict.fromkeys(('dense', 'objects', 'object_map', 'navigation'), 'hoid_scene')
 
 

@@ -1,7 +1,7 @@
 """Converts camera poses in the core's map to poses in the frames of a robot (REP 103, REP 105).
 
-A robot's map frame has its z axis up and is level with the base at the start, or is that of the
-saved map. Without a base frame, the camera is assumed to be level when it starts, until an
+A robot's map frame has its z axis up and is level with the base at the start, or it is the frame
+of a saved map. Without a base frame, the camera is assumed to be level when it starts, until an
 accelerometer has measured gravity (`RobotFrames.level`).
 """
 

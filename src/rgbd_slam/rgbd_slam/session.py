@@ -164,7 +164,7 @@ class SlamSession:
         self.map.is_growing = mode is SlamMode.MAPPING
 
     def relocalize_near(self, T_map_base: FloatArray, sigma_m: float, sigma_rad: float) -> None:
-        """Discard the pose; search near a given pose before the whole map from the next image on.
+        """Discard the pose; from the next image on, search near a given pose, then everywhere.
 
         T_map_base (4, 4) is the pose of the robot as in RViz, with x forward and z up; without a
         base frame, that of the camera's body axes. The standard deviations are those of position

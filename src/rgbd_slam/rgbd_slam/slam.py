@@ -85,9 +85,9 @@ class RgbdSlam:
     def track(self, features: Features) -> TrackingResult:
         """Return the estimated pose of one frame. Call `learn` before tracking the next one.
 
-        First, the changes that the mapper has finished are applied to the map. A copy of the last
-        tracked image only gets a predicted pose (`RepeatedImages`). Raises MessageError for an
-        octave beyond the configured number.
+        First, the changes that the mapper has finished are applied to the map. An image that
+        repeats the last tracked one only gets a predicted pose (`RepeatedImages`). Raises
+        MessageError for an octave beyond the configured number.
         """
         repetition, original = self._repeated.add(features), self._tracked
         if (

@@ -30,8 +30,8 @@ class ImuConfig(Config):
     )
     level: bool = param(
         default=True,
-        description='Whether an accelerometer makes z of the map frame point up. A saved map '
-        'keeps its own frame. It has no effect with frames.planar and frames.base.',
+        description='Whether an accelerometer makes z of the map frame point up, except with '
+        'frames.planar and frames.base. A saved map keeps its own frame.',
         expert=True,
     )
     calibration: str = param(

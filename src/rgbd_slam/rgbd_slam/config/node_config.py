@@ -73,9 +73,9 @@ class SlamNodeConfig(NodeConfig, SlamConfig):
     )
     map_file: str = param(
         '',
-        'File in map_directory, saved by save_map, whose map is loaded at the start; empty: none '
-        'is. In the mode mapping, a node that crashed resumes from its checkpoint instead, if the '
-        'camera fits and the stamps of the images do not go back.',
+        'File in map_directory, saved by save_map, whose map is loaded at the start. If it is '
+        'empty, no map is loaded. In the mode mapping, a node that crashed resumes from its '
+        'checkpoint instead, if the camera fits and the stamps of the images do not go back.',
     )
     mode: str = param(
         SlamMode.MAPPING.name.lower(),

@@ -21,7 +21,7 @@ _MIN_STEPS = 20  # chosen: fewer tracked rotations determine no calibration
 _ROUNDS, _NEAR_ROUNDS = 3, 2  # chosen: fine searches, each with the weights of the previous one
 _CAUCHY = 1.5  # chosen: residuals of this multiple of the median have the weight 0.5
 _LEAST_RAD = 1e-4  # chosen: far below the errors of tracked rotations, so that no weight is 0 / 0
-_LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median say nothing about the bias
+_LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median are not used for the bias
 _BLOCK_STEPS = 15  # chosen: half a second, over which errors of tracking are correlated
 # Chosen: smallest standard deviation that is given to an estimated bias, and the standard
 # deviation of the bias before it is estimated. 0.02 rad/s is the zero-rate error of common MEMS
@@ -77,7 +77,7 @@ def fit_gyro(
 
     Args:
         R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
-        near_s: The offset (see `GyroFit.offset_s`), if it is known to 10 ms; None: all are tried.
+        near_s: The offset (`GyroFit.offset_s`) if known to 10 ms; None: all offsets are tried.
         window_ns: Duration of the latest rotations that are compared.
     """
     steps = _tracked_steps(motion, gyro, window_ns)

@@ -9,7 +9,7 @@ import numpy as np
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import NS_PER_S, FloatArray, IntArray
 
-_KEPT_NS = 25 * NS_PER_S  # chosen: longer than the tracked motion that rates are compared with
+_KEPT_NS = 25 * NS_PER_S  # chosen: longer than the 20 s of rotations that rates are compared with
 GAP_NS = NS_PER_S // 20
 """Samples that are more than this time [ns] apart leave a gap. Chosen: ten samples at 200 Hz."""
 _HELD_NS = NS_PER_S // 40  # chosen: time for which the first and the last sample are held

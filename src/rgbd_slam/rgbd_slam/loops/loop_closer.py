@@ -96,7 +96,7 @@ class LoopCloser:
         self.detector = LoopDetector(atlas, camera, config)
         self._adjusted_map = _NO_MAP  # the map that was adjusted last
         self._has_grown = False  # whether keyframes have been added to that map since then
-        self.last_join: Join | None = None  # of the last keyframe, if it showed a known place
+        self.last_join: Join | None = None  # join of the last keyframe, if any
         self.adjuster = GlobalAdjuster(
             atlas, camera, self._config.global_iterations, background=background
         )

@@ -107,7 +107,7 @@ class Mapper:
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
         """Take over the map of a dead mapping process; the map of this mapper must be empty."""
         self.map.apply(whole)
-        self.map.version += 1  # of the changes from now on
+        self.map.version += 1  # version of later changes
         self.loops = loops
 
     def close(self) -> None:

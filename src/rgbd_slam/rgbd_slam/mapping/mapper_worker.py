@@ -1,7 +1,7 @@
 """The mapping process: it receives keyframes and sends back the rows of the map that changed.
 
-It ends when the pipe from the tracker closes, after the request that it is working on. It does so
-too if the tracker is killed.
+It ends when the pipe from the tracker closes, after the request that it is working on. It ends as
+well if the tracker is killed.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ class Ready(NamedTuple):
 class Loaded(NamedTuple):
     """In a report: the mapper has loaded a saved map, which the tracker restores itself."""
 
-    version: int  # version of the new map, after which the tracker needs the changes
-    # To be added to the uids of points that the tracker gives from 0 on; 0 if the running map was
-    # kept, because both count on from its points.
+    version: int  # version of the new map; the tracker needs later changes only
+    # Offset from the tracker's uids of points, which count from 0, to those of the mapper. It is 0
+    # if the running map was kept, because both processes then continue its uids.
     uid_offset: int
 
 

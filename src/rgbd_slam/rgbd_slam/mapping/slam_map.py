@@ -97,7 +97,7 @@ class SlamMap:
         )
         self.is_growing = True  # False: localization, no keyframe is inserted
         self.session = secrets.token_hex(8)  # name of the map, a new one when it is replaced
-        self.has_changed = False  # in a way that `consume_change` does not notice by itself
+        self.has_changed = False  # True: in a way `consume_change` cannot detect
         self._last_state: object = None  # at the last `consume_change`
         self._loading: MapLoading | None = None
         self._on_loaded: Callable[[], None] = _ignore
@@ -282,7 +282,7 @@ class SlamMap:
     def prepare_load(
         self, content: MapFile, *, keep: bool = False, extend: bool = True
     ) -> MapLoading:
-        """Return a saved map for `begin_load`. Any thread may call this.
+        """Prepare a saved map for `begin_load`. Any thread may call this.
 
         From now on, the map frame is not leveled, because it becomes that of the saved map.
 

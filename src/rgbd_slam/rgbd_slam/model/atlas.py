@@ -169,7 +169,7 @@ class Atlas(MapTables):
         points.version[j] = self.version
 
     def unobserve(self, i: int, k: IntArray) -> None:
-        """Remove the observations of features `k` (N,) of keyframe `i`, where there are any.
+        """Remove the observations, if any, of features `k` (N,) of keyframe `i`.
 
         Points without observations are removed; those whose reference keyframe is `i` get another
         one.
@@ -334,9 +334,9 @@ class Atlas(MapTables):
     def append_observations(self, blocks: Iterable[Observations], points: IntArray) -> None:
         """Add the observations of appended points in ascending rows (P,).
 
-        The columns of the points count them already. Connections of the keyframes and statistics
-        of the points are computed from them. There are several blocks, sorted by keyframe, so that
-        no call holds the lock of the interpreter for long.
+        The columns of the points count these observations already. Connections of the keyframes
+        and statistics of the points are computed here. There are several blocks, sorted by
+        keyframe, so that no call holds the lock of the interpreter for long.
         """
         rows = []
         for seen in blocks:

@@ -86,7 +86,7 @@ class KeyframeTable(SoaTable):
         return column.array
 
     def release_memory(self) -> None:
-        """Let the operating system take the memory of columns in files; use reads them again."""
+        """Let the operating system take the memory of columns in files until they are read."""
         for column in self._on_disk.values():
             column.release_memory()
 

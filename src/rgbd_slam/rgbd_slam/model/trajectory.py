@@ -95,7 +95,7 @@ class TrajectoryRecorder:
             self._frames[n] = frame
 
     def become_keyframe(self, uid: int) -> None:
-        """Make the final pose of the last frame that of a keyframe, which may still be pending."""
+        """Tie the final pose of the last frame to a new keyframe, which may still be pending."""
         frame = self._frames[len(self) - 1]
         frame['reference_uid'], frame['T_reference_camera'] = uid, np.eye(4)[:3]
         self._frames[len(self) - 1] = frame

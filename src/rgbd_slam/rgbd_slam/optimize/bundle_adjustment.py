@@ -94,7 +94,7 @@ def local_bundle_adjustment(
 
 
 def _fixed_keyframes(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
-    """Return rows of at most `limit` other keyframes that observe points, most points first."""
+    """Return rows of at most `limit` other keyframes that observe points `j`, most first."""
     votes = np.bincount(atlas.observations_of(j).i, minlength=atlas.keyframes.capacity)
     votes[free] = 0
     order = np.argsort(-votes, kind='stable')[:limit]

@@ -231,8 +231,8 @@ class PoseConsensus:
 
         An object that moves slowly fits the pose of all matches nearly as well as the static
         scene, so that residuals do not show it. When its matches are left out, however, the pose
-        of the other matches changes, and their cost falls by more than noise explains. In a blur
-        it falls without any region; there, the other matches do not fit the new pose either.
+        of the other matches changes, and their cost falls by more than noise explains. In a blur,
+        it falls whatever is left out; there, the other matches do not fit the new pose either.
         """
         config = self._config
         if not config.leave_out_parts or len(deciding) < config.min_well_observed:

@@ -132,7 +132,7 @@ class CheckpointThread:
             try:
                 with self._is_writing:
                     took_s = self._write()
-            except Exception as error:  # noqa: BLE001 - the next one may be written
+            except Exception as error:  # noqa: BLE001 - the next checkpoint may succeed
                 self._report_failure(error)
             usual_s = min(2 * usual_s, self._period_s)
             pause_s = max(usual_s, took_s / _MAX_SHARE)

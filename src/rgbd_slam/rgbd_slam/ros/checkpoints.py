@@ -100,7 +100,7 @@ class Checkpoints:
         return True
 
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
-        """Switch the session to mapping once the camera is found or was searched for long."""
+        """Switch the session to mapping once the camera is found, or after 30 s of searching."""
         if self._search_end_ns is None:
             return done
         if session.map.is_loading:

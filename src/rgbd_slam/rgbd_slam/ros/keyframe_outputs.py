@@ -80,7 +80,7 @@ class KeyframeOutputs:
         return self._message(self._present())
 
     def publish_image(self, image: TrackedImage | None, header: Header) -> None:
-        """Publish the pose of an image that was tracked; None: there is none."""
+        """Publish the pose of a tracked image; do nothing if it is None."""
         session = self._find_session()
         if image is None or session is None or not self._images.is_wanted:
             return

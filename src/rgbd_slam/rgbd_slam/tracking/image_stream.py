@@ -28,7 +28,8 @@ _NEW_RATE = 15
 _PAUSE_NS = NS_PER_S  # a longer gap is a pause of the camera or the bag, in which no image is lost
 # Chosen: an image is a copy if more than this share of its features have exactly the positions of
 # features of the original. In an image that is no copy, the noise of the camera moves all features
-# by fractions of a pixel. In a copy, some differ because the filter may remove other ones.
+# by fractions of a pixel. In a copy, some features differ because the filter may have removed
+# others.
 _MIN_SHARE = 0.5
 _NOTE = (
     'a color image was received twice under two stamps: the camera takes fewer images than its '

@@ -21,7 +21,7 @@ _SMOOTHING_S = 0.1
 _SPREAD_S = 5.0  # chosen: time over which the spread of the velocity is averaged
 _INITIAL_SPREAD_MPS = 0.2  # chosen: along each axis, of a hand-held camera
 _LEAST_RECKONED_S = 0.1  # chosen: over three images, the last velocity predicts as well
-_MAX_BRIDGE_S = 1.5  # chosen: later the position is known to no better than about 0.2 m
+_MAX_BRIDGE_S = 1.5  # chosen: after it, the error of the position exceeds about 0.2 m
 _RATE_NS = NS_PER_S // 50  # chosen: time of a measured rate, about one readout of an image
 _SOURCE = 'the gyro'
 

@@ -18,8 +18,8 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 
 # ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations from which a point of the
 # reference keyframe counts as confirmed (an observation with depth counts twice); the second
-# number is that while the map of this keyframe has at most two keyframes. `reference_share` is
-# then replaced by the share that ORB-SLAM3 uses for a map of one keyframe.
+# number applies while the map has at most two keyframes. `reference_share` is then replaced by the
+# share that ORB-SLAM3 uses for a map of one keyframe.
 _MIN_WEIGHT = 3
 _MIN_WEIGHT_NEW_MAP = 2
 _NEW_MAP_KEYFRAMES = 2

@@ -53,7 +53,7 @@ class MotionSource(Protocol):
         """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the inverse motion with covariances if it was measured, not extrapolated."""
+        """Return T_last_camera with covariances; None unless it was measured."""
 
 
 class ExternalOdometry:

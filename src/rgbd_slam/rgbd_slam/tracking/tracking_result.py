@@ -29,7 +29,8 @@ class TrackingResult:
     # that was started after a loss and is not the main one.
     covariance: FloatArray | None = None
     image_covariance: FloatArray | None = None  # (6, 6) part whose errors differ between images
-    # Number of matched map points. In the first image of a map, both numbers are that of features.
+    # Number of matched map points. For the first image of a map, this number and `num_inliers` are
+    # the number of features.
     num_tracked: int = 0
     num_inliers: int = 0  # number of matched map points that fit the pose
     is_keyframe: bool = False

@@ -20,8 +20,8 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 
 _logger = logging.getLogger(__name__)
 
-# Chosen: of a gap between two images, at most this time counts as lost; in a longer gap there was
-# no image in which the camera could have been found.
+# Chosen: largest part of a gap between two images that counts as lost, because the camera cannot
+# be found without images.
 _MAX_GAP_NS = NS_PER_S // 2
 # Chosen: time and number of images after which a lost camera starts a new map where it sees "new
 # ground", that is, surfaces that are not in the map. Most blurs are shorter.
