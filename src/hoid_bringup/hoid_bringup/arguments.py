@@ -13,7 +13,7 @@ _CHOICE = re.compile(r"invalid choice: '?([^']*?)'? \(choose from (.*)\)")
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors begin with the line that says what to do."""
+    """A parser whose error messages begin with the remedy and end with the usage."""
 
     def __init__(self, *, prog: str, **options: Any) -> None:
         # Without abbreviations, a new option cannot change the meaning of an old command line.
@@ -37,7 +37,7 @@ class Parser(argparse.ArgumentParser):
         return self
 
     def suggested_option(self, word: str) -> str:
-        """Return the end of an error line: the option that was probably meant, or nothing."""
+        """Return the end of an error line: the option that was probably meant, or ''."""
         name = word.partition('=')[0]
         return did_you_mean(name, self._option_string_actions)
 

@@ -102,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             os.environ.setdefault(variable, '1')
         interrupt_on_termination()
         return _run_command(chosen, argv)
-    except KeyboardInterrupt:  # also one that comes while an error is being printed
+    except KeyboardInterrupt:  # also an interrupt while an error is being printed
         sys.stderr.write(f'hoid {chosen}: interrupted\n')
         return _INTERRUPTED
 
@@ -150,7 +150,7 @@ def _run_command(chosen: str, argv: Sequence[str]) -> int:
 
 
 def _is_own_or_warning(record: logging.LogRecord) -> bool:
-    """Return whether the suite has logged a record, or a library at least a warning."""
+    """Return whether a log record is from the suite, or from a library and at least a warning."""
     return record.levelno >= logging.WARNING or record.name.startswith(('hoid_', 'rgbd_slam'))
 
 
@@ -178,7 +178,7 @@ def _check_names(args: argparse.Namespace) -> None:
 def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
     """Yield a warning for each hidden folder that a killed command has left behind.
 
-    The folders that the arguments name are searched, and the parents of the paths there. Lists of
+    Folders that the arguments name, and the parent folders of their paths, are searched. Lists of
     paths are not considered.
     """
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
@@ -191,9 +191,9 @@ def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
 
 
 def argument_parser(chosen: str) -> argparse.ArgumentParser:
-    """Return the parser of all commands, with the arguments of the chosen one only.
+    """Return the parser of all commands, with the arguments of the chosen command only.
 
-    Its module is imported; InputError if a Python package that it needs is missing.
+    The command's module is imported; InputError if a Python package that it needs is missing.
     """
     parser = Parser(prog='hoid', description='RGB-D SLAM among moving people.')
     parser.add_argument('--version', action='version', version=f'hoid {version("hoid_bringup")}')
@@ -203,7 +203,7 @@ def argument_parser(chosen: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=command.help, description=f'{command.help}.')
         if name == chosen:
             add_arguments(name, sub)
-            _add_verbosity(sub, argparse.SUPPRESS)  # what stands before the command stays
+            _add_verbosity(sub, argparse.SUPPRESS)  # keeps an option given before the command
     if chosen and chosen not in COMMANDS:
         parser.error(f'there is no command {chosen}{did_you_mean(chosen, COMMANDS)}')
     return parser

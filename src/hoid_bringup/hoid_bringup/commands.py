@@ -224,7 +224,7 @@ def run_report(summary: Summary, out_dir: Path) -> str:
 
 
 def dropped_frames(summary: Summary) -> str:
-    """Return how many frames of a replay were dropped, and why; empty if none is known to be."""
+    """Return how many frames of a replay were dropped, and why; empty if none were dropped."""
     num_dropped = summary.frames_total - summary.frames_processed
     if num_dropped <= 0 or not summary.cpu_share_by_node:
         return ''

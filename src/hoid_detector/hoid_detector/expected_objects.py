@@ -10,20 +10,20 @@ import numpy as np
 from hoid_common.values import NS_PER_S, BoolArray, Detections, Float32Array, IntArray
 from hoid_native import intersections_over_union
 
-_MIN_IOU = 0.5  # of a weak box and an expected one; as in a trial on six rendered rooms
+_MIN_IOU = 0.5  # of a weak and an expected box; from a trial on six rendered rooms
 # Chosen: boxes of older images are not used, because the camera has moved since.
 _MAX_AGE_NS = NS_PER_S
-# Least overlap of an expected box and a strong one of its class that show the same object, from
-# which the shift of the image since the boxes were expected is measured; not tuned.
+# Least overlap of an expected and a strong box of one class that show the same object. Such pairs
+# measure the shift of the image since the boxes were expected. Not tuned.
 _MIN_IOU_SHIFTED = 0.1
 
 
 def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -> IntArray:
-    """Return the rows (M,) of the weak boxes that show expected objects, at most one for each.
+    """Return the rows (M,) of weak boxes that show expected objects, at most one box per object.
 
-    The expected boxes are first shifted by the median motion of those that were detected, because
-    the camera may have moved. An object is shown by the best box of its class that overlaps it by
-    half, unless a strong box of any class does: it was detected already.
+    The expected boxes are first shifted by the median motion of detected objects, because the
+    camera may have moved. The best box of an object's class that overlaps it by half is returned,
+    unless a strong box of any class overlaps it by half: then the object was detected already.
     """
     if abs(weak.stamp_ns - expected.stamp_ns) >= _MAX_AGE_NS or not len(weak):
         return np.empty(0, np.int64)
@@ -40,7 +40,7 @@ def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -
 
 
 def _shift_px(expected: Detections, strong: Detections) -> Float32Array:
-    """Return the median motion (2,) of the expected boxes that were detected; 0 without any."""
+    """Return the median motion (2,) [px] of expected boxes that were detected; 0 without one."""
     overlaps = intersections_over_union(expected.boxes_xyxy_px, strong.boxes_xyxy_px)
     overlaps = np.where(_are_alike(expected, strong), overlaps, 0)
     rows = np.flatnonzero((overlaps >= _MIN_IOU_SHIFTED).any(axis=1))

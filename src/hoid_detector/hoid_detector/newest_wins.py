@@ -13,8 +13,8 @@ R = TypeVar('R')
 class NewestWins(Generic[T, R]):
     """Processes one item at a time in a worker thread, while only the newest other item waits.
 
-    One thread calls the methods. The worker calls `work`, then `wake`, after which the owner must
-    call `finish`.
+    One thread, the owner, calls the methods. The worker calls `work`, then `wake`; the owner must
+    then call `finish`.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -23,13 +23,13 @@ class NewestWins(Generic[T, R]):
         self._pool = ThreadPoolExecutor(max_workers=1)
         self._running: Future[R] | None = None
         self._waiting: T | None = None
-        self._is_due = False  # whether the waiting item starts as soon as no other one runs
-        self.num_dropped = 0  # items that a newer one replaced
+        self._is_due = False  # whether the waiting item starts as soon as no other item runs
+        self.num_dropped = 0  # items that a newer item replaced
 
     def offer(self, item: T, *, is_due: bool = True) -> None:
-        """Let an item wait in place of the one that waits, and start it if it may start.
+        """Replace the waiting item by a new item, and start it if it is due and nothing runs.
 
-        An item that is not due starts with `start_waiting`, or in the place of a due one.
+        An item that is not due starts by `start_waiting`, or if it replaces a due item.
         """
         if self._waiting is not None:
             self.num_dropped += 1
@@ -39,7 +39,7 @@ class NewestWins(Generic[T, R]):
             self.start_waiting()
 
     def start_waiting(self) -> None:
-        """Process the waiting item, if there is one, now or after the running one."""
+        """Process the waiting item, if there is one, now or after the running item."""
         self._is_due = self._waiting is not None
         if self._running is None and self._waiting is not None:
             item, self._waiting, self._is_due = self._waiting, None, False
@@ -47,7 +47,7 @@ class NewestWins(Generic[T, R]):
             self._running.add_done_callback(lambda _: self._wake())
 
     def finish(self) -> R | None:
-        """Return the finished result or None, or raise its error; start a waiting item if due."""
+        """Return the result (None after `clear`) or raise its error; start a due waiting item."""
         if self._running is None or not self._running.done():
             return None
         done, self._running = self._running, None
@@ -56,7 +56,7 @@ class NewestWins(Generic[T, R]):
         return done.result()
 
     def clear(self) -> None:
-        """Discard the waiting item, and the running one with its result or error."""
+        """Discard the waiting item, and the running item with its result or error."""
         self._waiting, self._is_due = None, False
         if self._running is not None:
             self._running.exception()

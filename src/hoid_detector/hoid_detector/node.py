@@ -78,10 +78,10 @@ class DetectorNode(ManagedNode):
         self.begin(autostart=self._settings.config.autostart)
 
     def _pace(self, rate_hz: float) -> None:
-        """Detect objects at a rate, by the stamps of images; 0 = in every image.
+        """Detect objects at a rate [Hz] by the stamps of images; 0 = in every image.
 
-        The newest image, if it was not due, is processed once no other one has come for a period:
-        a stream that stops, or a camera that is triggered, ends with detections.
+        If the newest image was not due, it is processed once no other image has come for a period.
+        A stream that stops, or a triggered camera, therefore ends with detections.
         """
         self._rate = Rate(rate_hz)
         self._pause: Timer | None = None

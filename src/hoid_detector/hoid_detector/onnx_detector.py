@@ -27,8 +27,8 @@ from hoid_detector.model.probe import AUTO, Probe
 from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turned
 
 _LOG = logging.getLogger(__name__)
-# Chosen: the layout is wrong once so many boxes lie outside the image, if these are also more than
-# those inside.
+# Chosen: the layout is wrong if at least so many boxes are outside the image, and more boxes are
+# outside than inside.
 _MIN_OUTSIDE = 3
 # Chosen: images without a box at the start that deserve a warning; 10 s at 30 Hz.
 _MANY_EMPTY = 300
@@ -49,12 +49,12 @@ class OnnxDetector:
         self.reconfigure(config)
         self.warning = ''  # one line if the outputs for the latest image are not finite
         self._num_inside = self._num_outside = 0  # boxes of all images
-        self._num_empty: int | None = 0  # images so far without a box; None: there was one
+        self._num_empty: int | None = 0  # images so far without a box; None: an image had a box
         self.num_non_finite = 0  # images for which the outputs were not finite
         self.network_ms = 0.0  # inference of the latest image, wall time
         self.detect_ms = 0.0  # all of the latest call of `detect`, wall time
-        # Where images of about this time should show known objects; None: nothing is known. It has
-        # an effect only with `expected_score_threshold`, and any thread may set it.
+        # Boxes of known objects that images of about this time should show, or None. They have an
+        # effect only with `expected_score_threshold`. Any thread may set them.
         self.expected: Detections | None = None
         _LOG.info('%s', self.description)
 
@@ -69,7 +69,7 @@ class OnnxDetector:
         )
 
     def reconfigure(self, config: DetectorConfig) -> None:
-        """Apply new parameters, but for loading the model; ConfigError for an unknown class."""
+        """Apply new parameters, but keep the loaded model; ConfigError for an unknown class."""
         self.check_classes(config.classes)
         names = np.array(self.class_names)
         self._is_reported = np.isin(names, config.classes or names)
@@ -85,7 +85,7 @@ class OnnxDetector:
         """Return the detections in an image (H, W, 3), highest score first, clipped to the image.
 
         MessageError for another shape; ModelError if the outputs do not fit the layout, or most
-        boxes so far were outside their images. Not for two threads at the same time.
+        boxes so far were outside their images. It is not thread-safe.
         """
         if image_bgr.ndim != 3 or image_bgr.shape[2] != 3 or 0 in image_bgr.shape:
             raise MessageError(f'image must be (height, width, 3), got {image_bgr.shape}')

@@ -20,7 +20,7 @@ def mounted_roll_deg(T_base_camera: FloatArray) -> float:
 
     It is 0 for a camera that looks more than 60 degrees up or down. The z axis of the base is up.
     """
-    right, down = T_base_camera[2, :2]  # how far x and y of the image point upwards
+    right, down = T_base_camera[2, :2]  # upward components of the image's x and y axes
     if np.hypot(right, down) < _MIN_UP:
         return 0.0
     return float(np.rad2deg(np.arctan2(-right, -down)))

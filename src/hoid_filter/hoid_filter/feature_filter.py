@@ -109,7 +109,7 @@ class FeatureFilter:
         return DetectedCorners(frame, corners, time.perf_counter() - start)
 
     def detect_motion(self, detected: DetectedCorners) -> None:
-        """Segment motion in an image of the camera that is due and no copy of another one."""
+        """Segment motion if the image is from `camera`, due by rate, and not a repeated one."""
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1

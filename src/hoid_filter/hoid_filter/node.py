@@ -84,7 +84,7 @@ class FilterNode(ManagedNode):
         (header, image_bgr), (depth_header, depth_m) = match.values
         size_px = image_bgr.shape[1], image_bgr.shape[0]
         if size_px != self._size_px:
-            if self._size_px is not None:  # boxes of the other resolution mean nothing now
+            if self._size_px is not None:  # boxes in pixels of the old resolution are invalid
                 self._live.forget()
             self._size_px = size_px
             self._use_camera()
@@ -115,7 +115,7 @@ class FilterNode(ManagedNode):
         self._use_camera()
 
     def _use_camera(self) -> None:
-        """Use the camera_info, scaled to the size of the color images if that is a multiple."""
+        """Use the camera_info, scaled to the color images if the ratio of sizes is whole."""
         camera, size_px = self._camera, self._size_px
         if camera is None or size_px is None:
             return

@@ -24,8 +24,8 @@ class FilterInput(NamedTuple):
     """One image as a strategy receives it: detections, depth, corners and moving regions."""
 
     stamp_ns: int
-    # Detected boxes of this image, of an older one or, when the image is classified again, of a
-    # later one, clipped to the image. None: no new ones have come since the last call.
+    # Detected boxes of this image, of an older image or, when the image is classified again, of a
+    # later image, clipped to the image. None: no new boxes have come since the last call.
     detections: Detections | None
     depth_m: Float32Array  # (H, W); 0 = no depth
     # (K,) FAST corners or, when the image is classified again, published features, as indices into

@@ -21,7 +21,7 @@ from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray, Trajec
 
 ASSOCIATION_S = 0.02
 RPE_INTERVAL_S = 1.0
-MIN_POSES = 3  # fewer do not determine a rigid alignment
+MIN_POSES = 3  # fewer poses do not determine a rigid alignment
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class AlignedTrajectory:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of one trajectory; those of the RPE are None if no two poses are a second apart."""
+    """Errors of one trajectory; RPE values are None if no two poses are a second apart."""
 
     num_pairs: int  # estimated poses with a true pose at nearly the same stamp
     coverage: float | None  # share of frames with a pose; None: the number of frames is unknown

@@ -1,4 +1,4 @@
-"""How many processor cores the nodes use, and what is left out where there is only one."""
+"""Number of processor cores for the nodes, and parameters that reduce the work on one core."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SAID = {
 
 
 def use_cores(number: int | None) -> int:
-    """Let this process, and those that it starts, use at most so many cores; return how many.
+    """Limit this process and its children to a number of cores; return how many they may use.
 
     None: all cores that this process may use. ConfigError if the number is below 1.
     """
@@ -39,7 +39,7 @@ def use_cores(number: int | None) -> int:
 
 
 def within_budget(options: NodeOptions, num_cores: int) -> NodeOptions:
-    """Return options that leave out part of the work on one core, and log what is left out.
+    """Return options that reduce the work if there is one core; log the changed parameters.
 
     Odometry of every image comes first. Values that the user has given are kept.
     """

@@ -36,7 +36,7 @@ class LiveMetrics:
     def latency_ms(self) -> list[float]:
         """Return the times [ms] from publishing an image to receiving its odometry, by stamp.
 
-        Images of which one of the two is unknown are left out.
+        Images for which one of the two times is unknown are left out.
         """
         return [
             (at_ns - self.published_ns[stamp_ns]) * _MS_PER_NS

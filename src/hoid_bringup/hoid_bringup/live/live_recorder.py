@@ -1,4 +1,4 @@
-"""Recorder of what the nodes publish during a replay."""
+"""Recorder of the messages that the nodes publish during a replay."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class LiveRecorder:
                 time.sleep(min(left_s, _PAUSE_S))
 
     def missing(self, camera_info: bytes) -> str:
-        """Return why filter or SLAM node cannot receive images yet; empty: both can.
+        """Return why the filter or SLAM node cannot receive images yet; '' if both can.
 
         Once all connections exist, each call also publishes `camera_info`, a serialized message,
         until the SLAM node has published its status, so that its mapping process runs before the
@@ -130,7 +130,7 @@ class LiveRecorder:
         return conversions.cloud_from_msg(self._cloud).points_m.astype(np.float64)
 
     def _on_camera(self, msg: CameraInfo, info: Mapping[str, int]) -> None:
-        # The time at which camera_info is published counts as that of the image, which follows at
+        # The arrival of camera_info counts as the publication of the image, which follows at
         # once. A subscription to images would take far more processor time.
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
         self.metrics.published_ns[stamp_ns] = info['source_timestamp']

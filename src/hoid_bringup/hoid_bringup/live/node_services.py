@@ -25,7 +25,7 @@ from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 _WAIT_S = 10.0  # chosen: discovery takes about a second, on a busy computer several
 _RESPONSE_S = 600.0  # chosen: a map of a building takes minutes to save or load
 _MEASURED_S = 2.0  # chosen: time during which the rate of images is measured
-# Without images: a node reports an input that is silent for 2 s in the next message of 1 Hz.
+# Wait without images: a node reports an input that is silent for 2 s in its next 1 Hz message.
 _SILENT_S = 3.5
 
 
@@ -85,8 +85,8 @@ def add_status_arguments(parser: argparse.ArgumentParser) -> None:
 def status_command(args: argparse.Namespace) -> None:
     """Print which nodes run and what they lack, and the state, images and map of the SLAM node.
 
-    For two seconds after the first message of a node, others are awaited, and the rate of images
-    is measured; if there are none, the nodes get the time to report why. InputError if no node
+    For two seconds after the first message of a node, the command waits for other nodes and counts
+    images. Without images, it waits longer, so that nodes can report why. InputError if no node
     reports within the time of `--wait`.
     """
     statuses: list[SlamStatusMsg] = []
@@ -134,7 +134,7 @@ def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str
 
 
 def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: float) -> str:
-    """Return the nodes and the state of the SLAM node, which may have sent none yet, as text."""
+    """Return the nodes and the SLAM node's state as text; `status` None: no status received."""
     lines = [
         f'{"" if n else "nodes":7s} {name}: {text}' for n, (name, text) in enumerate(nodes.items())
     ]
@@ -174,7 +174,7 @@ def _slam_lines(status: SlamStatus | None, rate_hz: float) -> list[str]:
 def _call(args: argparse.Namespace, kind: type[Any], service: str, request: Any) -> None:
     """Call a service of the running SLAM node, and print the line of its response.
 
-    InputError if it is not available in time, does not respond, or fails.
+    InputError if the service is not available in time, does not respond, or fails.
     """
     with ros_session('hoid_client', args.namespace) as node:
         name = node.resolve_service_name(service.replace('~', SLAM))

@@ -47,7 +47,7 @@ class NodeOptions:
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def given(self, node: str) -> dict[str, Any]:
-        """Return the parameters that the user gives to a node; none if it is not started."""
+        """Return the parameters that the user gives to a node; empty if it is not started."""
         if node not in self.nodes:
             return {}
         from_file = load_params(self.params_file, node) if self.params_file else {}
@@ -57,10 +57,10 @@ class NodeOptions:
 def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
     """Return the command lines of the nodes, for which `parameters` precede `params_file`.
 
-    They contain the values of `parameters` and not the name of a temporary file with them, so that
-    a node can be restarted even if temporary files were removed. If a parameter for experts is
-    among them, the parameters for experts of its node are switched on. ConfigError if a given
-    parameter is internal: it exists in offline runs only.
+    Values of `parameters` are on the command lines, not in a temporary file, so that a node can be
+    restarted even if temporary files were removed. If an expert parameter is among them, `expert`
+    is set for its node. ConfigError if a given parameter is internal: it exists in offline runs
+    only.
     """
     return tuple(_spec(package, options) for package in options.nodes)
 

@@ -125,7 +125,7 @@ def _add_process_options(parser: argparse.ArgumentParser) -> None:
 
 def nodes_command(args: argparse.Namespace) -> None:
     """Run the nodes until Ctrl-C or SIGTERM, or until a node ends that is not restarted."""
-    require_node_limits()  # which the nodes inherit
+    require_node_limits()  # the nodes inherit these limits
     options = node_options(args)
     check_files(options)
     options = within_budget(without_detector(options), use_cores(args.cores))
@@ -142,7 +142,7 @@ def nodes_command(args: argparse.Namespace) -> None:
 
 
 def _supervise(supervisor: Supervisor) -> None:
-    """Run the nodes until an interrupt; InputError if one ends and is not restarted."""
+    """Run the nodes until an interrupt; InputError if a node ends and is not restarted."""
     with supervisor:
         _say(f'{", ".join(supervisor.pids)} started; Ctrl-C ends them')
         try:
@@ -233,8 +233,8 @@ def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 def without_detector(options: NodeOptions) -> NodeOptions:
     """Return options with the strategy `motion` if no detector model is found.
 
-    The options are unchanged if detector or filter is not to run, if the user gives a model or a
-    strategy, or if a model is found or downloaded (see `has_model`).
+    The options are unchanged if detector or filter is not among the nodes, if the user gives a
+    model or a strategy, or if a model is found or downloaded (see `has_model`).
     """
     is_chosen = 'model' in options.given(DETECTOR) or 'strategy' in options.given(FILTER)
     if is_chosen or not {DETECTOR, FILTER} <= set(options.nodes) or has_model():

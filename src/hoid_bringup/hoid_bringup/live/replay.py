@@ -33,7 +33,7 @@ _NUM_OTHER_PROCESSES = 2  # besides the nodes: the player and this process
 _READY_TIMEOUT_S = 90.0  # not tuned: nodes start in seconds, on a busy computer in tens of seconds
 _TICK_S = 0.25  # chosen: period of checks and of the progress bar
 _CPU_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
-_QUIET_S = 2.0  # chosen: without a result for so long, the nodes have processed all images
+_QUIET_S = 2.0  # chosen: after this time without a result, all images are processed
 
 
 def replay(
@@ -51,9 +51,9 @@ def replay(
     folder cannot be written, or shared memory is scarce.
 
     Args:
-        out_dir: Folder for the results. Its folder `logs`, for those of the processes, is emptied.
+        out_dir: Folder for the results. Its subfolder `logs`, for logs of processes, is emptied.
         options: Options for the summary; None or empty: strategy, seed and all changed parameters.
-        recording: Path for the summary, if the bag was converted; None: that of the bag.
+        recording: Path for the summary, if the bag was converted; None: the path of the bag.
     """
     summary_options = {
         **(options or config.run.summary_options()),

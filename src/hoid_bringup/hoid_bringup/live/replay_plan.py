@@ -63,7 +63,7 @@ class ReplayConfig(Config):
 
 
 def camera_info_topic(bag: BagSequence) -> BagTopic:
-    """Return the camera_info of a bag, which the nodes need; InputError if it has none."""
+    """Return the camera_info topic of a bag, which the nodes need; InputError if it is missing."""
     if bag.topics.camera_info is None:
         raise InputError(
             f'{bag.path}: has no camera_info topic, which the nodes need; record it, or use '
@@ -139,7 +139,7 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     played = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
         played.append(found.true_detections)
-    if found.depth_info is not None:  # with it, the nodes can map depth to color
+    if found.depth_info is not None:  # the nodes need it to map depth to color
         played += [found.depth_info, found.static_frames]
     num_subscribers = len(config.nodes) - 1  # SLAM needs no images
     offset = ('--depth-offset', str(bag.depth_offset_ns / NS_PER_S)) if bag.depth_offset_ns else ()

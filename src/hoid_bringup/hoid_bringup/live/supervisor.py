@@ -3,8 +3,8 @@
 A ROS node can hang in its shutdown with Python's interpreter lock held, so that it cannot end
 itself. The supervisor therefore sends SIGINT, then SIGTERM, then SIGKILL.
 
-If the block of a supervisor ends by an error, the children get another signal in place of SIGINT,
-by which the SLAM node knows that it must keep its checkpoint (decision 046).
+If the supervisor's block ends by an error, the children get another signal instead of SIGINT. It
+tells the SLAM node to keep its checkpoint (decision 046).
 
 `ros2 launch` does the same with `respawn`, but needs an installation of ROS; `hoid` does not.
 """
@@ -31,7 +31,7 @@ from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
-# Time for a node to end itself after SIGINT; then it gets SIGTERM, and SIGKILL a little later.
+# Time for a node to end itself after SIGINT. It then gets SIGTERM, and SIGKILL a little later.
 # `ros2 launch` waits as long before it sends SIGKILL.
 _GRACE_S = 10.0
 _MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
@@ -59,7 +59,7 @@ class ProcessExit:
 
     name: str
     status: int  # exit status; negative: minus the number of the signal that ended it
-    restart_s: float | None = None  # time until it is started again; None: it is not
+    restart_s: float | None = None  # time until it is started again; None: no restart
 
     @property
     def refused_to_start(self) -> bool:
@@ -105,8 +105,8 @@ class Supervisor:
         self._pauses_s: dict[str, float] = {}  # pause after the next refusal, which then doubles
         self._has_run: set[str] = set()  # children of which a start succeeded
         self._peak_rss_mb: dict[str, float] = {}
-        self._read_bytes: dict[str, int] = {}  # of each log file, up to which it has been read
-        self._next_measurement_s = 0.0  # monotonic
+        self._read_bytes: dict[str, int] = {}  # bytes of each log file that have been read
+        self._next_measurement_s = 0.0  # time of the next measurement (monotonic)
 
     def __enter__(self) -> Self:
         try:
@@ -125,7 +125,7 @@ class Supervisor:
         return {name: process.pid for name, process in self._running.items()}
 
     def peak_rss_mb(self) -> dict[str, float]:
-        """Return the largest resident memory [MiB] that `poll` has measured of each family."""
+        """Return the largest resident memory [MiB] of each child with its descendants."""
         return dict(self._peak_rss_mb)
 
     def new_log_lines(self) -> list[str]:
@@ -264,7 +264,7 @@ def family_mb(pid: int) -> float:
 
 
 def last_line(log: Path) -> str:
-    """Return the last line of a log file, without "error: ", or why there is none."""
+    """Return the last line of a log file, without "error: ", or why the file has no line."""
     try:
         lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
     except OSError as error:
@@ -292,9 +292,9 @@ def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator
 
 
 def _end_with_parent(sign: signal.Signals) -> tuple[str, ...]:
-    """Return the prefix by which a command gets a signal when this process dies.
+    """Return the command prefix (setpriv) that sends a signal when this process dies.
 
-    It is empty where the program setpriv (of util-linux) is missing.
+    The prefix is empty if the program setpriv (of util-linux) is missing.
     """
     setpriv = shutil.which('setpriv')
     return (setpriv, '--pdeathsig', sign.name, '--') if setpriv is not None else ()

@@ -69,7 +69,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def map_command(args: argparse.Namespace) -> None:
-    """Print what saved maps hold, or join or change them."""
+    """Print the contents of saved maps, join maps, or change them."""
     described = {_INFO: _described, _LOOPS: _listed_loops}
     change = {_MERGE: _merge, _REMOVE: _remove_loop, _EXPORT: _export}.get(args.action)
     if change is not None:
@@ -131,7 +131,7 @@ def _export(args: argparse.Namespace) -> None:
 
 
 def scene_of(path: Path) -> SavedScene:
-    """Return the scene of a saved map; that of a map which a killed node has left is empty."""
+    """Return the scene of a saved map; empty for the folder that a killed node has left."""
     return scene_file.read_file(path) if path.is_file() else SavedScene()
 
 
@@ -177,7 +177,7 @@ def _listed_loops(path: Path, content: MapFile) -> Iterable[str]:
 
 
 def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tuple[int, int]]:
-    """Return the numbers of the maps of each pair; ConfigError if one is not among the maps."""
+    """Return the indices of each pair in `maps`; ConfigError if a path is not among the maps."""
     for pair in pairs:
         for path in pair:
             if path not in maps:
@@ -188,7 +188,7 @@ def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tupl
 
 
 def _joined(path: Path, join: MapJoin, maps: Sequence[Path]) -> Iterator[str]:
-    """Yield what `map merge` prints about one map: the maps it is joined with, and why."""
+    """Yield the lines of `map merge` about one map: the maps it is joined with, and why."""
     names = ', '.join(str(maps[n]) for n in join.joined_with)
     line = f'{path}: joined with {names}' if names else f'{path}: not joined'
     if not names and not join.fits:

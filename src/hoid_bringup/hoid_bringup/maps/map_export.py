@@ -1,4 +1,4 @@
-"""The action `map export`: writes a saved map as a mesh, or its objects as JSON, for others."""
+"""The action `map export`: writes a saved map as a mesh, or its objects as JSON."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def export(content: MapFile, scene: SavedScene, out: Path | None, *, is_semantic
     """Write a map to a file of the kind that its suffix names; return a summary of its content.
 
     PLY and GLB have a mesh of the dense map with the colors of vertices, or with those of the
-    classes of objects if `is_semantic` is set; JSON has the objects, but tentative ones.
-    ConfigError if the ending of the file is missing or another one. InputError if the map has no
+    classes of objects if `is_semantic` is set; JSON has the objects without tentative ones.
+    ConfigError if the suffix of the file is missing or unknown. InputError if the map has no
     dense map, or a package is missing.
     """
     if out is None or out.suffix not in (_PLY, _GLB, _JSON):

@@ -34,7 +34,7 @@ from hoid_scene.store.scene_file import restored
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.store import map_file
 
-_QUALITY = 85  # chosen: of a JPEG
+_QUALITY = 85  # chosen: JPEG quality
 _UNITS_NS = {'s': NS_PER_S, 'm': 60 * NS_PER_S, 'h': 3600 * NS_PER_S, 'd': 86400 * NS_PER_S}
 
 

@@ -26,8 +26,8 @@ def detection_source(
     """Return a function that returns the detections of a frame.
 
     It returns None for each frame if the strategy needs no detections, for frames that the
-    detector leaves out by its rate, and for those without a message of ground-truth boxes.
-    InputError if ground-truth boxes are requested, and the recording has none. ModelError if the
+    detector skips by its rate, and for frames without a message of ground-truth boxes.
+    InputError if ground-truth boxes are requested and missing. ModelError if the
     detector model is not found, or cannot be used.
 
     Args:

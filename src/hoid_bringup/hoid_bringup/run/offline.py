@@ -57,8 +57,8 @@ class MapFiles(NamedTuple):
 class OfflinePipeline:
     """Detector, filter and SLAM in one process, with one call of `process` for each frame.
 
-    HoidError if there is no usable detector model, or no ground-truth boxes although they are
-    configured, or the calibration file of the IMU cannot be used.
+    HoidError if the detector model, the configured ground-truth boxes or the IMU's calibration
+    file are missing or unusable.
 
     Args:
         detect: Function that returns the detections of a frame; None: the configured detector.

@@ -95,7 +95,7 @@ def recording(args: argparse.Namespace) -> Sequence:
 def _max_gap_ns(args: argparse.Namespace) -> int:
     """Return the limit [ns] for the gap between the stamps of a color and a depth image.
 
-    It is `filter.sync_slop_s` if the options change it, or else that of TUM's association tool.
+    It is `filter.sync_slop_s` if the options change it, or else the TUM association tool's limit.
     """
     slop_s = run_config(args).changed().get(_SLOP)
     return MAX_PAIR_GAP_NS if slop_s is None else round(slop_s * NS_PER_S)

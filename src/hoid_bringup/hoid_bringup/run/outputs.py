@@ -29,7 +29,7 @@ PICTURE = 'trajectory.png'
 def write_outputs(out_dir: Path, result: RunResult) -> Summary:
     """Write all files of a run into a folder, which is created if needed; return the summary.
 
-    Existing files of other names stay. No partial file remains if the folder cannot be written.
+    Files with other names are kept. No partial file remains if the folder cannot be written.
     """
     summary = summarize(result)
     with staged(out_dir) as stage:

@@ -19,12 +19,12 @@ STAGES = {
 }
 """Node of each stage, by the stage's short name."""
 SHARED = ('map_directory',)
-"""Parameters that have one value in all nodes that have them, unless a stage is named."""
+"""Parameters whose value applies to all nodes that have them, unless a stage is named."""
 _SHORT = {node: stage for stage, node in STAGES.items()}
 
 
 def full_names(name: str, known: Collection[str]) -> Sequence[str]:
-    """Return the full name STAGE.PARAMETER of a parameter; of a shared one, that for each node.
+    """Return the full name STAGE.PARAMETER; for a shared parameter, the name for each node.
 
     `name` may be STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has or is
     shared; ConfigError if it is unknown or ambiguous among the full names in `known`.

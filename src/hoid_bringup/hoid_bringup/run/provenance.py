@@ -25,8 +25,8 @@ _FILTER = 'filter'  # short name of the option that is always in a summary
 class DetectorFile:
     """The detector of a run."""
 
-    name: str  # of the file without its ending, or "truth"
-    sha256: str | None  # of the file; None for ground-truth boxes
+    name: str  # name of the file without suffix, or "truth"
+    sha256: str | None  # digest of the file; None for ground-truth boxes
 
 
 @dataclass(frozen=True)

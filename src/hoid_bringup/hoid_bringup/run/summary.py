@@ -67,7 +67,7 @@ class RunResult:
     keyframes: Trajectory  # poses of the keyframes in the final main map
     map_points_m: FloatArray  # (N, 3)
     ground_truth: Trajectory | None  # in the frame of the ground truth; None: there is none
-    status: SlamStatus  # at the end, with the counts of the main map
+    status: SlamStatus  # status at the end, with the counts of the main map
     filter_counts: FilterCounts
     # Durations in ms by stage, one per frame.
     stage_ms: Mapping[str, Sequence[float]]
@@ -103,7 +103,7 @@ class Summary:
     map_points: int  # in the main map
     maps: int  # number of maps, the main map included; more than 1: they are not merged
     loops: int
-    merges: int  # of two maps
+    merges: int  # number of merges of two maps
     relocalizations: int
     stage_ms: Mapping[str, Spread | None]  # None for a stage that was not timed
     latency_ms: Spread | None
@@ -171,7 +171,7 @@ def versions() -> dict[str, str]:
 def _errors(
     estimate: Trajectory, truth: Trajectory | None, *, warn: bool = False
 ) -> dict[str, float | None]:
-    """Return the errors by name; None without ground truth, or if one cannot be computed."""
+    """Return the errors by name; None without ground truth, or for an error that is undefined."""
     names = ('ate_rmse_m', 'rpe_trans_1s_rmse_m', 'rpe_rot_1s_rmse_deg')
     if truth is None:
         return dict.fromkeys(names)

@@ -73,7 +73,7 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     if dense.is_file():
         log.cloud(*read_ply(dense))
     if sequence is not None and sequence.ground_truth is not None:
-        with suppress(InputError):  # it cannot be aligned to so few poses, or to poses on a line
+        with suppress(InputError):  # too few poses, or poses on a line, cannot be aligned
             log.path(TRUE_PATH, _in_map(sequence.ground_truth, run.final))
 
 

@@ -87,14 +87,14 @@ class ViewLog:
         self._stream.log(entity, points, static=True)
 
     def path(self, entity: str, trajectory: Trajectory) -> None:
-        """Log a trajectory in the map frame as a line, with gaps where poses miss for 0.5 s."""
+        """Log a trajectory in the map frame as a line, with a gap after 0.5 s without a pose."""
         gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * NS_PER_S) + 1
         strips = np.split(trajectory.T_world_camera[:, :3, 3], gaps)
         lines = rr.LineStrips3D(strips, colors=_PATH_COLORS[entity], radii=rr.Radius.ui_points(1))
         self._stream.log(entity, lines, static=True)
 
     def keyframes(self, T_map_camera: FloatArray, camera: CameraModel | None) -> None:
-        """Log a small pyramid for each pose (N, 4, 4); of a usual shape without a camera."""
+        """Log a small pyramid for each pose (N, 4, 4); without a camera, of a default shape."""
         outline = _frustum_m(camera)
         strips = [se3.transform(T, outline) for T in T_map_camera]
         lines = rr.LineStrips3D(strips, colors=_KEYFRAME_COLOR, radii=rr.Radius.ui_points(0.7))
@@ -131,7 +131,7 @@ class ViewLog:
     def frame(
         self, frame: RgbdFrame, result: FilterResult, T_map_camera: FloatArray | None
     ) -> None:
-        """Log an image with the results of the filter and its (4, 4) pose, None if unknown."""
+        """Log an image, the results of the filter and, if known, the image's (4, 4) pose."""
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(frame.stamp_ns, 'ns'))
         self._pose(T_map_camera)
         jpeg = images.encode_jpeg(frame.image_bgr, _JPEG_QUALITY)
@@ -175,7 +175,7 @@ def _layout(*, is_map: bool) -> rrb.Blueprint:
     scene = rrb.Spatial3DView(origin=MAP, name='map')
     of_objects = rrb.Spatial2DView(origin=PICTURES, name='objects')
     views = rrb.Horizontal(scene, of_objects if is_map else images_seen, column_shares=(3, 2))
-    return rrb.Blueprint(views, collapse_panels=True)  # they would take half of the window
+    return rrb.Blueprint(views, collapse_panels=True)  # open panels would take half of the window
 
 
 def _frustum_m(camera: CameraModel | None) -> FloatArray:
@@ -190,7 +190,7 @@ def _frustum_m(camera: CameraModel | None) -> FloatArray:
 
 
 def _label(item: DynamicObject) -> str:
-    """Return the label of a box, for all but people and static objects with the reason."""
+    """Return the label of a box; except for people and static objects, it has the reason."""
     if item.state in (ObjectState.AT_REST, ObjectState.PERSON):
         return label(item)
     return f'{label(item)} {item.state.name.lower()}'

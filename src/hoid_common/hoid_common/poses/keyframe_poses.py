@@ -38,8 +38,8 @@ class KeyframePoses(NamedTuple):
     def substitute(self, removed_uid: int, after: KeyframePoses) -> tuple[int, FloatArray] | None:
         """Return the keyframe to which data of a removed keyframe is attached from now on.
 
-        Of those of the same map that remain, it is the one before, or else the first one. Returns
-        its uid and the pose (4, 4) of the removed keyframe relative to it; None if none remains.
+        It is the preceding remaining keyframe of the same map, or else the first one. Returns its
+        uid and the pose (4, 4) of the removed keyframe relative to it, or None if all are gone.
         """
         removed = int(self.rows_of(np.array([removed_uid]))[0])
         same = self.map_ids == self.map_ids[removed]

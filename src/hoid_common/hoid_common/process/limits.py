@@ -7,7 +7,7 @@ import resource
 from hoid_common.errors import ConfigError
 
 _MIN_DESCRIPTORS = 256
-"""Open files that a process may need: several times the 34 that were measured for a node."""
+"""Least limit of open files. Chosen: several times the 34 files that a node opens."""
 _BYTES_PER_MB = 2**20
 # Chosen: more than the 2.1 GB of address space that were measured for a benchmark in a building.
 _MIN_ADDRESS_SPACE_MB = 3000

@@ -21,7 +21,7 @@ _BACKGROUND = ('background', '__background__', 'bg', 'n/a', '???', 'none', 'unla
 
 
 def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names in a file or else in the metadata; None without any."""
+    """Return the class names in a file or else in the metadata, or None."""
     if not file:
         return names_in_metadata(metadata)
     return names_in_file(expand_home(file, 'class_names_file'))
@@ -44,7 +44,7 @@ def is_background(name: str) -> bool:
 
 
 def names_in_file(path: Path) -> tuple[str, ...]:
-    """Return the names in a text file, one a line; ModelError if it cannot be used."""
+    """Return the names in a text file with one name per line; ModelError if it is unusable."""
     try:
         text = read_text(path, _MAX_FILE_BYTES)
     except InputError as error:

@@ -41,7 +41,7 @@ class AnchorDecoder:
     """Decodes a table of N anchors (YOLO 5 to 11, YOLOX): box, objectness, class scores."""
 
     anchors_last: bool  # True: the output is (C, N); False: (N, C)
-    objectness: bool  # True: there is a channel objectness; scores are multiplied by it
+    objectness: bool  # True: a channel `objectness` exists, which multiplies the scores
     normalized: bool  # True: boxes are fractions of the input; False: pixels
     corners: bool = False  # True: boxes are x1, y1, x2, y2; False: cx, cy, w, h
     # YOLOX: boxes are relative to the cells of grids with these strides. Empty: they are absolute.
@@ -74,7 +74,7 @@ class LogitsDecoder:
     boxes: int  # index of the output (1, N, 4): cx cy w h as fractions of the input
     logits: int  # index of the output (1, N, C): logits of the C classes
     classes: tuple[int, ...]  # columns of `logits` in the order of the class names
-    softmax: bool  # the last column is "no object"; else each class has a sigmoid of its own
+    softmax: bool  # True: the last column is "no object"; False: a sigmoid per class
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
         # exp(80) is finite in float32, exp(90) is not.
@@ -116,8 +116,8 @@ def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Flo
 def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array) -> Float32Array:
     """Return boxes (4, N) as cx, cy, w, h in pixels (Ge et al., YOLOX, 2021).
 
-    `boxes` has the offset of the center from the cell's corner, and the logarithm of width and
-    height, in cells.
+    `boxes` (4, N) contains the offset of the center from the cell's corner, and the logarithm of
+    width and height, both in cells.
     """
     return np.concatenate([boxes[:2] + cell, np.exp(boxes[2:])]) * stride_px
 

@@ -1,8 +1,8 @@
 """Finished boxes: outputs after non-maximum suppression, or of networks that need none.
 
-Exporters write the same boxes with different columns and class ids. Where names and metadata do
-not state them, the first known format is used that fits the outputs for all images so far, and a
-warning names another one that gives other boxes (decision 049).
+Exporters write the same boxes with different columns and class ids. If names and metadata do not
+state these, the first known format that fits the outputs for all images so far is used. A warning
+names a second format that would give different boxes (decision 049).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TABLE_LAYOUTS: Mapping[str, Order] = {
     '_'.join(order): order for o in _ORDERS for order in (o, ('batch', *o))
 }
 """Orders of columns by the name of the parameter `layout` that sets them."""
-_WORDS = (  # of the names of outputs, such as batchno_classid_score_x1y1x2y2
+_WORDS = (  # in names of outputs, such as batchno_classid_score_x1y1x2y2
     ('batch', r'batch(?:_?(?:no|id|index))?|image_?id'),
     ('xyxy', r'x1_?y1_?x2_?y2|(?<![a-z])xyxy'),
     ('yxyx', r'y1_?x1_?y2_?x2|(?<![a-z])yxyx'),
@@ -55,7 +55,7 @@ LARGEST_NORMALIZED = 2.0
 MAX_SCORE = 1.1
 """Highest score that is accepted. Chosen: quantized networks exceed 1 slightly."""
 _MAX_ID_ERROR = 1e-3
-_MIN_WEAK_ROWS = 10  # chosen: this many boxes of low scores show their unit as well
+_MIN_WEAK_ROWS = 10  # chosen: so many low-score boxes are enough to show their unit
 
 
 class ClassIds(NamedTuple):
@@ -65,7 +65,7 @@ class ClassIds(NamedTuple):
     index_of_id: IntArray
 
     def fit(self, ids: Float32Array) -> bool:
-        """Return whether all ids (N,) belong to a class; negative ones mark no object."""
+        """Return whether all ids (N,) belong to a class; negative ids mark no object."""
         ids = ids[ids >= 0]
         return bool((ids < len(self.index_of_id)).all()) and bool(
             (self.index_of_id[ids.astype(np.int64)] >= 0).all()
@@ -87,7 +87,7 @@ def class_ids(name: str, num_classes: int) -> ClassIds:
 
 
 def order_in_name(name: str, num_columns: int) -> Order | None:
-    """Return the order of columns that the name of an output states; None if it does not."""
+    """Return the order of columns that the name of an output states, or None."""
     if name.endswith(_YOLO_NAS):
         return ('batch', 'xyxy', 'score', 'class')
     order = tuple(str(match.lastgroup) for match in _WORD.finditer(name.lower()))
@@ -113,13 +113,13 @@ class Columns(NamedTuple):
     boxes: Float32Array  # (N, 4) x1, y1, x2, y2
     scores: Float32Array  # (N,)
     ids: Float32Array  # (N,)
-    batch: Float32Array  # (N,), 0 without such a column
+    batch: Float32Array  # (N,) index of the image in the batch, 0 without such a column
 
     def is_plausible(self, threshold: float) -> bool:
-        """Return whether these can be boxes, scores and ids.
+        """Return whether the columns can be boxes, scores and ids.
 
-        Half of all boxes, and of those whose score is at least the threshold, need ordered
-        corners; networks do not guarantee more.
+        At least half of all boxes, and half of the boxes with a score from the threshold on,
+        need ordered corners; networks do not guarantee more.
         """
         is_strong = self.scores >= threshold
         is_ordered = np.asarray((self.boxes[:, 2:] >= self.boxes[:, :2]).all(axis=1))
@@ -166,7 +166,7 @@ class FinishedDecoder:
     """Decoder of finished boxes, which excludes formats that do not fit the outputs so far."""
 
     table_of: Callable[[Outputs], Float32Array]  # returns the (N, C) table of the outputs
-    formats: Sequence[TableFormat]  # that fit the outputs of all runs so far; the first is used
+    formats: Sequence[TableFormat]  # those that fit all outputs so far; the first is used
     # Whether boxes are fractions of the input, and not in pixels; None: not known yet.
     normalized: bool | None = None
     has_answered: bool = False  # whether the outputs for an image had a box above the threshold
@@ -190,7 +190,7 @@ class FinishedDecoder:
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude the formats that do not fit a table; ModelError if none is left."""
+        """Exclude the formats that do not fit a table; ModelError if no format is left."""
         orders = dict.fromkeys(table_format.order for table_format in self.formats)
         plausible = {
             order: found

@@ -1,4 +1,4 @@
-"""Layouts of finished boxes: their decoders, with what names and metadata state about them.
+"""Decoders for layouts of finished boxes, made from the outputs, their names and the metadata.
 
 The functions `..._decoder` return a decoder, and None for the number of classes; ModelError if the
 outputs do not fit.
@@ -39,7 +39,7 @@ _PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.p
 def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[Decoder, int | None]:
     """Return the decoder of separate boxes, labels and scores.
 
-    With `y_first`, boxes are y1, x1, y2, x2; else this follows from the names of the outputs.
+    With `y_first`, boxes are y1, x1, y2, x2; otherwise, the names of the outputs decide.
     """
     boxes, labels = probe.find(is_boxes), probe.find(is_labels)
     scores = probe.find(is_scores, 'score')
@@ -64,7 +64,7 @@ def _num_valid_rows(output: NDArray[Any]) -> int:
 
 
 def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
-    """Return the decoder of boxes with columns in several outputs, whose names state them."""
+    """Return the decoder of boxes whose columns are in several outputs with telling names."""
     order = _order_in_names(probe)
     if order is None:
         raise probe.unknown()
@@ -89,8 +89,8 @@ def _order_in_names(probe: Probe) -> Order | None:
 def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, int | None]:
     """Return the decoder of a table of finished boxes.
 
-    Without `order`, the one that the name of the output or the metadata state is taken, else all
-    known orders are possible, until outputs exclude them.
+    Without `order`, the order that the output's name or the metadata state is used; if they state
+    none, all known orders are candidates until outputs exclude them.
     """
     num_columns = probe.table.shape[-1]
     stated = order or order_in_name(probe.names[0], num_columns)
@@ -114,9 +114,9 @@ def _finished(
 def _conventions(probe: Probe) -> list[ClassIds]:
     """Return the possible conventions of class ids, the most probable one first.
 
-    `from_0` comes last if nothing states the convention of several outputs: a person's id 0 then
-    excludes the others, while ids that count from 1 hardly ever exclude `from_0`, and people would
-    be reported as bicycles.
+    `from_0` comes last if nothing states the convention of several outputs. A person's id 0 then
+    excludes the other conventions. Ids that count from 1 hardly ever exclude `from_0`; if it came
+    first, people would be reported as bicycles.
     """
     num_classes = probe.num_classes or len(COCO)
     from_1 = [COCO_91, FROM_1] if num_classes == len(COCO) else [FROM_1]

@@ -45,7 +45,7 @@ from hoid_detector.model.probe import (
 
 _COCO_CLASSES = len(COCO)
 # Numbers of columns of logits with one column for each id of COCO from 0 to 90, without and with
-# a further one for "no object" (DETR).
+# a further column for "no object" (DETR).
 _COCO_COLUMNS = (COCO_IDS[-1] + 1, COCO_IDS[-1] + 2)
 _MIN_SCORE = -0.1  # chosen: quantized networks fall below 0 slightly
 _DETECT = 'detect'  # the only task that is supported, in the metadata of Ultralytics
@@ -78,8 +78,8 @@ class LayoutEntry:
 def recognize(probe: Probe, requested: str = AUTO) -> Layout:
     """Return the layout of a network: the first entry of `LAYOUTS` that matches.
 
-    With a `requested` name, only its entries are tried, and the first one is taken if none
-    matches. ModelError if there is none, or the metadata name another task.
+    With a `requested` name, only its entries are tried, and the first of them is used if none
+    matches. ModelError if no entry matches, or the metadata name another task.
     """
     task = probe.metadata.get('task') or _DETECT
     if task != _DETECT:
@@ -227,7 +227,7 @@ LAYOUTS = (
     ),
     # The same (torchvision, EfficientNMS).
     LayoutEntry('end_to_end', _CENTERED, False, False, _is_separate, separate_outputs_decoder),
-    # The same with y before x, unless their names tell (TensorFlow).
+    # The same with y before x, for outputs without such names (TensorFlow).
     LayoutEntry(
         'yxyx_score_class', _STRETCHED, False, False,
         lambda _: False, partial(separate_outputs_decoder, y_first=True),

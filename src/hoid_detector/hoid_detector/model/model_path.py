@@ -53,8 +53,8 @@ def known_models() -> tuple[str, ...]:
 def find_model(requested: str | None = None) -> Path:
     """Return the ONNX file of the requested model (a path or known name), or the default one.
 
-    It may be downloaded into the user's cache. NoModelError if that fails; ModelError if the
-    requested model does not exist.
+    A missing model may be downloaded into the user's cache. NoModelError if the download fails;
+    ModelError if the requested model does not exist.
     """
     if requested:
         return _named(requested, 'detector model')

@@ -44,9 +44,9 @@ _ORT_ERRORS = (
 class Network:
     """An ONNX model with an image input and, in some models, a second input for its size.
 
-    The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow; the second one gets the
-    width and height of the network input. Without `providers`, the best installed one is taken.
-    ModelError if the file is no such model; ConfigError for an unknown provider.
+    The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow. The second input gets the
+    width and height of the network input. Without `providers`, the best installed provider is
+    used. ModelError if the file is no such model; ConfigError for an unknown provider.
     """
 
     def __init__(self, path: Path, providers: Sequence[str], threads: int) -> None:

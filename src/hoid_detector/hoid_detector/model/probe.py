@@ -28,7 +28,7 @@ class Grid(NamedTuple):
     """A single output as channels of anchors, and the grid cells that its anchors lie on."""
 
     channels: Float32Array  # (C, N)
-    anchors_last: bool  # whether the output is (C, N) itself, else (N, C)
+    anchors_last: bool  # True: the output is (C, N); False: (N, C)
     strides_px: tuple[int, ...]  # empty where the number of anchors fits no grid
     anchors_per_cell: int  # 0 where the number of anchors fits no grid
 
@@ -76,8 +76,8 @@ class Probe:
     def num_before_classes(self) -> int | None:
         """Return 4 (box) or 5 (with objectness) channels before the class scores; None: no grid.
 
-        Without class names, models with COCO's 80 classes are recognized. Others are assumed to
-        have no objectness where the channels come before the anchors, as YOLOv8 exports them.
+        Without class names, models with COCO's 80 classes are recognized. Other models are
+        assumed to lack objectness if the channels precede the anchors, as in YOLOv8 exports.
         """
         channels, anchors_last, strides_px, _ = self.grid
         num, with_box = len(channels), 4 if anchors_last else 5
@@ -147,8 +147,8 @@ def _is_class_table(name: str, output: NDArray[Any]) -> bool:
 def is_no_object_last(logits: NDArray[Any]) -> bool:
     """Return whether the last of C classes is "no object", by the logits (1, N, C) for noise.
 
-    In an image of noise, a network with that class (a softmax) finds it; one with a sigmoid per
-    class finds none.
+    In an image of noise, a network with that class (softmax) reports it; a network with a sigmoid
+    per class reports no class.
     """
     is_last = logits.argmax(axis=-1) == logits.shape[-1] - 1
     return 2 * int(np.count_nonzero(is_last)) > int(is_last.size)

@@ -56,7 +56,7 @@ class OrbExtractor:
         return self._with_weak_corners(corners, lacks) if lacks.any() else corners
 
     def _with_weak_corners(self, corners: Corners, lacks: BoolArray) -> Corners:
-        """Return corners with those of low contrast on the levels (L,) that lack corners."""
+        """Return `corners` plus low-contrast corners on the levels flagged by `lacks` (L,)."""
         config, pyramid = self._config, corners.pyramid
         first = int(np.argmax(lacks))
         coarse = Pyramid(pyramid.levels[first:], pyramid.steps_px[first:])

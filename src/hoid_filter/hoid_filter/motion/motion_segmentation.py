@@ -154,7 +154,7 @@ class MotionSegmentation:
         observed_px = self.camera.measure(self.camera.full_px(self._tracks.uv_px), depth_m)
         downscaled_pixel = self.camera.downscaled_of_pixel[pixels.pixel]
         segment = small.segments.label.ravel()[downscaled_pixel]
-        # Multiplied by the depth, equal areas in px count in proportion to the square root of
+        # The factor depth makes equal areas in px count in proportion to the square root of
         # their areas in m2.
         area = _area_per_point(small.segments.area_px, segment)
         area *= np.maximum(depth_m, _MIN_WEIGHT_DEPTH_M)
@@ -266,7 +266,7 @@ class MotionSegmentation:
         return np.clip(total, -_MAX_POINTS_LOG_ODDS, _MAX_POINTS_LOG_ODDS)
 
     def _renew_anchors(self, tracked: SegmentedPoints, now_s: float) -> IntArray:
-        """Give points with an old anchor a new one, or drop them; return the remaining pixels."""
+        """Replace the anchors of points when due, or drop the points; return remaining pixels."""
         if not len(self._tracks):
             return np.empty(0, np.int64)
         is_due = self._tracks.renew_s <= now_s
@@ -330,7 +330,7 @@ def strongest_per_cell(cells: IntArray, scores: ByteArray) -> IntArray:
 
     Among equal scores (N,) the first corner of a cell (N,) wins.
     """
-    # With the index in the key, numbers are sorted, which takes half the time of a stable argsort.
+    # The key contains the index: sorting such numbers takes half the time of a stable argsort.
     order = np.sort((cells * 256 - scores) * len(cells) + np.arange(len(cells))) % len(cells)
     is_first: BoolArray = np.diff(cells[order], prepend=-1) != 0
     return order[is_first]

@@ -1,4 +1,4 @@
-"""Points tracked by optical flow, each with its world position in an earlier image, its anchor."""
+"""Points tracked by optical flow, each with an anchor: its world position in an earlier image."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera
 
 # Lucas-Kanade optical flow (IJCAI 1981). It starts at a predicted pixel, so that few steps are
-# enough. Chosen: on the coarsest of 3 levels, the 9 px window covers 16 px to each side. Tracking
-# back starts near the result and needs 2 levels only.
+# enough. Chosen: on the coarsest of 3 levels, the 9 px window covers 16 px to each side. Backward
+# tracking starts near the result and needs 2 levels only.
 _WINDOW_PX = 9
 _MAX_LEVEL, _MAX_LEVEL_BACK = 2, 1
 _STOP_AT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)  # steps, px
 # With the flag for eigenvalues, OpenCV skips one more pass for an error that is not used here.
 _FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
 _MAX_RETURN_ERROR_PX = 0.5  # chosen: greatest error after tracking forth and back
-_MARGIN_PX = 3.0  # chosen: nearer to the border most of the window is outside
+_MARGIN_PX = 3.0  # chosen: nearer to the border, most of the window is outside the image
 _MAX_PREDICTED_PX = 40.0  # chosen: 1/8 of the image; a wrong prediction must not lead further
 
 
@@ -78,7 +78,7 @@ def predict_px(
     T_next_world: FloatArray,
     camera: DownscaledCamera,
 ) -> Float32Array:
-    """Return the pixels (N, 2) at which static points would appear next, at most 40 px off."""
+    """Return predicted pixels (N, 2) of static points, at most 40 px from the present ones."""
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
     before, after = (
         _normalized(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)

@@ -39,7 +39,7 @@ def subsampled_pixels(shape_hw: tuple[int, ...]) -> IntArray:
 
 
 def _subsampled_boxes(boxes_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> Int32Array:
-    """Return the (N, 4) smallest low-resolution boxes that cover given ones, clipped."""
+    """Return the smallest low-resolution boxes (N, 4) that cover the given boxes, clipped."""
     height, width = shape_hw
     covering = boxes_xyxy_px / STRIDE_PX
     covering[:, :2] = np.floor(covering[:, :2])
@@ -96,10 +96,10 @@ def mask_objects(
 ) -> BoolArray:
     """Return the mask (h, w) of the dynamic objects, without a margin.
 
-    Of each box, enlarged if the object is missed, only the surface near the object's depth is
+    In each box, enlarged if the object is missed, only the surface near the object's depth is
     masked. The whole box is masked if that depth is unknown, or with `keep_background` off. An
-    object is missed if the newest detections lack it; in an image that the detector left out, its
-    box is predicted, but as certain as in the image before (decision 056).
+    object is missed if the newest detections lack it. In an image that the detector skipped, the
+    box is predicted, but counts as certain as in the previous image (decision 056).
     """
     dynamic = [n for n, reason in enumerate(reasons) if reason is not ObjectState.AT_REST]
     if not dynamic:

@@ -31,7 +31,7 @@ _MAX_DETECTED_RATIO = 0.5
 
 
 class HoidPlus:
-    """Tracks people and objects, and masks the dynamic ones as far as depth shows their surface.
+    """Tracks people and objects, and masks dynamic objects as far as depth shows their surface.
 
     With `motion.enabled`, it also masks all moving regions.
     """
@@ -62,7 +62,7 @@ class HoidPlus:
     def _unsure(
         self, detections: Detections, image_area_px2: int, *, are_blurred: bool
     ) -> BoolArray:
-        """Return flags (N,) of people of low score who cover much of the image or are blurred.
+        """Return flags (N,) of low-score people: those with large boxes, or all if `are_blurred`.
 
         Such detections are often false, which depth does not reveal: at arm's length a desk is as
         wide as a person.

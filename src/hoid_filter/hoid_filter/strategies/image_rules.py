@@ -124,8 +124,8 @@ class Hoid2d(ImageRule):
 class Hoid3d(ImageRule):
     """The paper's 3-D rule: the 2-D rule, and person and object are at nearly the same depth.
 
-    An unknown depth fits: a moving object in the map does harm, while masking a static one only
-    costs a few features.
+    An unknown depth counts as near: a moving object in the map does harm, while masking a static
+    object only costs a few features.
     """
 
     def rule(self) -> Rule:

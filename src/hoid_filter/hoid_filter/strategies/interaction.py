@@ -18,8 +18,8 @@ class Interactions:
     """The interaction of each of N tracked objects with people."""
 
     reasons: tuple[ObjectState, ...]  # N reasons why a track is static or dynamic
-    # (N,) ratio of the box that is covered by the person who handles the object, or, where nobody
-    # handles it, by the person who covers most; 0 for people, and if there are no people.
+    # (N,) ratio of the box that is covered by the person who handles the object or, if nobody
+    # handles it, by the person who covers most of it; 0 for people, and if there are no people.
     overlap_ratios: FloatArray
     # (N,) absolute depth difference to the same person; NaN = unknown, or there is no such person.
     depth_gaps_m: FloatArray
@@ -45,7 +45,7 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
 
     A confirmed person handles an object of a class that may be handled if the person's box covers
     more than `min_interaction_area` of it, and it is at most `reach_m` nearer to the camera than
-    the torso and at most `depth_limit_m` farther (unknown: it fits). With `remember`,
+    the torso and at most `depth_limit_m` farther (unknown depth: near). With `remember`,
     `release_share` of this area is enough for an object that was handled before (hysteresis).
     """
     plus = config.plus
