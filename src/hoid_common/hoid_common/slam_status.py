@@ -34,7 +34,7 @@ class SlamStatus:
     mode: SlamMode = SlamMode.MAPPING
     message: str = ''  # reason for the state; empty if there is no particular reason
     tracked_points: int = 0  # map points matched in this image
-    inliers: int = 0  # of these, the ones that agree with the pose
+    inliers: int = 0  # matched points that agree with the pose
     keyframes: int = 0  # in the main map
     map_points: int = 0  # in the main map
     maps: int = 0  # number of maps, the main map included

@@ -1,4 +1,4 @@
-"""Synchronization of streams by their stamps, each match as soon as no better one is expected."""
+"""Synchronization of streams by stamps; a match is made once no better match is expected."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _EARLY_NS = 5_000_000
 # Chosen: a color image that equals an earlier one counts as repeated by the driver if the earlier
 # one is not older than this. Otherwise the camera is at rest: simulators render equal images then.
 MAX_COPY_AGE_NS = 250_000_000
-# Chosen: a longer offset between two streams is not a delay within a driver, but shows that they
-# have different clocks.
+# Chosen: a longer offset between two streams is not a delay within a driver, but shows that the
+# streams have different clocks.
 _LONGEST_OFFSET_NS = 500_000_000
 _NUM_GAPS = 15  # chosen: half a second of images without any match shows an offset
 _NUM_STAMPS = 90  # chosen: a constant offset is estimated from the images of 3 s at 30 Hz
 _MIN_IMAGES = 30  # chosen: fewer images say nothing about a period
 _MAX_SPREAD_NS = 1_000_000  # chosen: an offset that varies more is not constant
-# Chosen: if the offset is a smaller ratio of the period of depth images, the nearest image is the
-# right one beyond doubt.
+# Chosen: if the offset is a smaller ratio of the period of depth images, the nearest image is
+# certainly the right one.
 _MIN_SHARE = 0.2
-# Chosen: the nearest image is preferred unless another one's distance varies less by this much.
+# Chosen: the nearest image is preferred unless another image's distance varies less by this much.
 _MARGIN_NS = 200_000
 
 OFFSET_REMEDY = '--depth-offset {0:.4f} (input.depth_offset_s of live nodes)'
@@ -108,7 +108,7 @@ class StreamCounts:
     matched: int = 0
     unmatched: int = 0  # dropped without a match
     overflowed: int = 0  # dropped from a full queue
-    late: int = 0  # dropped, since it is not newer than the stream's previous item
+    late: int = 0  # dropped because they are not newer than the stream's previous item
 
 
 class StampMatcher:
@@ -117,8 +117,8 @@ class StampMatcher:
     A match takes its items and all older ones from the streams, so that the reference should not
     be faster than a stream that is not optional.
 
-    A match is complete as soon as every stream has an item within `slop_ns` of the reference item,
-    and none is expected to have a nearer one: it has an item that is not older, its next item
+    A match is complete when every stream has an item within `slop_ns` of the reference item, and
+    no stream is expected to get a nearer item: it has an item that is not older, its next item
     after its shortest period would not be nearer, or the reference has advanced by more than
     `slop_ns`. A reference item is dropped if a stream that is not optional has a later item, and
     none within `slop_ns`.
@@ -174,8 +174,8 @@ class StampMatcher:
     def add(self, name: str, stamp_ns: int, value: Any) -> list[Match]:
         """Add an item to a stream and return the matches that it completes, oldest first.
 
-        An item that is a second older than the newest one of its stream resets all streams; any
-        other that is not newer is dropped.
+        An item that is a second older than the newest item of its stream resets all streams. Any
+        other item that is not newer is dropped.
         """
         newest_ns = self._newest_ns.get(name)
         if newest_ns is not None and stamp_ns <= newest_ns:

@@ -1,4 +1,4 @@
-"""Names of all topics and services, relative to a node's namespace but for ROS's global topics."""
+"""Names of all topics and services, relative to a node's namespace except ROS's global topics."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ KEEP_OUT_INFO = 'keep_out_mask/info'
 SPEED_MASK = 'speed_mask'
 SPEED_INFO = 'speed_mask/info'
 OBJECT_MAP = 'object_map'  # vision_msgs/Detection3DArray, the objects at rest
-# hoid_msgs/DetectionArray, where an image should show objects of the map; input of hoid_detector.
+# hoid_msgs/DetectionArray: expected boxes of mapped objects in an image; input of hoid_detector.
 EXPECTED_OBJECTS = 'expected_objects'
 OBJECT_MAP_MARKERS = 'object_map/markers'  # visualization_msgs/MarkerArray
 

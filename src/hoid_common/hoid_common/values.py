@@ -39,7 +39,7 @@ EQUIDISTANT = 'equidistant'
 DISTORTION_MODELS = ('plumb_bob', 'rational_polynomial', EQUIDISTANT)
 """The supported distortion models of sensor_msgs/CameraInfo.
 
-They have up to 5, 8 to 14, and 4 coefficients.
+The models have up to 5, 8 to 14, and 4 coefficients, in this order.
 """
 
 MAX_PIXELS = 7680 * 4320
@@ -114,7 +114,7 @@ class CameraModel:
         return EQUIDISTANT if self.is_fisheye else DISTORTION_MODELS[len(self.distortion) > 5]
 
     def scaled_to(self, size_px: tuple[int, int]) -> CameraModel | None:
-        """Return the camera of the same images at another size; None unless it is a multiple."""
+        """Return the camera for another image size; None unless one size is a multiple."""
         (width, height), (own_width, own_height) = size_px, self.size_px
         is_whole = width > 0 and 0 in (width % own_width, own_width % width)
         if not is_whole or width * own_height != height * own_width:
@@ -258,9 +258,9 @@ class Features:
 
 @dataclass(frozen=True, eq=False)
 class FeatureVerdicts:
-    """Which of the N features of an image are dynamic, by the filter's final verdict."""
+    """The filter's final verdict on the N features of an image: which features are dynamic."""
 
-    stamp_ns: int  # of the image, as in its `Features`
+    stamp_ns: int  # stamp of the image, as in its `Features`
     # (N,) True: the feature lies on a moving object and must be removed. An empty array means that
     # no feature does.
     is_dynamic: BoolArray
@@ -320,7 +320,7 @@ class FilterResult:
     """The filter's output for one frame: static features and a verdict on each object."""
 
     features: Features  # the features that are kept
-    objects: tuple[DynamicObject, ...]  # static ones included
+    objects: tuple[DynamicObject, ...]  # static objects included
     removed_uv_px: Float32Array  # (M, 2) pixels of the removed features, for the debug image
     num_features_in: int  # features that were detected
     num_removed: int  # features that were removed as dynamic

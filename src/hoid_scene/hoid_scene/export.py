@@ -35,7 +35,7 @@ def write_ply(
 def read_ply(path: Path) -> ColoredCloud:
     """Return the points of a PLY file that this suite wrote; points without color are white.
 
-    InputError if the file cannot be read, or is none of this suite.
+    InputError if the file cannot be read, or this suite did not write it.
     """
     try:
         header, end, body = path.read_bytes().partition(b'end_header\n')

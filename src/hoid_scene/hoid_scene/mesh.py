@@ -36,7 +36,7 @@ _OCCLUDED_M, _COLUMNS, _ROWS, _MAX_CAMERAS, _RANGE_M = 0.15, 64, 48, 300, 6.0
 _T_GLTF_MAP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # y points up
 _SEMANTIC_HUE = 0.61803  # golden ratio: colors of numbers that follow each other differ most
 
-_cubes: Any = marching_cubes  # it has no types
+_cubes: Any = marching_cubes  # it has no type hints
 
 
 class Mesh(NamedTuple):
@@ -139,7 +139,7 @@ def _view_directions(
 ) -> FloatArray:
     """Return the sums (N, 3) of the unit vectors from points to the cameras that see them.
 
-    For points that none of the used cameras sees, it is the vector to the nearest one.
+    For points that no used camera sees, it is the vector to the nearest camera.
     """
     out = np.zeros_like(points_m)
     for T in T_map_camera[:: max(1, -(-len(T_map_camera) // _MAX_CAMERAS))]:

@@ -35,7 +35,7 @@ class Mask(NamedTuple):
 
 
 def changed_cells(before: Mask | None, mask: Mask) -> GridPatch | None:
-    """Return the rectangle of the cells that have changed; None: none has."""
+    """Return the smallest rectangle of changed cells; None without changes."""
     if before is None or before.extent != mask.extent:
         return patch_of(np.zeros_like(mask.cells), mask.cells)
     return patch_of(before.cells, mask.cells)
@@ -52,13 +52,13 @@ class NavigationMasks:
         self._tracks: tuple[TrackedObject, ...] = ()
         self._robot_m: FloatArray = np.zeros(2)
         self._crossings: Counter[tuple[int, int]] = Counter()
-        self._cells: dict[int, tuple[int, int]] = {}  # where each person is, by track
+        self._cells: dict[int, tuple[int, int]] = {}  # cell of each person, by track
         self._due = Rate(1 / config.period_s)
 
     def update(
         self, tracks: tuple[TrackedObject, ...], T_map_base: FloatArray, stamp_ns: int
     ) -> bool:
-        """Replace the tracks by those after an image; return whether masks are to be published.
+        """Replace the tracks after an image; return whether masks are due for publication.
 
         Each person who is in another cell than before, or is new, is counted as a crossing of that
         cell. If the masks are to be published, they are due again one period later.
@@ -92,7 +92,7 @@ class NavigationMasks:
         return Mask(np.where(is_closed, CLOSED, 0).astype(np.int8), extent)
 
     def speed(self, extent: GridExtent) -> Mask:
-        """Return by how many percent to go more slowly in each cell."""
+        """Return the mask of the speed reduction [percent] in each cell."""
         out = np.zeros(extent.shape, np.int8)
         if self._crossings:
             at, counts = np.array(list(self._crossings)), np.array(list(self._crossings.values()))
@@ -117,7 +117,7 @@ class NavigationMasks:
     def _area_of(self, item: TrackedObject) -> tuple[FloatArray, float] | None:
         """Return the centers (P, 2) and the radius of the discs to keep out of; None: no area.
 
-        A person who stands has none: the obstacle layer has the person.
+        A standing person has no area: the obstacle layer already contains the person.
         """
         config = self._config
         at_m, velocity_mps = item.position_map_m[:2], item.velocity_map_mps[:2]

@@ -14,7 +14,7 @@ _SAME_M = 1e-5  # chosen: a frame stays where it is if its pose differs by less
 
 
 class Anchor(NamedTuple):
-    """The keyframe with which what an image shows moves, and the pose of the image."""
+    """The keyframe with which the content of an image moves, and the pose of the image."""
 
     uid: int  # of the keyframe
     map_id: int  # of the keyframe

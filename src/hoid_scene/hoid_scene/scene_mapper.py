@@ -40,7 +40,7 @@ from hoid_scene.tracks.object_track import TrackedObject
 from hoid_scene.tracks.object_tracker import ObjectTracker
 
 _UP = np.array([0.0, 0.0, 1.0])
-# Chosen: the level is found again for the objects when there are so many times the images.
+# Chosen: the level is found again when the number of images has grown by this factor.
 _LEVEL_GROWTH = 1.2
 _MAX_CAMERAS = 256  # chosen: enough to show how the camera is carried
 _FLOOR_POINTS = 50_000  # chosen: about so many points of the cloud are used to find the floor
@@ -85,7 +85,7 @@ class SceneMapper:
         self._is_prior, self._is_labeled = object_map.prior_score > 0, object_map.label_cloud
         self._floors: LocalFloors | None = None
         self._level = Level(_UP)
-        self._num_fused = self._num_leveled = 0  # images, now and when the level was found last
+        self._num_fused = self._num_leveled = 0  # fused images, now and when the level was found
         # The cells below each submap, and the key for which they are valid.
         self._cells: dict[Submap, tuple[tuple[object, ...], SubmapCells]] = {}
 
@@ -115,7 +115,7 @@ class SceneMapper:
 
     @property
     def floor(self) -> Floor | None:
-        """Return the floor that `grid` or `label` has found; without one there is no grid."""
+        """Return the floor that `grid` or `label` has found; without a floor there is no grid."""
         return None if self._floors is None else self._floors.floor
 
     def use(
@@ -202,7 +202,7 @@ class SceneMapper:
         return Rooms(find_rooms(grid, cloud.points_m), grid, objects)
 
     def expected_objects(self) -> Detections | None:
-        """Return where the latest image for the object map should show known objects.
+        """Return the expected boxes of known objects in the latest image for the object map.
 
         None is returned before the first image, and if `object_map.prior_score` is 0.
         """

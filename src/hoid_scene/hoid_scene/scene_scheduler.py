@@ -10,7 +10,7 @@ from hoid_common.poses.keyframe_poses import KeyframePoses, TrackedImage
 from hoid_common.sync import Rate
 from hoid_common.values import NS_PER_S, UNKNOWN, DynamicObject, FloatArray, ObjectState
 
-# Chosen: periods of the tracks for which they wait for an image with detections.
+# Chosen: number of track periods to wait for an image with detections.
 _PATIENCE = 1.25
 
 
@@ -41,7 +41,7 @@ class SceneRequest(NamedTuple):
 
 
 class _TrackRate:
-    """Selects images with detections at a rate, and others where these are rarer than that."""
+    """Selects images with detections at a rate, and other images where these are too rare."""
 
     def __init__(self, rate_hz: float) -> None:
         self._seen = Rate(rate_hz)
@@ -112,8 +112,8 @@ class SceneScheduler:
     ) -> SceneRequest | None:
         """Return the request without the maps for which its image is not due, or None.
 
-        The detector may leave images out, and predicted boxes do not show where an object is: the
-        object map takes images with detections, the tracks others only while these are rarer.
+        Predicted boxes do not show where an object is. The object map therefore uses only images
+        with detections, and the tracks use other images only while those are too rare.
         """
         if request is None:
             return None

@@ -1,4 +1,4 @@
-"""The scene of a session of the SLAM node, with which it is begun, loaded and saved."""
+"""The scene of a SLAM session: it begins, loads and saves together with the SLAM node's map."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _LOG = logging.getLogger(__name__)
 
 
 class SceneSession:
-    """Has the scene mapper of the present session, once its camera is known.
+    """Owns the scene mapper of the present session, once the camera is known.
 
     If the store has the scene of this session, as after a crash of this process, it is restored
-    from there; so it is if the SLAM node has crashed, and continues its map in another session.
+    from there. The same happens if the SLAM node crashed and continues its map in a new session.
 
     Attributes:
-        mapper: The scene mapper; None: there is none yet, or all maps are off.
+        mapper: The scene mapper; None: the camera is not known yet, or all maps are off.
         stamp_ns: Stamp of the latest image that was used; 0: none yet.
         problem: Why the scene of a loaded map was left out, or why the scene is not stored; '':
-            neither is so.
+        no problem.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.values import NS_PER_S, FloatArray
 
-_MAX_DEPTH = 64  # chosen: no robot has longer chains, so that a longer one is a cycle
+_MAX_DEPTH = 64  # chosen: no robot has longer chains; a longer chain is a cycle
 # Chosen far above what a robot has: further frames are refused. Without a limit, a publisher that
 # changes the frame name in every message would fill the memory.
 _MAX_FRAMES = 1000
@@ -76,7 +76,7 @@ class PoseBuffer:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
 
     def add(self, stamp_ns: int, T: FloatArray) -> None:
-        """Append a pose T (4, 4); one with an older stamp drops all others."""
+        """Append a pose T (4, 4); a pose with an older stamp first discards all stored poses."""
         if self._poses and stamp_ns <= self._poses[-1][0]:
             if stamp_ns == self._poses[-1][0]:  # a repeated message
                 return

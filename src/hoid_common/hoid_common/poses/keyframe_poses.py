@@ -16,7 +16,7 @@ class KeyframePoses(NamedTuple):
     Only the poses of the main map are in the map frame; each other map has a frame of its own.
     """
 
-    # Of the map. It increases with the changes that a mapper in another process sends; with a
+    # Version of the map. It increases with changes from a mapper in another process; with a
     # mapper in this process it stays the same.
     version: int
     uids: IntArray  # (N,)
@@ -54,7 +54,7 @@ class KeyframePoses(NamedTuple):
 class TrackedImage(NamedTuple):
     """The pose of an image, from measurements and not from a prediction, in a version of the map.
 
-    Relative to the keyframe, it is corrected with the map later.
+    Stored relative to the keyframe, the pose is corrected with the map later.
     """
 
     stamp_ns: int
@@ -74,14 +74,14 @@ class LoadedKeyframes(NamedTuple):
 
     number: int = 0  # number of maps that the session has loaded so far
     source: str = ''  # path of the map file, or the session of a node that has crashed
-    saved_uids: IntArray = np.empty(0, np.int64)  # (K,) of the keyframes there, ascending
+    saved_uids: IntArray = np.empty(0, np.int64)  # (K,) uids in that file, ascending
     loaded_uids: IntArray = np.empty(0, np.int64)  # (K,) their uids in this session
 
 
 class SessionKeyframes(NamedTuple):
     """The keyframes of a session of the SLAM node."""
 
-    session: str  # its name; a session ends when the map is discarded
+    session: str  # name of the session, which ends when the map is discarded
     camera: CameraModel | None  # camera of the tracked images; None: not known yet
     is_level: bool  # whether the z axis of the map frame points up
     keyframes: KeyframePoses

@@ -52,7 +52,7 @@ class Diagnostics:
         self._values: dict[str, str] = {}
         self._problems: dict[str, _Problem] = {}
         self._throttle = LogThrottle(_LOG_PERIOD_S)
-        self._backoffs: dict[str, Backoff] = {}  # of the problems that come and go, by name
+        self._backoffs: dict[str, Backoff] = {}  # by name of the problem
         self._input_log = InputLog(node.get_logger(), self._is_cause, time.monotonic())
         self._profile = _transport_profile()
         self._alone_s = time.monotonic()  # last time with no other node of this name
@@ -71,7 +71,7 @@ class Diagnostics:
         is_occasional: bool = False,
         is_latched: bool = False,
     ) -> InputWatch:
-        """Report missing and lost messages of a topic, which the caller must record."""
+        """Report missing and lost messages of a topic; the caller must record all messages."""
         watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional, is_latched)
         self._watches.append(watch)
         return watch
@@ -184,9 +184,9 @@ class Diagnostics:
     def _is_cause(self, topic: str) -> bool:
         """Return whether this node logs that the messages of a topic are missing.
 
-        If every node did, one missing camera would be logged by all of them. A silent node of the
-        suite logs what it waits for itself; any other topic is logged by the filter if it
-        subscribes to it, and else by every node that waits for it.
+        Otherwise all nodes would log one missing camera. A silent node of the suite logs its own
+        missing inputs. Any other missing topic is logged by the filter if it subscribes to the
+        topic, else by every node that waits for it.
         """
         if self._is_of_suite(topic):
             return False
@@ -218,7 +218,7 @@ class Diagnostics:
 
 
 def _transport_profile() -> str:
-    """Return the path of the profile that Fast DDS uses, or else of the suite's; or ''."""
+    """Return the path of Fast DDS's present profile, or else of the suite's profile, or ''."""
     if not uses_fast_dds():
         return ''
     if given := full_profile():

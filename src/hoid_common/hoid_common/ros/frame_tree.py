@@ -75,7 +75,7 @@ def listen_to_transforms(
 
 
 class StaticFrameListener:
-    """Collects the transforms on /tf_static in `frames`; malformed ones are counted and logged."""
+    """Collects transforms on /tf_static in `frames`; malformed edges are counted and logged."""
 
     def __init__(self, node: Node, diagnostics: Diagnostics) -> None:
         self.frames = StaticFrames()
@@ -128,7 +128,7 @@ class FrameListener:
             )
 
     def find(self, a: str, b: str, stamp_ns: int) -> FloatArray | None:
-        """Return T_a_b (4, 4) between two frames at a time; None if it is unknown then."""
+        """Return T_a_b (4, 4) between two frames at a time; None if it is unknown."""
         poses = ((*edge, buffer.at(stamp_ns)) for edge, buffer in self._moving.items())
         known = [(parent, child, T) for parent, child, T in poses if T is not None]
         return self._static.with_edges(known).find(a.lstrip('/'), b.lstrip('/'))

@@ -30,7 +30,7 @@ from hoid_common.values import NS_PER_S, CameraModel
 
 Callback = Callable[[Any], None]
 
-_LARGE = (Image, CompressedImage, KeyframePoses)  # types that hold arrays: deserialized at once
+_LARGE = (Image, CompressedImage, KeyframePoses)  # types with arrays: no size limit
 # Chosen: time for which a new node waits for publishers that run already, for all its inputs
 # together. With the suite's transport profile they are known within 0.2 s.
 _DISCOVERY_S = 0.3
@@ -54,7 +54,7 @@ class Inputs:
         self._discovered_s = time.monotonic() + _DISCOVERY_S
 
     def color(self, callback: Callback) -> None:
-        """Subscribe to color images; compressed ones if configured or by the name of the topic."""
+        """Subscribe to color images, or compressed images by parameter or by the topic's name."""
         named = self.with_frame(callback, 'color images')
         self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
 
@@ -159,7 +159,7 @@ class Inputs:
         """Subscribe to a topic.
 
         `what` names the messages in log lines, in the plural. Missing messages are reported,
-        but for an occasional topic, and for a latched one that has sent a message.
+        except for an occasional topic, and for a latched topic that has sent a message.
         Reliability and queue length are those of the parameters by default.
         """
         config, full_name = self._config, self._node.resolve_topic_name(topic)
@@ -175,8 +175,8 @@ class Inputs:
 class _Input:
     """The subscription of an input.
 
-    With `auto` it is reliable until a publisher offers less, and then best effort until the topic
-    has no publisher.
+    With reliability `auto`, it is reliable until a publisher offers less, and then best effort
+    until the topic has no publisher.
     """
 
     def __init__(
@@ -210,8 +210,8 @@ class _Input:
     def _offers_best_effort(self, until_s: float) -> bool:
         """Return whether a publisher that runs already offers best effort only.
 
-        A driver logs each subscription that requests more than it offers, so that publishers are
-        looked for first, until a time of the monotonic clock.
+        A driver logs each subscription that requests more than it offers. This function therefore
+        searches for publishers first, until `until_s` on the monotonic clock.
         """
         while True:
             infos = self._node.get_publishers_info_by_topic(self._watch.topic)
@@ -271,7 +271,7 @@ class _Input:
             self._on_bytes(data)
 
     def _repeat_last(self) -> None:
-        """Process the latched message again that came before the node was active."""
+        """Process the last latched message (again) when the node becomes active."""
         if self._has_latched and self._last is not None:
             self._on_bytes(self._last[0])
 
@@ -294,7 +294,7 @@ def checked_callback(
 
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
-    """Return the message in bytes (a `ReceivedImage` for Image); MessageError if they are none."""
+    """Return the message in bytes (a `ReceivedImage` for Image); MessageError if invalid."""
     if len(data) > _MAX_BYTES and type_ not in _LARGE:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')
     try:

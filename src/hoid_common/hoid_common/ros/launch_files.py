@@ -148,8 +148,8 @@ def _ending_launch(
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
     """Return the handler for the exit of a node, which ends the launch after a failure.
 
-    With `respawn`, only a node that refuses its first start does so; without it, every status
-    other than 0 (decision 046).
+    With `respawn`, only a node that refuses its first start ends the launch; without it, every
+    exit status other than 0 does (decision 046).
     """
     has_run = False
 

@@ -37,7 +37,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         self.on_activation: list[Callable[[], None]] = []  # called when the node becomes active
 
     def configure(self) -> None:
-        """Load what the node needs to process messages; HoidError if that fails."""
+        """Load the models and files of the node; HoidError if that fails."""
 
     def clean_up(self) -> None:
         """Reset the node to its state before `configure`."""
@@ -113,7 +113,7 @@ class _NodeHandler(logging.Handler):
 
 
 def bridge_logging(node: Node) -> None:
-    """Forward Python log records to a node's logger, and no longer to one bridged before."""
+    """Forward Python log records to a node's logger, in place of any node bridged before."""
     root = logging.getLogger()
     for handler in [h for h in root.handlers if isinstance(h, _NodeHandler)]:
         root.removeHandler(handler)

@@ -50,7 +50,7 @@ class Parameters(Generic[C]):
 
     Given parameters without effect (unknown ones, and expert parameters that are not declared) are
     logged. `on_change` is called with a new config; `approve` before that, and may reject it by
-    ConfigError. `moved` names the nodes that have a section of parameters now. ConfigError if a
+    ConfigError. `moved` maps parameter sections to the nodes that have them now. ConfigError if a
     value is wrong, or a parameter has moved to another node.
     """
 

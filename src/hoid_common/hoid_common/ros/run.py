@@ -41,7 +41,7 @@ _set_time = TimeSource.clock_callback
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
     """Make a node, run its callbacks until a signal or shutdown, and return the exit status.
 
-    It is 0 if the signal comes while the node runs, and EXIT_INTERRUPTED while it is made. A
+    The status is 0 if the signal comes while the node runs, EXIT_INTERRUPTED while it is made. A
     HoidError is printed in one line: EXIT_CONFIG if the node cannot be made, else EXIT_FAILED.
 
     The whole process changes: OpenCV uses one thread, glibc keeps freed memory, negative times on

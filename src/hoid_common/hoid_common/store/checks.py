@@ -1,4 +1,4 @@
-"""Checks of a map from a file, which anybody may have made, so that none can harm the program."""
+"""Checks of a map file, which may come from anybody, so that no file can harm the program."""
 
 from __future__ import annotations
 

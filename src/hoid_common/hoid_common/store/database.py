@@ -1,7 +1,7 @@
 """A map as an SQLite database: created, opened by its only owner, or read after a check.
 
 A database in use (`start`) is in WAL mode, so that each transaction is in the file completely or
-not at all, whenever a process or computer dies. A finished one is a single file.
+not at all, whenever a process or computer dies. A finished database is a single file.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _REMEDIES = {
     'SQLITE_NOMEM': 'does not fit into memory',
     'SQLITE_TOOBIG': 'is damaged: a value is larger than the file',
 }
-_MAX_BYTES = 500  # chosen: more than the text of an owner has
+_MAX_BYTES = 500  # chosen: more than the length of an owner's text
 
 
 class Database:
@@ -125,7 +125,7 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Commit all that the block writes at its end, or nothing if it raises. Not nested."""
+        """Commit all writes of the block at its end, or none if it raises; not to be nested."""
         self.begin()
         try:
             yield
@@ -138,7 +138,7 @@ class Database:
         self._run('BEGIN IMMEDIATE')
 
     def commit(self) -> None:
-        """Write all since `begin` to the disk; if that fails, `rollback` must follow."""
+        """Write all changes since `begin` to disk; if that fails, `rollback` must follow."""
         self._run('COMMIT')
 
     def rollback(self) -> None:
@@ -195,7 +195,7 @@ class Database:
             copy.execute('PRAGMA journal_mode = DELETE')
 
     def finish(self) -> None:
-        """Close it as a single finished file; that fails while another process reads it."""
+        """Close the database as a single finished file; fails while another process reads it."""
         self._run('PRAGMA journal_mode = DELETE')
         self.close()
 
@@ -208,8 +208,8 @@ class Database:
 def replaced(path: Path) -> Iterator[Path]:
     """Yield the path of a new file, which replaces `path` at the end of the block.
 
-    It does so only after all its bytes are on the disk, and not if the block raises. What a killed
-    process leaves is found by `abandoned_scratch_folders`.
+    It replaces `path` only after all bytes are on disk, and not if the block raises. Files that a
+    killed process leaves are found by `abandoned_scratch_folders`.
     """
     with scratch_folder(path.parent, 'map') as folder:
         aside = folder / path.name
@@ -314,7 +314,7 @@ def _described(path: Path) -> Iterator[None]:
 class OwnerLock:
     """Makes this process the only owner of a database, until `release` or until it ends.
 
-    The lock is on a file of its own, which stays, because SQLite locks the database itself for
+    The lock is on a separate permanent file, because SQLite locks the database itself for
     each access. The kernel releases it when the process ends. Nothing is locked if the file cannot
     be opened, or if its file system has no locks. MapFileError if another process owns the
     database; `owner` is the full name of the node.
@@ -324,7 +324,7 @@ class OwnerLock:
         self._descriptor: int | None = None
         with suppress(OSError):  # the database cannot be written either, which its writer reports
             path.parent.mkdir(parents=True, exist_ok=True)
-            # Only read, so that the disk can be made read-only meanwhile.
+            # Opened only for reading, so that the disk can be made read-only meanwhile.
             flags = os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC
             self._descriptor = os.open(path, flags, 0o644)
             self._lock(self._descriptor, path.parent, owner)

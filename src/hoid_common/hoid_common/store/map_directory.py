@@ -1,4 +1,4 @@
-"""File names in service requests, which only this module accepts: plain names in one folder."""
+"""Checks file names in service requests: only plain names in one folder are accepted."""
 
 from __future__ import annotations
 
@@ -80,10 +80,10 @@ def _maps_in(folder: Path) -> str:
 
 
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
-    """Write files so that each existing file is replaced by a complete one or not at all.
+    """Write files so that each existing file is replaced by a complete file or not at all.
 
-    `write` gets the path in a scratch folder to which it must write the main file; others beside
-    it are moved along. Returns its result. InputError if they cannot be written.
+    `write` gets the path in a scratch folder to which it must write the main file. Files that it
+    writes beside it are moved as well. Return its result. InputError if a file cannot be written.
     """
     with staged(path.parent, path) as aside:
         return write(aside / path.name)
@@ -92,7 +92,7 @@ def write_whole(path: Path, write: Callable[[Path], T]) -> T:
 def remove_abandoned(directory: str) -> list[str]:
     """Remove unfinished files of killed processes; return the removed names.
 
-    Younger ones than a minute are left alone, because their process may not have locked them yet.
+    Files younger than a minute are kept, because their process may not have locked them yet.
     """
     folder, removed = expand_home(directory, 'map_directory'), []
     for path in abandoned_scratch_folders(folder):
@@ -104,7 +104,7 @@ def remove_abandoned(directory: str) -> list[str]:
 
 
 def _check_name(name: str, directory: str) -> None:
-    # Refused are names that cannot be typed or printed in one line, hidden files, and paths.
+    # Names that cannot be typed or printed in one line, hidden files and paths are refused.
     if not name.isprintable() or name.startswith('.') or '/' in name:
         raise InputError(
             f'"{printable(name)}" is no plain file name; files are in {directory} only'

@@ -24,7 +24,7 @@ _NUMBER = np.dtype('<i8')
 class Table:
     """The declaration of a table, from which its SQL text follows.
 
-    The name has small letters and "_", and begins with that of its package, but for the tables of
+    The name has small letters and "_", and begins with its package's name, except for tables of
     `rgbd_slam`. `key` is the first column, an integer. `columns` are int, float, str, or a type of
     `Record`. No value may be missing.
     """

@@ -49,7 +49,7 @@ class GridConfig(Config):
     clear_height_m: ClassVar[float] = 0.8
 
     def __post_init__(self) -> None:
-        """Raise ConfigError if a value is invalid, or no height is that of an obstacle."""
+        """Raise ConfigError if a value is invalid, or the range of obstacle heights is empty."""
         super().__post_init__()
         if self.min_height_m >= self.max_height_m:
             raise ConfigError(
@@ -120,8 +120,8 @@ class DenseConfig(Config):
     carve_margin_m: ClassVar[float] = 0.05
     # Not tuned: a voxel is published only if its hits are at least this share of the images that
     # measured static surface near it. A hit is an image that measured the surface within half a
-    # voxel plus the standard deviation of depth. Images that see through the voxel are not in this
-    # number, but remove hits.
+    # voxel plus the standard deviation of depth. Images that see through the voxel are not
+    # counted in the share, but remove hits.
     min_hit_share: ClassVar[float] = 0.5
     # Number of images that must agree before a voxel is published. A larger number removes noise
     # and passers-by, and shows surfaces later (not tuned).

@@ -12,8 +12,8 @@ from hoid_common.config import Config, param
 class NavigationConfig(Config):
     """Parameters of the two masks for Nav2's costmap filters.
 
-    The keep-out mask covers where walking people will be, and handled objects. People who stand
-    have no keep-out area. The speed mask slows the robot down where people often walk.
+    The keep-out mask covers handled objects and the predicted paths of walking people. People who
+    stand have no keep-out area. The speed mask slows the robot down where people often walk.
     """
 
     enabled: bool = param(
@@ -37,7 +37,7 @@ class NavigationConfig(Config):
         expert=True,
     )
     footprint_radius_m: float = param(
-        0.4,  # chosen: that of a robot for rooms
+        0.4,  # chosen: the radius of an indoor robot
         'Radius around the base of the robot in which there is no keep-out area (m): that of the '
         'footprint, or more.',
         limits=(0.0, 5.0),
@@ -49,16 +49,16 @@ class NavigationConfig(Config):
         expert=True,
     )
     busy_speed_percent: float = param(
-        50.0,  # chosen: halves the distance in which a robot stops, or more
+        50.0,  # chosen: at least halves a robot's stopping distance
         'Speed limit where people have crossed a cell of speed_mask five times, relative to the '
         'largest speed of the robot (%); after fewer crossings, the reduction is proportionally '
         'less.',
         limits=(1.0, 100.0),
         expert=True,
     )
-    # Chosen, as of a family in a session: crossings of a cell for the full reduction of the speed.
+    # Chosen for a family in one session: crossings of a cell that give the full speed reduction.
     busy_crossings: ClassVar[int] = 5
-    # People who are slower stand, and are not predicted (m/s). Chosen: above the tracker's noise.
+    # Speed (m/s) below which people count as standing. Chosen: above the tracker's noise.
     walking_mps: ClassVar[float] = 0.25
     speed_cell_m: ClassVar[float] = 0.25  # chosen: half the width of a person
     period_s: ClassVar[float] = 0.5  # chosen: shortest time between two masks

@@ -30,9 +30,9 @@ class ObjectTrackerConfig(Config):
     )
     # Time for which an object must be seen at one place before it counts as at rest.
     rest_s: ClassVar[float] = REST_S
-    # Number of detections from which on a track is published; fewer may be false detections.
+    # A track is published from this number of detections on; fewer may be false detections.
     min_sightings: ClassVar[int] = 3
-    # Chosen, to bound the memory: number of tracks beyond which those unseen for longest end.
+    # Chosen, to bound the memory: with more tracks, those unseen for longest end.
     max_objects: ClassVar[int] = 200
     # Not tuned: distance up to which a detection continues the nearest track of its class, from
     # its predicted position; and the same distance if object and track are at rest. A handled
@@ -86,13 +86,13 @@ class ObjectMapConfig(Config):
         expert=True,
     )
 
-    # Largest rate (Hz) of the images that are used for all objects: as good as 10 in six rooms
-    # (decision 052). Those with detections between them, up to the second rate, are used for
-    # objects in view that are not sure yet.
+    # Largest rate (Hz) of the images that are used for all objects: in six rooms, as good as 10
+    # (decision 052). Images with detections between them, up to the second rate, are used only
+    # for objects in view that are not confirmed yet.
     look_rate_hz: ClassVar[float] = 3.0
     evidence_rate_hz: ClassVar[float] = 10.0
-    # Larger than the rate of cameras: the map chooses among all images, because boxes are detected
-    # in some only.
+    # Larger than the rate of cameras: the map chooses among all images, because only some of them
+    # have detections.
     rate_hz: ClassVar[float] = 100.0
 
     def __post_init__(self) -> None:

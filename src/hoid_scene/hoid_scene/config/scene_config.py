@@ -1,4 +1,4 @@
-"""Configuration of the node: that of the dense map, the tracks, the object map and the masks."""
+"""Configuration of the scene node: dense map, tracks, object map and masks."""
 
 from __future__ import annotations
 

@@ -24,13 +24,13 @@ class CloudLabels(NamedTuple):
     """The classes of the points of a cloud."""
 
     labels: NDArray[np.uint32]  # (N,) NO_CLASS, or 1 + the index of the class
-    class_names: tuple[str, ...]  # '': this number has no class
+    class_names: tuple[str, ...]  # name by label - 1; '': unused
 
 
 class CloudLabeler:
     """Labels points, and numbers the classes.
 
-    A class keeps its number as long as there is an object of it; then another one may get it.
+    A class keeps its number while it has objects; afterwards another class may get the number.
     """
 
     def __init__(self) -> None:
@@ -42,7 +42,7 @@ class CloudLabeler:
         objects: Sequence[tuple[str, FloatArray]],
         classes: Sequence[str],
     ) -> CloudLabels:
-        """Return the classes of points (N, 3); of two objects at a point, the first one counts.
+        """Return the classes of points (N, 3); where objects overlap, the first object counts.
 
         Args:
             objects: Class and points (M, 3) of each object at rest, in the map frame.

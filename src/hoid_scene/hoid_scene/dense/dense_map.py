@@ -1,8 +1,8 @@
-"""The dense map: colored voxels in submaps, and the stored images that they are made of.
+"""The dense map: colored voxels in submaps, and the stored images from which they are made.
 
 Each submap is anchored to a keyframe, and each image is stored relative to one. A correction of
 the keyframes first moves each submap rigidly with its anchor. A submap whose images have moved
-relative to it is bent, if enough of them are still stored: its voxels are made again from them.
+relative to it is bent: if enough of them are still stored, its voxels are made again from them.
 The voxels of loaded submaps have no images: they only move with their anchor keyframe, and new
 images carve those that are wrong.
 """
@@ -24,13 +24,13 @@ from hoid_scene.dense.view_store import StoredView, ViewStore
 from hoid_scene.place import anchor_at
 from hoid_scene.scene_scheduler import SceneRequest
 
-# Chosen: distance [m] at which a rotation is compared with a translation, typical of what a
-# camera sees in a room.
+# Chosen: distance [m] by which a rotation is converted to a translation, a typical depth in a
+# room.
 _ROTATION_M_PER_RAD = 2.0
-_BENT_VOXELS = 0.5  # a smaller displacement is hidden by a voxel; not tuned
-_FORCED_VOXELS = 0.05  # the same at a forced correction, as at the end of a run
-# Largest number of stored images within this distance of a new one; if there are more, the most
-# redundant one is removed. A camera that drives past stores 6 images per meter; a voxel needs 3.
+_BENT_VOXELS = 0.5  # limit of displacement in voxels; not tuned
+_FORCED_VOXELS = 0.05  # the same for a forced correction, as at the end of a run
+# Largest number of stored images within this distance of a new image; if there are more, the most
+# redundant image is removed. A camera that drives past stores 6 images per meter; a voxel needs 3.
 # Not tuned.
 _NEAR_M, _MAX_NEAR = 2.0, 100
 # Not tuned: a submap is rebuilt only if this share of its images, or this number, is still stored.
@@ -45,9 +45,9 @@ _KEPT_SHARE = 0.75
 class DenseMap:
     """The submaps and the images of all maps, kept consistent with the keyframes.
 
-    An image changes the submaps of its map that it observes. What it measures outside of them
-    starts new ones. Submaps of other maps than the main one are fused in frames of their own and
-    are not shown; when a recognized place merges the maps, they move to the map frame. The number
+    An image changes the submaps of its map that it observes. Surface outside of them starts new
+    submaps. Submaps of maps other than the main map are fused in frames of their own and are not
+    shown. When a recognized place merges the maps, they move to the map frame. The number
     of images grows with the space that was seen, and not with time.
 
     Methods raise MapFileError if the store of images cannot be read or written, and OSError if
@@ -112,7 +112,7 @@ class DenseMap:
         self._fuse(slot, view, image)
 
     def restore(self) -> None:
-        """Fuse the images of the store that an earlier process has filled."""
+        """Fuse the images that an earlier process has left in the store."""
         for slot, view in list(self._store.views()):
             if self.keyframes.row_of(view.keyframe_uid) is None:
                 self._store.discard(slot)
@@ -136,7 +136,7 @@ class DenseMap:
         return created
 
     def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> bool:
-        """Apply corrected keyframe poses: move the submaps, and find those that are bent.
+        """Apply corrected keyframe poses: move the submaps, and find the bent ones.
 
         Args:
             force: Whether to check all submaps against a ten times smaller limit, as at the end of
@@ -257,8 +257,8 @@ class DenseMap:
     def _find_bent(self, moved: set[int], *, force: bool) -> None:
         """Update which submaps are bent.
 
-        Only submaps are checked whose anchor has moved, or into which images of moved keyframes
-        were fused. A submap is bent if its images have moved relative to it by more than half a
+        A submap is checked only if its anchor has moved, or if images of moved keyframes were
+        fused into it. A submap is bent if its images have moved relative to it by more than half a
         voxel, and if enough of them are still stored.
         """
         slots = [s for s, v in self._views.items() if force or v.keyframe_uid in moved]
@@ -285,7 +285,7 @@ class DenseMap:
     def _reattach(self, before: KeyframePoses) -> None:
         """Attach images of removed keyframes to other keyframes of the same map.
 
-        If none of its keyframes remains, they are discarded.
+        If no keyframe of their map remains, the images are discarded.
         """
         remaining = set(self.keyframes.uids.tolist())
         removed = set(before.uids.tolist()) - remaining

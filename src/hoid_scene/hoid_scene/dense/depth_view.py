@@ -59,8 +59,8 @@ class DepthView:
 class Comparison(NamedTuple):
     """The points whose pixels in one image have a depth reading, compared with this reading."""
 
-    rows: IntArray  # (M,) of the points
-    gap_m: Float32Array  # (M,) measured depth minus the point's; positive: surface behind
+    rows: IntArray  # (M,) rows of the compared points
+    gap_m: Float32Array  # (M,) measured depth minus point's depth; positive: surface behind
     noise_m: Float32Array  # (M,) standard deviation of the gap
     is_static: BoolArray  # (M,) whether the measured surface belongs to no dynamic object
 

@@ -27,12 +27,12 @@ class PosedView(NamedTuple):
     """An image with its pose and its keyframe, for fusion."""
 
     view: DepthView
-    slot: int  # its number among the stored images
-    anchor: Anchor  # its keyframe and pose
+    slot: int  # number of the stored image
+    anchor: Anchor  # keyframe and pose of the image
 
 
 class Fusion:
-    """Changes the submaps that an image observes, and starts new ones for other surface."""
+    """Updates the submaps that an image observes, and starts new submaps for other surface."""
 
     def __init__(self, camera: CameraModel, config: DenseConfig) -> None:
         self.camera = DepthCamera(camera, config)
@@ -46,7 +46,7 @@ class Fusion:
     ) -> list[Submap]:
         """Carve the voxels that an image sees through, then add the surface that it measures.
 
-        Return the submaps that were created. `only` has the submaps that may change; None: all.
+        Return the created submaps. `only` contains the submaps that may change; None: all may.
         """
         near = self._in_view(posed, submaps)
         observed = [s for s in near if only is None or s in only]

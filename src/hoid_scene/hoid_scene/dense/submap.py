@@ -32,7 +32,7 @@ _W, _HITS, _VIEWS, _NUM_COLUMNS = 6, 7, 8, 9  # columns of `Submap.values` after
 
 
 class Evidence(NamedTuple):
-    """What one image shows of the N voxels of a submap."""
+    """Flags of the N voxels of a submap, as one image observes them."""
 
     is_carved: BoolArray  # (N,) the image sees through it
     is_observed: BoolArray  # (N,) the image measures static surface near it
@@ -66,15 +66,15 @@ class Submap:
         self.free_above = np.zeros((SPAN // 2, SPAN // 2), np.uint16)
         # T_submap_camera of each stored image that had the cube in view, by its slot.
         self.poses: dict[int, FloatArray] = {}
-        self.fused: set[int] = set()  # slots of those that changed voxels
-        self.marked: set[int] = set()  # slots of those that `free_space.py` has considered
-        self.num_fused = 0  # all images that changed voxels, also those no longer stored
+        self.fused: set[int] = set()  # slots of images that changed voxels
+        self.marked: set[int] = set()  # slots of images that `free_space.py` has processed
+        self.num_fused = 0  # images that changed voxels, including images no longer stored
         # Whether the submap must be rebuilt: its images have moved relative to it by more than a
         # limit, and enough of them are still stored (`dense_map.py`).
         self.is_bent = False
         self.revision = 0  # increases with each change of voxels, free space or pose
-        # Keys, values and `free_above` before any stored image was fused: those of a loaded map,
-        # or empty. A rebuild starts with them.
+        # Keys, values and `free_above` before any stored image was fused: from a loaded map, or
+        # empty. A rebuild starts with them.
         self._base = self.keys, self.values, self.free_above.copy()
 
     def __len__(self) -> int:
@@ -179,9 +179,9 @@ class Submap:
         self.revision += 1
 
     def keep_as_saved(self) -> None:
-        """Make the present voxels, which must be on disk, the saved ones.
+        """Make the present voxels, which must be on disk, the base of later rebuilds.
 
-        Their images are not stored, so that they are kept when other images are fused again.
+        Their images are not stored, so the voxels must survive when other images are fused again.
         """
         self._base = self.keys, self.values, self.free_above.copy()
 
@@ -192,7 +192,7 @@ class Submap:
         self.marked.discard(slot)
 
     def bend_m(self, poses: dict[int, FloatArray]) -> float:
-        """Return how far [m] a corner of the cube has moved as the fused images see it.
+        """Return the largest displacement [m] of a cube corner relative to the fused images.
 
         `poses` has the present T_map_camera (4, 4) of all stored images, by slot.
         """
@@ -215,7 +215,7 @@ class Submap:
         columns = np.concatenate([weights * means, weights, ones], axis=1)
         keys, inverse = np.unique(keys, return_inverse=True)
         out = np.zeros((len(keys), _NUM_COLUMNS), np.float32)
-        if len(keys) == len(inverse):  # no two voxels of the map frame have met in one
+        if len(keys) == len(inverse):  # no two voxels of the map frame share one here
             out[inverse] = columns
         else:
             np.add.at(out, inverse, columns.astype(np.float32))
@@ -236,7 +236,7 @@ def transform(T: FloatArray, points: Float32Array) -> Float32Array:
 
 
 def move_to_disk(submaps: Sequence[Submap]) -> None:
-    """Move the voxels of submaps, at least one in all, to an unnamed temporary file.
+    """Move the voxels of submaps (at least one voxel in total) to an unnamed temporary file.
 
     The arrays become read-only memory maps, so that all reading works as before and the operating
     system decides which part of the file stays in memory. The file is deleted when no submap uses

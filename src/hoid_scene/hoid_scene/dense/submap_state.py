@@ -84,7 +84,7 @@ class SubmapState(Record):
         return cls.of({**together, 'voxel_m': parts[0].voxel_m})
 
     def with_anchors(self, anchor: IntArray) -> SubmapState:
-        """Return the submaps with other anchors (S,); those with the anchor -1 are left out."""
+        """Return the submaps with new anchors (S,); submaps with the anchor -1 are left out."""
         return self.of({**self._rows(anchor >= 0).arrays(), 'anchor': anchor[anchor >= 0]})
 
     def split(self) -> list[SubmapState]:

@@ -1,4 +1,4 @@
-"""The images that the dense map is made of, in a database, each relative to a keyframe."""
+"""Database of the images from which the dense map is made, each relative to a keyframe."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class ViewImage(Record):
     image_bgr: Annotated[ByteArray, column('u1', 'half_rows', 'half_columns', 3)]
 
 
-# Two tables, because another keyframe changes the pose of a view and not its image.
+# Two tables, because a new anchor keyframe changes the pose of a view, but not its image.
 VIEWS = Table('scene_views', 'slot', {'keyframe_uid': int, 'pose': Pose})
 IMAGES = Table('scene_images', 'slot', {'image': ViewImage})
 
 
 class StoredView(NamedTuple):
-    """Where a stored image was taken."""
+    """The pose of a stored image relative to its keyframe."""
 
     keyframe_uid: int
     T_keyframe_camera: FloatArray  # (4, 4)

@@ -14,14 +14,14 @@ NO_FLOOR = (
     'place on /tf_static, or --mount ROLL PITCH YAW of "hoid run"'
 )
 """Why there is no grid, and what to do."""
-# Chosen: more than the noise of the floor, of which the boxes of furniture show a part between the
-# legs. Points lower than this are on the floor.
+# Points less than this above the plane are on the floor, which boxes of furniture show between
+# the legs. Chosen: more than the noise of the floor.
 ON_FLOOR_M = 0.04
 _TRIALS = 300  # largest number of level planes that are compared; not tuned
 _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
 _THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `depth_view.py`)
 _MAX_TILT_RAD = np.deg2rad(20.0)  # not tuned: without a base frame the map is only nearly level
-_MAX_SHARE_BELOW = 0.03  # of all points; a plane with more points below is a table; not tuned
+_MAX_SHARE_BELOW = 0.03  # of all points; a plane with more below it is a table; not tuned
 _MIN_SHARE = 0.03  # smallest share of all points that lie on the floor; not tuned
 # Chosen: smallest standard deviation of the floor's points across the direction in which they
 # extend most. In a map that is tilted by 45 degrees, the lowest edge between floor and wall is a

@@ -57,7 +57,7 @@ def mark_free_space(
                 waiting.setdefault(slot, []).append(submap)
         submap.marked = set(submap.poses)
     columns = {s: _Columns(s, floor, floor_m[s]) for part in waiting.values() for s in part}
-    for slot, part in sorted(waiting.items(), reverse=True):  # the newest ones see most
+    for slot, part in sorted(waiting.items(), reverse=True):  # the newest images see most
         open_parts = [columns[submap] for submap in part if columns[submap].count_open()]
         view = read(slot) if open_parts else None
         if view is not None:

@@ -28,7 +28,7 @@ class GridExtent(NamedTuple):
     resolution_m: float
 
     def centers_m(self) -> tuple[FloatArray, FloatArray]:
-        """Return x (W,) of the centers of the columns and y (H,) of those of the rows."""
+        """Return x (W,) [m] of the column centers and y (H,) [m] of the row centers."""
         rows, columns = (np.arange(count, dtype=np.float64) + 0.5 for count in self.shape)
         x_m = np.asarray((self.low[0] + columns) * self.resolution_m)
         return x_m, np.asarray((self.low[1] + rows) * self.resolution_m)
@@ -44,7 +44,7 @@ class Grid:
 
     cells: NDArray[np.int8]  # (H, W): FREE, OCCUPIED or UNKNOWN
     resolution_m: float
-    # (4, 4) transform from the level frame; affine, not rigid, if that has the map's x and y.
+    # (4, 4) transform from the level frame; affine, not rigid, if that frame has the map's x, y.
     T_map_level: FloatArray
     low: tuple[int, int]  # x and y of the corner of cell (0, 0) in the level frame, in cells
 
@@ -74,8 +74,8 @@ class SubmapCells(NamedTuple):
     free_above: NDArray[np.uint16]  # (M,) bits of the height steps that are known to be free
 
 
-# Flags of a cell: it has a voxel of the floor, one above the floor, and one above the floor on
-# which too few images agree.
+# Flags of a cell: it has a voxel of the floor, a voxel above the floor, and a voxel above the
+# floor on which too few images agree.
 _FLOOR, _OBSTACLE, _DOUBT = 1, 2, 4
 
 

@@ -29,8 +29,8 @@ class LocalFloors:
         """Return the height [m] of the floor of each submap above the plane.
 
         It is the median height of the shown voxels within 0.1 m of the expected floor, or the
-        expected height where these are too few. The expected height is that of the nearest one of
-        the submaps before it in `submaps` that show the floor; it is 0 if there is none.
+        expected height if these are too few. The expected height is the height of the nearest of
+        the preceding submaps in `submaps` that show the floor, or 0 without such a submap.
         """
         T_floor_map = se3.inverse(self.floor.T_map_floor)
         out: dict[Submap, float] = {}

@@ -24,7 +24,7 @@ class GridPatch(NamedTuple):
 
 
 def patch_of(before: NDArray[np.int8], cells: NDArray[np.int8]) -> GridPatch | None:
-    """Return the smallest rectangle with all cells (H, W) that have changed; None: none has."""
+    """Return the smallest rectangle with all changed cells (H, W); None without changes."""
     rows, columns = np.nonzero(before != cells)
     if len(rows) == 0:
         return None

@@ -50,7 +50,7 @@ class Upright(NamedTuple):
     up: FloatArray  # (3,) unit vector in the map frame
     horizontal: float  # ratio of the planar surface that is horizontal
     vertical: float  # ratio of the planar surface that is vertical
-    is_certain: bool  # False: the surfaces leave a rotation open, which the camera's poses decide
+    is_certain: bool  # False: surfaces leave a rotation open; the camera's poses decide
     wall: FloatArray | None  # (3,) horizontal unit vector along most walls; None: no heading
 
 
@@ -82,7 +82,7 @@ def find_upright(
 def _planes(points_m: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return unit normals (M, 3) of planar cells of a cloud, and their ratios of the points (M,).
 
-    The sign of a normal is arbitrary. Of too many points and cells, some are chosen at random.
+    The sign of a normal is arbitrary. Excess points and cells are dropped at random.
     """
     if len(points_m) > _MAX_POINTS:
         points_m = points_m[rng.choice(len(points_m), _MAX_POINTS, replace=False)]

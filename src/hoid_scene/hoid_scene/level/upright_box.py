@@ -1,4 +1,4 @@
-"""The upright box of an object, turned about the vertical as its footprint is."""
+"""The upright box of an object, with the heading that fits its footprint."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def upright_box(points_m: FloatArray, level: Level) -> UprightBox:
     """Return the upright box of points (N, 3), N > 0, whose footprint fits best.
 
     The outermost 2 % of the points on each side of each axis are left out. A box along the walls
-    is preferred if its footprint is at most 10 % worse: that of a round thing has no heading. The
-    first axis is the one that is nearest to the x axis of the frame.
+    is preferred if its footprint is at most 10 % worse: a round footprint has no heading. The
+    first axis is the horizontal axis nearest to the x axis of the frame.
     """
     level_axes = _level_axes(level)
     some_m = points_m[:: -(-len(points_m) // _MAX_POINTS)] @ level_axes[:, :2]
@@ -106,9 +106,9 @@ def extended_back(box: UprightBox, direction: FloatArray) -> UprightBox:
 
 
 def on_floor(box: UprightBox, height_m: float) -> UprightBox:
-    """Return the box of furniture with its legs, which are rarely seen: it reaches to the floor.
+    """Return the box of furniture, extended to the floor, because its legs are rarely seen.
 
-    A box whose lowest side is more than 1 m above the floor does not stand on it.
+    A box whose lowest side is more than 1 m above the floor is returned unchanged.
     """
     floor_m = float(box.low_m[2] + box.high_m[2]) / 2 - height_m
     if box.low_m[2] - floor_m >= _MAX_LIFT_M:
@@ -159,7 +159,7 @@ def _misfits_m2(xy_m: FloatArray, headings_rad: FloatArray) -> FloatArray:
 
 
 def _trimmed(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest of N values (N, ...) per column, but for the outermost 2 %."""
+    """Return the lowest and highest of N values (N, ...) per column, without the outermost 2 %."""
     ordered = np.sort(values, axis=0)
     left_out = int(_OUTER_RATIO * len(values))
     return ordered[left_out], ordered[-1 - left_out]

@@ -1,1 +1,1 @@
-"""What is remembered of an object besides its surface: colors, the best picture, its history."""
+"""The memory of an object besides its surface: its colors, best picture and history."""

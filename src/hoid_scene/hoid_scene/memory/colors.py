@@ -1,4 +1,4 @@
-"""The names of colors, as people use them to tell things apart."""
+"""The names of colors, as people use them to distinguish things."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def color_counts(pixels_bgr: ByteArray) -> IntArray:
 
 
 def color_names(counts: IntArray) -> tuple[str, ...]:
-    """Return the colors of at least a quarter of the pixels that were counted, (11,).
+    """Return the colors that have at least a quarter of the counted pixels (11,).
 
-    The most frequent one is first. If no color has a quarter, it is the only one.
+    The most frequent color is first. If no color has a quarter, only that one is returned.
     """
     total = int(counts.sum())
     if total == 0:

@@ -10,7 +10,7 @@ from hoid_common.values import NS_PER_S, ObjectState
 
 # Chosen: an object that was out of view for so long is noted when it is seen again.
 _AWAY_NS = 600 * NS_PER_S
-MAX_EVENTS = 100  # chosen: 16 kB; of more, the first one and the newest ones are kept
+MAX_EVENTS = 100  # chosen: 16 kB; beyond it, the first and the newest events are kept
 
 
 class EventKind(Enum):
@@ -26,11 +26,11 @@ class EventKind(Enum):
 class ObjectEvent(NamedTuple):
     """One event in the history of an object."""
 
-    stamp_ns: int  # of the image that showed it
+    stamp_ns: int  # stamp of the image that showed it
     kind: EventKind
     # Track of the person who took it or put it down, in the session of the stamp; -1: unknown.
     person_id: int = -1
-    distance_m: float = 0.0  # of PUT_DOWN: from the place before
+    distance_m: float = 0.0  # for PUT_DOWN: distance from the previous place
 
 
 class PresentState(NamedTuple):
@@ -40,8 +40,8 @@ class PresentState(NamedTuple):
     first_ns: int  # stamp of the first sighting
     last_ns: int  # stamp of the last sighting
     left_ns: int  # stamp of the image that showed that it is not at its place
-    moved_ns: int  # stamp of the last sighting at the place before; 0: it was not moved
-    moved_m: float  # distance from the place before
+    moved_ns: int  # stamp of the last sighting at the previous place; 0: not moved
+    moved_m: float  # distance from the previous place
     person_id: int
 
 
@@ -89,9 +89,9 @@ class History:
                 yield ObjectEvent(now.last_ns, EventKind.SEEN)
 
     def add(self, events: Iterable[ObjectEvent]) -> None:
-        """Add events, those of another object that proved to be the same one included.
+        """Add events, including events of another object that proved to be the same object.
 
-        Only the first event remains NEW: the object was known at the others.
+        Only the first event remains NEW: at later events the object was known already.
         """
         known = sorted(
             {*self.events, *events}, key=lambda event: (event.stamp_ns, event.kind.value)

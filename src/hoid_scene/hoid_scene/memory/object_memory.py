@@ -53,7 +53,7 @@ NO_MEMORIES: Mapping[int, MemoryState] = MappingProxyType({})
 
 
 class ObjectMemory:
-    """What is remembered of one object besides its surface.
+    """The memory of one object besides its surface.
 
     Attributes:
         jpeg: The image of the object that shows it best, as JPEG of at most 20 kB; b'': none.
@@ -63,10 +63,10 @@ class ObjectMemory:
     def __init__(self) -> None:
         self.history = History()
         self.jpeg, self.picture_ns = b'', 0
-        self._rank = 0.0  # of the picture
+        self._rank = 0.0  # rank of the picture
         self._color_px: IntArray = np.zeros(len(COLORS), np.int64)
-        self._names: tuple[str, ...] | None = ()  # None: they are out of date
-        self._state: MemoryState | None = None  # None: it is out of date
+        self._names: tuple[str, ...] | None = ()  # None: out of date
+        self._state: MemoryState | None = None  # None: out of date
 
     @property
     def color_names(self) -> tuple[str, ...]:
@@ -90,17 +90,17 @@ class ObjectMemory:
         self._state = None
 
     def note(self, present: PresentState, stamp_ns: int) -> None:
-        """Add to the history what the state of the object after an image shows."""
+        """Add the events to the history that the object's state after an image shows."""
         if self.history.note(present, stamp_ns):
             self._state = None
 
     def absorb(self, other: ObjectMemory) -> None:
-        """Add the memory of another object that has proved to be the same one."""
+        """Add the memory of another object that has proved to be the same object."""
         self.history.add(other.history.events)
         self.move_to(other)
 
     def move_to(self, other: ObjectMemory) -> None:
-        """Add colors and picture of what this object was taken for when it was put down."""
+        """Add colors and picture of the object that was created when this one was put down."""
         self._color_px = self._color_px + other._color_px
         self._names = self._state = None
         if other._rank > self._rank:

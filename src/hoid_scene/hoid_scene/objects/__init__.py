@@ -1,4 +1,4 @@
-"""The object map: where each object of the scene is at rest, and who moved it.
+"""The object map: the place at rest of each object of the scene, and who moved it.
 
 Nothing in this folder uses features or imports ROS.
 """

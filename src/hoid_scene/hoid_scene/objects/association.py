@@ -20,9 +20,9 @@ from hoid_scene.objects.segmentation import KnownBox, Prior, Segment
 # classes that detectors confuse, or other classes. From a trial on six rendered rooms, before this
 # code.
 _SAME, _CONFUSABLE, _OTHER = 0.35, 0.5, 0.6
-# Ratio of radii from which on a segment does not show an object of a class that detectors do not
-# confuse with its own: a table is not the screen on it. Chosen; on `fr1_xyz`, a screen grew over
-# the table on which it stands.
+# From this ratio of radii on, segment and object do not match if detectors do not confuse their
+# classes: a table is not the screen on it. Chosen; on `fr1_xyz`, a screen grew over the table on
+# which it stands.
 _SIZE_RATIO = 1.6
 _MARGIN_M = 0.04  # around the box of an object; not tuned
 # Smallest intersection over union of a detected box and the bounding box of an object's visible
@@ -37,7 +37,7 @@ _EXPECTED_RATIO = 0.5
 
 
 class Visibility(NamedTuple):
-    """What one image shows of the N voxels of one object."""
+    """Visibility of the N voxels of one object in one image."""
 
     uv_px: FloatArray  # (N, 2) in strided pixels; NaN: out of view
     is_visible: BoolArray  # (N,) whether a surface is measured at the voxel
@@ -79,7 +79,7 @@ def prior_of(
     A confirmed object is shown by the detection of its class whose box overlaps the bounding box
     of its visible voxels most, with an intersection over union of 0.3 or more. The pixels of its
     known surface are then not given to the segment of an object behind it, and a surface that
-    hides it is not taken for its own.
+    hides it is not assigned to it.
     """
     owner = np.full(view.depth_m.size, -1, np.int32)
     known: dict[int, tuple[float, KnownBox]] = {}
@@ -176,10 +176,10 @@ def _may_touch(segments: Sequence[Segment], objects: Sequence[MappedObject]) -> 
 def expected_boxes(
     objects: Sequence[MappedObject], seen: Sequence[Visibility], stamp_ns: int
 ) -> Detections:
-    """Return where an image should show known objects; the scores are their probabilities.
+    """Return the expected boxes of known objects in an image; scores are probabilities.
 
-    These are the confirmed objects at rest of which half of the surface is visible. A box bounds
-    the visible voxels.
+    Only confirmed objects at rest with at least half of the surface visible are returned. A box
+    bounds the visible voxels.
     """
     names, boxes, scores = [], [], []
     for item, visibility in zip(objects, seen, strict=True):  # some tens

@@ -1,9 +1,9 @@
 """Keeps the id of an object while a person carries it to another place.
 
 The object tracker (`object_tracker`) follows an object while a person carries it. The map uses the
-number of the object's track, which is the same at the old place and at the new one. Where the
-track was lost on the way, the map uses what it knows of both places: the old one is seen without
-the object, and a person was at the new one before the object was found there.
+number of the object's track, which is the same at the old and at the new place. If the track was
+lost on the way, the map compares both places: the old place is seen without the object, and a
+person was at the new place before the object was found there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _AWAY_M = 0.3  # an object is carried if its handled track is at least this far 
 # Number of successive images that must show the old place empty before an object counts as
 # handled.
 _MIN_THROUGH = 2
-_FEW_SIGHTINGS = 4  # fewer do not show that an object was at rest; chosen on seeds 83 and 85
+_FEW_SIGHTINGS = 4  # fewer do not prove that an object was at rest; chosen on seeds 83, 85
 # Smallest ratio of the images that showed an object with few sightings in which it must have been
 # detected.
 _STABLE_RATIO = 0.75
@@ -36,7 +36,7 @@ _HEAVY = frozenset({'couch', 'bed', 'dining table', 'refrigerator', 'oven', 'toi
 # or not, before it may be an object that a person has put down elsewhere.
 _MIN_ABSENT = 4
 _ADOPT_NS = 600 * NS_PER_S  # an object that has left its place for longer gets a new number
-# Largest ratio of the sizes of an object and of a new object that it may have become.
+# Largest ratio of the sizes of an old and a new object that may be the same object.
 _MAX_RATIO = 1.6
 # How long the places of people are remembered. An object that was not seen for longer may have
 # been moved while no camera was watching.
@@ -45,7 +45,7 @@ _EARLY_NS = NS_PER_S  # a person may hide an object for so long before it leaves
 
 
 class _Visit(NamedTuple):
-    """Where people were in one image."""
+    """The positions of people in one image."""
 
     stamp_ns: int
     positions_map_m: FloatArray  # (P, 3)
@@ -62,7 +62,7 @@ class Carrying:
     ) -> list[MappedObject]:
         """Update which objects people handle, and recognize objects that were carried elsewhere.
 
-        Return the objects; a new one that is a carried older one is joined with that.
+        Return the objects; a new object that is a carried older object is merged into it.
         """
         people = [track for track in tracks if track.state is ObjectState.PERSON]
         self._note_people(people, stamp_ns)
@@ -85,9 +85,9 @@ class Carrying:
     def _joined(
         self, objects: list[MappedObject], tracks: dict[int, TrackedObject], stamp_ns: int
     ) -> list[MappedObject]:
-        """Move each object that has left its place to that of the new object that it has become.
+        """Move each object that has left its place to the place of the matching new object.
 
-        Return the objects without these new ones.
+        Return the objects without these new objects.
         """
         new = [item for item in objects if item.is_present and item.is_confirmed]
         removed: set[int] = set()
@@ -114,12 +114,12 @@ class Carrying:
         tracks: dict[int, TrackedObject],
         stamp_ns: int,
     ) -> int:
-        """Return how strong the evidence is that an object has become another one; 0: none.
+        """Return the strength of the evidence that two objects are the same; 0: no evidence.
 
-        The other one must be of the same class and must have been seen first after the last
-        sighting of `item`. The evidence, from the strongest on, is the same track; a place seen
-        without `item` and an object that was carried to its place; and an empty place and a person
-        who was at the new one since, or nobody watching for a minute.
+        `other` must be of the same class, and seen first after the last sighting of `item`.
+        3: they have the same track. 2: the place of `item` is seen without it, and `other` was
+        carried to its place. 1: the place of `item` is empty, and since then a person was at the
+        place of `other`, or `item` was out of view for a minute.
         """
         if not _may_be(item, other) or not _is_reliable(item):
             return 0
@@ -152,7 +152,7 @@ class Carrying:
 
 
 def within_reach(segment: Segment, tracks: Sequence[TrackedObject]) -> Segment:
-    """Return a segment; it is at rest if the filter calls it handled, but all people are too far.
+    """Return a segment, changed to at rest if it is handled but nobody is within reach.
 
     The filter compares boxes in the image, in which a person may be far in front of an object. If
     no person is tracked, the state of the filter is kept.
@@ -214,10 +214,10 @@ def _is_reliable(item: MappedObject) -> bool:
 
 
 def _join_order(item: MappedObject) -> tuple[bool, int]:
-    """Return the sort key of the order in which objects may become new ones.
+    """Return the sort key of the order in which old objects are matched with new objects.
 
-    Those that were seen often come first: an object with few sightings may be a thing that seemed
-    to be at rest in somebody's hands for a moment. Then those that were seen last come first.
+    Objects seen often come first: an object with few sightings may have seemed to be at rest for a
+    moment in somebody's hands. Among these, objects seen last come first.
     """
     return item.evidence.is_brief, -item.evidence.last_ns
 
@@ -242,7 +242,7 @@ def _distance_m(item: MappedObject, track: TrackedObject) -> float:
 def _is_elsewhere(
     track: TrackedObject | None, places: Sequence[MappedObject], stamp_ns: int
 ) -> bool:
-    """Return whether a track was seen lately away from the places of all these objects."""
+    """Return whether a track was detected lately, away from the places of all objects given."""
     if track is None or track.stamp_ns <= stamp_ns - FRESH_NS:
         return False
     return all(_distance_m(item, track) >= _AWAY_M for item in places)

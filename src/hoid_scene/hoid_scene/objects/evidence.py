@@ -1,6 +1,6 @@
-"""The evidence for one object: of which class it is, that it exists, and that it is still there.
+"""The evidence for one object: its class, its existence, and its presence at its place.
 
-A look is an image in which the object may be seen, a sighting one in which it was detected.
+A look is an image in which the object may be visible. A sighting is a look that detected it.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import numpy as np
 from hoid_common.values import NS_PER_S, FloatArray
 
 # None of these numbers was tuned where no other source is named.
-# Of a sure object: three sightings over 0.4 s, or five.
+# A sure object needs three sightings over 0.4 s, or five sightings.
 _MIN_SIGHTINGS, _MIN_AGE_NS, _AT_ONCE = 3, NS_PER_S * 2 // 5, 5
 # Chosen: an object is sure if all of its detections are wrong with at most this probability. The
-# score of an independent detection is taken for the probability, at most this one, that it is
-# right; most wrong objects on real clips have a larger probability.
+# score of an independent detection, up to _MAX_SCORE, is taken as the probability that it is
+# right. Most wrong objects on real clips have a larger probability of being wrong.
 _MAX_WRONG, _MAX_SCORE = 0.15, 0.95
-_MIN_SEEN_RATIO = 0.4  # of the looks that show its surface, in which it must have been detected
-# An object with at least so many sightings is kept, as one that is gone, after it was not detected
-# in so many successive looks at its place and in more than half of all looks.
+_MIN_SEEN_RATIO = 0.4  # least ratio of detections to looks that show its surface
+# An object with at least so many sightings is kept, but marked as gone, if it was not detected in
+# so many successive looks at its place and in more than half of all looks.
 _MANY_SIGHTINGS, _MISSING_LOOKS = 6, 4
 # Effect of a look on the probability that the object is still there: gain towards 1 of a sighting,
 # relative loss by a missed detection and by a look that shows the place empty.
@@ -59,9 +59,9 @@ class Views:
         return len(self.counts)
 
     def add(self, direction: FloatArray, count: int = 1) -> float:
-        """Count detections from a direction (3,); return the weight of the last one.
+        """Count detections from a direction (3,); return the weight of the last detection.
 
-        The first three from a direction weigh 1, each later one half as much as the one before.
+        The first three detections from a direction weigh 1; the weight then halves each time.
         """
         cosine = self.directions @ direction
         if len(cosine) == 0 or (cosine.max() < _SAME_VIEW and len(cosine) < _MAX_VIEWS):
@@ -113,9 +113,9 @@ class Evidence:
         return is_old and is_often and self.seen_ratio >= _MIN_SEEN_RATIO
 
     def is_open(self, stamp_ns: int) -> bool:
-        """Return whether the next images may decide if there is such an object.
+        """Return whether the next images may decide whether the object exists.
 
-        It was detected lately, and not often from the same direction.
+        It must have been detected lately, and not often from the same direction.
         """
         is_in_view = 0 <= stamp_ns - self.last_ns < _IN_VIEW_NS
         return is_in_view and not self.is_sufficient and self.views.last_weight > _LEAST_WEIGHT
@@ -131,7 +131,7 @@ class Evidence:
 
     @property
     def is_missing(self) -> bool:
-        """Return whether it was not detected for long, although a surface was seen at its place.
+        """Return whether many looks at its place, which showed a surface, did not detect it.
 
         The place of a flat object that was taken does not look empty.
         """

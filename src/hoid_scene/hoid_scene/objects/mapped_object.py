@@ -1,4 +1,4 @@
-"""One object of the object map: its surface, the evidence for it, and what has happened to it."""
+"""One object of the object map: its surface, the evidence for it, and its history."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from hoid_scene.place import Place
 
 # Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
-# Smallest and largest diagonal [m] of the box of what was seen of a sure object, by class. Chosen
-# from what shops sell, with half of it hidden; other classes have any size.
+# Smallest and largest diagonal [m] of the measured box of a sure object, by class. Chosen from
+# products on sale, with half of the object hidden; other classes have any size.
 _DIAGONALS_M = {
     'tv': (0.38, 1.65), 'laptop': (0.2, 0.6), 'keyboard': (0.2, 0.8), 'mouse': (0.05, 0.25),
     'cell phone': (0.08, 0.3), 'remote': (0.08, 0.4), 'book': (0.1, 0.7), 'cup': (0.05, 0.35),
@@ -31,8 +31,8 @@ _DIAGONALS_M = {
     'couch': (0.5, 4.0), 'bed': (0.7, 4.0), 'dining table': (0.4, 4.5), 'toilet': (0.3, 1.4),
     'sink': (0.25, 1.6), 'microwave': (0.3, 1.2), 'oven': (0.4, 1.8), 'refrigerator': (0.7, 2.8),
 }  # fmt: skip
-# Largest height [m] of the box of what was seen, by class: that of the largest open laptop, 0.27,
-# with the noise of depth. Most screens are higher.
+# Largest height [m] of the measured box, by class: the height of the largest open laptop, 0.27,
+# plus depth noise. Most screens are higher.
 _HEIGHTS_M = {'laptop': 0.32}
 # Chosen: an object at rest is listed if it is still there with at least this probability.
 _LIKELY = 0.5
@@ -51,14 +51,14 @@ class MapObject:
     num_sightings: int  # number of images in which it was detected at rest
     first_ns: int  # stamp of the first sighting
     last_ns: int  # stamp of the last sighting
-    probability: float  # that it is still there, in [0, 1]
+    probability: float  # probability that it is still there, in [0, 1]
     holder_id: int = -1  # track of the person who handles or moved it; -1: unknown
-    # (3,) center of its box at the place before, in the map frame; None: it was not moved.
+    # (3,) center of its box at the previous place, in the map frame; None: it was not moved.
     moved_from_map_m: FloatArray | None = None
-    moved_ns: int = 0  # stamp of its last sighting at the place before; 0: it was not moved
+    moved_ns: int = 0  # stamp of its last sighting at the previous place; 0: not moved
     is_new: bool = False  # whether a loaded map did not contain it, although it is seen often
     num_views: int = 0  # number of directions, at least 10 degrees apart, of its detections
-    colors: tuple[str, ...] = ()  # names, the most frequent one first; (): none was measured
+    colors: tuple[str, ...] = ()  # names, most frequent first; (): no color was measured
     events: tuple[ObjectEvent, ...] = ()  # its history
     jpeg: bytes = b''  # its best picture, of at most 20 kB; b'': none
 
@@ -81,12 +81,12 @@ class MappedObject:
     """One object, in a frame that moves with a keyframe.
 
     Attributes:
-        left_as: HANDLED or GONE if it is not at its place any more; None: it is.
+        left_as: HANDLED or GONE if it is not at its place any more; None: it is at its place.
         left_ns: Stamp of the image that showed this.
         holder_id: Track of the person who handles or moved it; -1: unknown.
-        moved_from_m: (3,) center of its box at the place before, in the object frame; None: it was
-            not moved.
-        moved_ns: Stamp of the last sighting there.
+        moved_from_m: (3,) center of its box at the previous place, in the object frame; None: it
+        was not moved.
+        moved_ns: Stamp of the last sighting at the previous place.
         is_loaded: Whether it is from a loaded map.
         track_id: Its track in the object tracker; -1: none.
         was_carried: Whether this track shows that a person carried it to its place.
@@ -107,7 +107,7 @@ class MappedObject:
 
     @property
     def class_name(self) -> str:
-        """Return the likeliest class that can have its size, or else the likeliest one."""
+        """Return the likeliest class that can have its size, or else the likeliest class."""
         names = self.evidence.class_names
         return next(filter(self._has_size_of, names), names[0])
 
@@ -162,7 +162,7 @@ class MappedObject:
         self.left_as = state
 
     def note_state(self, stamp_ns: int) -> None:
-        """Add to the history what the state after an image shows."""
+        """Add the events to the history that the state after an image shows."""
         seen, before_m = self.evidence, self.moved_from_m
         moved_m = 0.0
         if before_m is not None and self.moved_ns != self.memory.history.moved_ns:
@@ -182,8 +182,8 @@ class MappedObject:
     def is_older_than(self, other: MappedObject) -> bool:
         """Return whether this object is the older one.
 
-        Objects from a loaded map are older than all others; among equals, the one that was first
-        seen earlier is the older one.
+        Objects from a loaded map are older than all others; otherwise, the object that was seen
+        first is older.
         """
         age, other_age = ((not item.is_loaded, item.evidence.first_ns) for item in (self, other))
         return age < other_age

@@ -1,4 +1,4 @@
-"""Merges objects of the map that are one thing at one place."""
+"""Merges objects of the map that represent the same thing at one place."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from hoid_scene.objects.mapped_object import MappedObject
 from hoid_scene.objects.segmentation import BARE, BoxPx, Segment
 
 # None of these numbers was tuned where no other source is named.
-# Ratio of the smaller of two boxes; two that share more may show the same object.
+# Two boxes that share more than this ratio of the smaller one may show the same object.
 _DOUBLE_RATIO = 0.7
 _MARGIN_M = 0.04  # around the box of an object
-# Two objects of a class are one if each has more than this ratio of the other one in its box:
-# things are not inside each other. In 28 maps of rendered rooms, one pair that was one object had
-# 0.81, and pairs that were two had at most 0.60.
+# Two objects of a class are the same if the box of each has more than this ratio of the other:
+# things are not inside each other. In 28 maps of rendered rooms, the one pair that was the same
+# object had 0.81, and pairs of different objects had at most 0.60.
 _INSIDE_RATIO = 0.7
 _MERGE_RATIO = 0.5  # of one object's voxels in the box of the other, from which on they are merged
 _MERGE_OTHER_RATIO = 0.8  # the same for classes that detectors do not confuse
@@ -45,9 +45,9 @@ class Merging:
                 self.apart.add(pair)
 
     def merged(self, objects: Sequence[MappedObject]) -> list[MappedObject]:
-        """Return the objects after merging; of two, the one that was seen more often stays.
+        """Return the objects after merging; of each pair, the object seen more often is kept.
 
-        It gets the number of the older one.
+        It gets the number of the older object.
         """
         by_size = sorted(objects, key=lambda item: -item.evidence.num_sightings)
         gone: set[int] = set()
@@ -100,10 +100,10 @@ def may_lie_on(radius_m: float, item: MappedObject) -> bool:
 
 
 def are_inside_each_other(first: MappedObject, second: MappedObject) -> bool:
-    """Return whether two objects of a class are at one place, so that they are one.
+    """Return whether two objects of a class are at one place, and therefore the same.
 
-    An image may have shown them as two, because a detector may report two boxes for an object of
-    which something hides the middle.
+    An image may have shown both beside each other, because a detector may report two boxes for an
+    object whose middle is hidden.
     """
     pairs = (
         (first, second.surface.solid_points_map_m()),
@@ -117,7 +117,7 @@ def are_inside_each_other(first: MappedObject, second: MappedObject) -> bool:
 def _touching(objects: Sequence[MappedObject]) -> BoolArray:
     """Return the (O, O) mask of the pairs of objects whose bounding spheres touch.
 
-    A chair has at least the sphere of a whole one, because the object may be a part of it.
+    A chair has at least the sphere of a whole chair, because the object may be only a part.
     """
     centers = np.array([item.surface.center_map_m() for item in objects]).reshape(-1, 3)
     radii = np.array([item.surface.radius_m() for item in objects])
@@ -128,7 +128,7 @@ def _touching(objects: Sequence[MappedObject]) -> BoolArray:
 
 
 def _are_parts_of_a_chair(first: MappedObject, second: MappedObject) -> bool:
-    """Return whether two chairs are parts of one, of which each image showed one part only.
+    """Return whether two chairs are parts of one chair, of which each image showed one part.
 
     Both are confirmed, the border of the image has cut them in all their sightings, and together
     they are no larger than one chair: the two horizontal lengths of their common box are compared.

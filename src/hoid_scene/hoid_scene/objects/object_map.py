@@ -74,7 +74,7 @@ class ObjectMap:
         self._camera, self._min_score = ObjectCamera(camera), min_score
         self._looks = Rate(ObjectMapConfig.look_rate_hz)
         self._images = Rate(ObjectMapConfig.evidence_rate_hz)
-        # Where the latest image should show known objects; None: there was none.
+        # Expected boxes of known objects in the latest image; None: no image yet.
         self.expected: Detections | None = None
         self._keyframes: KeyframePoses = NO_KEYFRAMES
         self._objects: list[MappedObject] = []
@@ -131,8 +131,8 @@ class ObjectMap:
         `image` returns its colors (H, W, 3); it is called last, and only for colors and pictures
         of objects. None: these are left out.
 
-        All objects are updated three times a second, and those of which it is uncertain whether
-        they exist ten times. The image must have detections (`has_detections`). It is ignored if
+        All objects are updated at `look_rate_hz`, and objects of uncertain existence at
+        `evidence_rate_hz`. The image must have detections (`has_detections`). It is ignored if
         the request has no keyframes, or if its keyframe has been removed since the request.
         Keyframe poses that are not older than the present ones are applied first (`correct`).
         """
@@ -213,7 +213,7 @@ class ObjectMap:
         keyframe_uids: IntArray,
         memories: Mapping[int, MemoryState] = NO_MEMORIES,
     ) -> None:
-        """Add the objects of a saved map; one whose number another one has gets a new number."""
+        """Add the objects of a saved map; an object whose number is in use gets a new number."""
         loaded = state.objects(self._keyframes, keyframe_uids)
         _recall(loaded, memories)
         self._next_id = max(self._next_id, int(state.next_id[0]))
@@ -288,7 +288,7 @@ class ObjectMap:
         anchor: Anchor,
         stamp_ns: int,
     ) -> list[tuple[MappedObject, Segment]]:
-        """Add objects for the segments that show no known ones; return them with these."""
+        """Add an object for each segment that shows no known object; return the pairs."""
         added = []
         for segment in segments:
             if segment.detection.is_dynamic or _is_claimed(segment, near):
@@ -315,7 +315,7 @@ class ObjectMap:
     def _is_obsolete(self, item: MappedObject, stamp_ns: int) -> bool:
         """Return whether an unconfirmed object was not seen for 10 s, or whether it has left.
 
-        One that has left its place is obsolete if no detector has named its class for 10 minutes.
+        An object that has left is obsolete if its class was not detected for 10 minutes.
         """
         if not item.is_confirmed:
             return stamp_ns - item.evidence.last_ns >= _FORGET_NS
@@ -342,8 +342,8 @@ def _add_sighting(
 ) -> None:
     """Add the detection of a known object.
 
-    One that is not at rest adds no surface, because a person may hide a part of it, nor does an
-    image between two looks: it repeats the errors of a look.
+    An object that is not at rest adds no surface, because a person may hide a part of it. An image
+    between two looks adds no surface either: it repeats the errors of a look.
     """
     if segment.detection.is_dynamic:
         item.note_seen(stamp_ns)
@@ -361,7 +361,7 @@ def _note_unseen(
     view: ObjectView,
     stamp_ns: int,
 ) -> None:
-    """Record what an image shows of an object that was not detected in it.
+    """Update an object that was not detected in an image.
 
     The image may see through its place, or show its surface without a detection. The latter does
     not count if most of what is visible of it is inside the box of a person.

@@ -135,7 +135,7 @@ class ObjectMapState(Record):
         return cls.of({name: np.array(columns[name]).reshape(shapes[name]) for name in shapes})
 
     def with_anchors(self, anchor: IntArray) -> ObjectMapState:
-        """Return the objects with other anchors (O,); those with the anchor -1 are left out."""
+        """Return the objects with new anchors (O,); objects with the anchor -1 are left out."""
         kept, out = anchor >= 0, self.arrays()
         of_parts = {name: count for count, names in _PARTS.items() for name in names}
         for name, array in self.arrays().items():

@@ -18,13 +18,13 @@ from hoid_scene.objects.voxel_set import BITS, VoxelSet, trimmed_box
 from hoid_scene.place import Place
 
 # None of these numbers was tuned where no other source is named.
-_OUTER_RATIO = 0.02  # of the voxels on each side of each axis, which the box leaves out
+_OUTER_RATIO = 0.02  # ratio of voxels on each side of each axis that the box leaves out
 _CELL_M = 0.05  # side of the cells of the surface of an object
 _CELL_SIGMAS = 2.0  # side of the cells in which hits are counted, in standard deviations of depth
 # By how much a known object may grow on each side in a look: length, and ratio of its size.
 _GROWTH_M, _GROWTH_RATIO = 0.05, 0.15
 _MIN_DISTANCE_M = 1e-6  # avoids a division by zero
-# Chosen: the points on the floor are left out if at least this ratio of all is above it.
+# Chosen: points on the floor are left out if at least this ratio of all points is above it.
 _MIN_ABOVE_RATIO = 0.15
 _SAME_UP = 0.01  # chosen: 0.6 degrees; a box is fitted again if the vertical turns by more
 
@@ -133,13 +133,13 @@ class ObjectSurface:
         return self.place.T_place_map, self._cells, _CELL_M, BITS
 
     def ray_to(self, segment: Segment, T_map_camera: FloatArray) -> tuple[FloatArray, float]:
-        """Return the unit vector (3,) from the camera to a segment, object frame, and how far."""
+        """Return the unit vector (3,), object frame, and distance [m] from camera to segment."""
         ray_m = self.T_map_object[:3, :3].T @ (segment.center_map_m - T_map_camera[:3, 3])
         distance_m = max(float(norm(ray_m)), _MIN_DISTANCE_M)
         return np.asarray(ray_m / distance_m), distance_m
 
     def add(self, segment: Segment, T_map_camera: FloatArray) -> None:
-        """Add what an image shows."""
+        """Add the surface that a segment of an image shows."""
         self.voxels.add_points(se3.transform(self.place.T_place_map, segment.points_map_m))
         self.num_looks += 1
         self.is_cut &= segment.is_cut
@@ -182,7 +182,7 @@ class ObjectSurface:
         return on_floor(box, floor.distance_m(center_m))
 
     def _above(self, floor: Floor, means_m: FloatArray) -> FloatArray:
-        """Return those of (N, 3) points, object frame, that are not on the floor, if any are."""
+        """Return the points (N, 3), object frame, above the floor, or all if too few are."""
         heights_m = floor.distances_m(se3.transform(self.T_map_object, means_m))
         is_above = heights_m > ON_FLOOR_M
         return means_m[is_above] if is_above.mean() >= _MIN_ABOVE_RATIO else means_m

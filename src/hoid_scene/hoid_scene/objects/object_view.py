@@ -110,7 +110,7 @@ class ObjectView:
         is_frame = _in_nearest_layer(z)
         # The inverse depth of a plane is linear in the pixel coordinates.
         rows = np.stack([u, v, np.ones(len(u))], 1)
-        for _ in range(2):  # the second time with all of a frame that is not parallel to the image
+        for _ in range(2):  # the second pass includes all of a tilted frame
             if np.count_nonzero(is_frame) < _FRAME_READINGS:
                 return
             A, b = rows[is_frame], 1 / z[is_frame]

@@ -3,8 +3,8 @@
 The box of an object also shows what the object stands on or leans against, and what hides a part
 of it. `hoid_native.object_surfaces` removes the former as planes that continue around the box, and
 the latter where its surface fits the box of another object better, or where the place of the
-object is known. What else stands in the box is left out if a depth edge divides it from the object
-and its surface goes on beyond the box.
+object is known. Other things in the box are left out if a depth edge separates them from the
+object and their surface continues beyond the box.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from hoid_scene.objects.object_view import ObjectView, edge_m
 # those in the box, in the outer part of a margin around it: detected boxes are a few pixels off.
 _MARGIN_PX, _INNER_MARGIN_PX, _MIN_BEYOND, _BEYOND_RATIO = 4, 1, 6, 0.1
 
-# Things of which no part in a box is a plane that continues around the box: such a plane is the
-# wall or the floor behind legs and leaves. Chosen.
+# Classes without planar parts: a plane that continues around the box is the wall or the floor
+# behind legs and leaves. Chosen.
 _NEVER_FLAT = frozenset({'chair', 'potted plant'})
 
-# Things on which other things do not lie: what seems to is a part of them, such as the foot of a
-# monitor that a detector calls a phone. Chosen.
+# Classes on which no other things lie: a detection on them is a part of them, such as the foot of
+# a monitor that a detector calls a phone. Chosen.
 BARE = frozenset(
     {
         'tv', 'laptop', 'keyboard', 'mouse', 'remote', 'cell phone', 'potted plant', 'vase', 'cup',
         'bottle', 'wine glass', 'clock', 'teddy bear', 'umbrella', 'bicycle', 'backpack',
     }
 )  # fmt: skip
-# What a box shows on its known surface is more often a thing behind it than one on it. Chosen.
+# Surface in the box of such a class is more often a thing behind it than on it. Chosen.
 _SEATS = frozenset({'chair'})
 
 BoxPx = tuple[int, int, int, int]
@@ -52,7 +52,7 @@ class KnownBox(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What is known from the map about an image before the boxes in it are segmented."""
+    """The knowledge of the map about an image before its boxes are segmented."""
 
     # (h * w,) by strided pixel: index of the detection of the object that the map has there; -1:
     # none.
@@ -66,7 +66,7 @@ class Segment(NamedTuple):
     detection: DynamicObject
     box_px: BoxPx
     pixels: IntArray  # (M,) flat indices of the strided pixels that show the object
-    points_map_m: FloatArray  # (M, 3) of these
+    points_map_m: FloatArray  # (M, 3) points of these pixels
     center_map_m: FloatArray  # (3,) medians of the points along each axis
     low_map_m: FloatArray  # (3,) lowest corner of their bounding box
     high_map_m: FloatArray  # (3,) highest corner
@@ -83,8 +83,8 @@ def segment_all(
 ) -> list[Segment]:
     """Return the segments of the detected objects that have enough readings, without people.
 
-    Where two boxes claim the same surface, it belongs to the box that it fills better, or of two
-    boxes that are filled to the smaller one. The other object is segmented again from the
+    Surface in two boxes belongs to the box that it fills better, or to the smaller box if it fills
+    both. The other object is segmented again from the
     remaining pixels, and left out if they are too few; a person keeps its pixels.
     """
     boxes = [view.pixels_of(item.box_xyxy_px) for item in detections]
@@ -132,8 +132,8 @@ def segment_all(
 def _is_own(pixels: IntArray, box_px: BoxPx, view: ObjectView) -> BoolArray:
     """Return the (M,) mask of the pixels of a segment that show the object.
 
-    Depth edges divide the segment into parts. The largest one is of the object, and so are the
-    others unless their surface goes on beyond the box.
+    Depth edges divide the segment into parts. The largest part is of the object, and so are the
+    other parts unless their surface continues beyond the box.
     """
     height, width = view.shape
     left, top = (max(n - _MARGIN_PX, 0) for n in box_px[:2])

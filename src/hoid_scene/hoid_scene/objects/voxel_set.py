@@ -26,8 +26,8 @@ _SOLID_HITS, _SOLID_SHARE = 3.0, 0.4
 class VoxelSet:
     """Voxels sorted by key, in the object frame.
 
-    Hits and misses of a voxel are scaled down together when their sum exceeds 60. Of more than
-    6000 voxels, those with fewest hits are dropped.
+    Hits and misses of a voxel are scaled down together when their sum exceeds 60. Beyond 6000
+    voxels, the voxels with fewest hits are dropped.
 
     Attributes:
         keys: (N,) ascending keys, see `hoid_native.voxel_keys`.

@@ -33,7 +33,7 @@ class FilterType(IntEnum):
     SPEED_PERCENT = 1
 
 
-# Base and multiplier: a cell of the speed mask is the percentage by which to go more slowly.
+# Base and multiplier: a cell of the speed mask is the reduction of speed in percent.
 _BASES = {FilterType.KEEP_OUT: (0.0, 1.0), FilterType.SPEED_PERCENT: (100.0, -1.0)}
 
 
@@ -50,7 +50,7 @@ class SceneMaps(NamedTuple):
     patch: GridPatch | None = None
     # (4, 4) pose of the level frame; None: unchanged, or the grid is in the map frame.
     T_map_level: FloatArray | None = None
-    labels: CloudLabels | None = None  # of the points of the cloud; None: they have no labels
+    labels: CloudLabels | None = None  # labels of the cloud's points; None: no labels
     is_discarded: bool = False  # True: the scene was discarded, and the maps are empty
 
 

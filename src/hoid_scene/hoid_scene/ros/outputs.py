@@ -163,12 +163,12 @@ class SceneOutputs:
         }
         self.frame, self._is_map_level = '', False
         self._steady = SteadyGrid()
-        self._T_map_level: FloatArray | None = None  # as published last
+        self._T_map_level: FloatArray | None = None  # last published pose
         # Topics of `MAP_OUTPUTS` and of `OBJECT_MAP_OUTPUTS` whose last message is not up to date.
         self._outdated: set[str] = set()
         self._outdated_objects: set[str] = set()
         self._has_published = False  # since the scene was discarded last
-        self._masks: dict[str, Mask] = {}  # as published last, by topic
+        self._masks: dict[str, Mask] = {}  # last published masks, by topic
 
     def set_level(self, *, is_map_level: bool) -> None:
         """Set whether the map frame is level; if this changes, the grid has another frame."""
@@ -198,8 +198,8 @@ class SceneOutputs:
     def due(self) -> frozenset[str]:
         """Return the topics of `MAP_OUTPUTS` that are outdated and whose messages are wanted.
 
-        The cloud and its labels are wanted by their own subscribers, and the others by those of
-        any of them.
+        The cloud and its labels are wanted if they have subscribers. Each other message is wanted
+        if any other topic has subscribers.
         """
         wanted = self._outdated & self._wanted
         if wanted - _OF_CLOUD or self._wanted & _OF_MASKS:
@@ -216,8 +216,8 @@ class SceneOutputs:
         """Publish the masks for navigation that have changed, with the cells of the last grid.
 
         Nothing is published before the first grid, and on topics without subscribers. Nav2 applies
-        a keep-out mask only where the costmap is updated: where it has changed, the grid is
-        published again as an update, so that what was closed is opened.
+        a keep-out mask only where the costmap is updated. Where the mask has changed, the grid is
+        therefore published again as an update, so that closed cells can open.
         """
         grid = self._steady.last
         if grid is None or not self._is_map_level:
@@ -259,7 +259,7 @@ class SceneOutputs:
     def publish_expected(
         self, expected: Detections, header: Header, image_size_px: tuple[int, int]
     ) -> None:
-        """Publish the boxes in which an image should show known objects, if it has subscribers."""
+        """Publish the expected boxes of known objects in an image, if the topic is subscribed."""
         self._publish_wanted((EXPECTED_OUTPUT,), expected, header, image_size_px)
 
     def publish_map(self, scene: SceneMapper, stamp_ns: int) -> None:

@@ -74,9 +74,9 @@ class SceneImages:
     ) -> None:
         self._units_per_m = config.input.depth_units_per_m
         self._keyframes, self._on_image, self._diagnostics = keyframes, on_image, diagnostics
-        self._camera: CameraModel | None = None  # of the scene
+        self._camera: CameraModel | None = None  # camera of the scene
         self.reconfigure(config)
-        self._early: deque[TrackedImage] = deque(maxlen=_CAPACITY)  # whose keyframes are not known
+        self._early: deque[TrackedImage] = deque(maxlen=_CAPACITY)  # images with unknown keyframes
         self._matcher = StampMatcher(
             ('pose', 'depth', 'color', 'objects'), _SLOP_NS, _CAPACITY, ('objects',), _PATIENCE_NS
         )
@@ -170,7 +170,7 @@ class SceneImages:
         return image_bgr
 
     def _at_present(self, picked: _Picked) -> SceneRequest:
-        """Return the request with the pose by the present keyframes, if its own is among them."""
+        """Return the request, with its pose by present keyframes if its keyframe still exists."""
         known, request = self._keyframes(), picked.request
         row = None if known is None else known[1].row_of(request.reference_uid)
         if known is None or row is None:

@@ -22,7 +22,7 @@ _HEADER = (
     'id', 'class', 'color', 'where', 'center m', 'size m', 'yaw', 'last seen', 'there', 'score',
     'seen', 'state',
 )  # fmt: skip
-_DIGITS = 3  # of lengths: millimeters
+_DIGITS = 3  # decimals of lengths in m: millimeters
 _EVENTS = {
     EventKind.NEW: 'new',
     EventKind.SEEN: 'seen again',
@@ -35,12 +35,12 @@ _EVENTS = {
 class Whereabouts(NamedTuple):
     """Where an object is, in words."""
 
-    room: str = ''  # '': in none
+    room: str = ''  # '': in no room
     places: tuple[str, ...] = ()  # such as "on dining table 3"
 
 
 def whereabouts(item: MapObject, objects: Sequence[MapObject], rooms: Rooms | None) -> Whereabouts:
-    """Return where an object is, in a room and relative to the others; None: no rooms."""
+    """Return the room and relations of an object; `rooms` None: rooms are unknown."""
     return Whereabouts(room_name(item, rooms), described(item, objects))
 
 
@@ -69,7 +69,7 @@ def history_lines(item: MapObject) -> Iterator[str]:
 
 
 def objects_json(objects: Sequence[MapObject], where: Sequence[Whereabouts], frame: str) -> str:
-    """Return a JSON document with what `objects_yaml` has, rooms, places and pictures."""
+    """Return a JSON document: the content of `objects_yaml` plus rooms, places and pictures."""
     entries = []
     for item, place in zip(objects, where, strict=True):
         picture = base64.b64encode(item.jpeg).decode()

@@ -25,7 +25,7 @@ _OF_OBJECTS = (
     ObjectState.TENTATIVE,
 )
 STATES = (_PRESENT, *(state.name.lower() for state in _OF_OBJECTS), _NEW, _ANY)
-# Words between an object and another one, or a room; longer ones first.
+# Words between an object and another object or a room; longer words first.
 _RELATIONS = {
     'on top of': Relation.ON,
     'next to': Relation.NEXT_TO,
@@ -74,7 +74,7 @@ class Description(NamedTuple):
 
     names: frozenset[str] | None  # names of the class; None: any
     color: str = ''  # empty: any
-    places: tuple[tuple[Relation, str], ...] = ()  # and the other thing, or the room
+    places: tuple[tuple[Relation, str], ...] = ()  # relation, and name of the other thing or room
 
     @classmethod
     def of(cls, words: str) -> Description:
@@ -99,7 +99,7 @@ def find(
 ) -> list[MapObject]:
     """Return the objects that fulfill a query, which is checked first.
 
-    With `near_map_m`, the nearest ones are first; otherwise they keep the order of `objects`.
+    With `near_map_m`, the nearest objects are first; otherwise the order of `objects` is kept.
     Tentative objects are found only if the query asks for them. `room_of` returns the name of the
     room of an object; it is called only if the query has "in" with a name that no class has.
     """
@@ -149,7 +149,7 @@ def _is_at(
     objects: Sequence[MapObject],
     room_of: Callable[[MapObject], str] | None,
 ) -> bool:
-    """Return whether an object is on, in, under or next to a present one, or in a room."""
+    """Return whether an object has a relation to a present object, or is in a room."""
     meant = Description.of(words)
     others = [
         other for other in objects if other.is_present and _is_described(other, meant, (), None)

@@ -15,7 +15,7 @@ _FONT, _FONT_SCALE, _TEXT_BGR = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40)
 
 
 def picture_sheet(objects: Sequence[MapObject]) -> ByteArray | None:
-    """Return the pictures of objects in rows, (H, W, 3); None if none of them has a picture."""
+    """Return the pictures of objects in rows, (H, W, 3); None without any picture."""
     tiles = [_tile(item) for item in objects if item.jpeg]
     if not tiles:
         return None
@@ -30,7 +30,7 @@ def _tile(item: MapObject) -> ByteArray:
     text, at = f'{item.class_name} {item.object_id}', (_MARGIN_PX, _TILE_PX + _TEXT_PX // 2)
     cv2.putText(tile, text, at, _FONT, _FONT_SCALE, _TEXT_BGR, 1, cv2.LINE_AA)
     found = cv2.imdecode(np.frombuffer(item.jpeg, np.uint8), cv2.IMREAD_COLOR)
-    if found is None:  # the header of a damaged picture may be right
+    if found is None:  # a damaged picture may have a valid header
         return tile
     room = _TILE_PX - 2 * _MARGIN_PX
     scale = room / max(found.shape[:2])

@@ -47,10 +47,10 @@ _CONTAINERS = frozenset(
 def is_related(item: MapObject, relation: Relation, other: MapObject) -> bool:
     """Return whether an object has a relation to another one.
 
-    An object is on the top of another one (for seats, above the seat) if its center is over it. It
-    is in one that contains things if its center is in its box, and under one if it is lower and
-    its center is below it. It is next to one if the gap between their boxes is less than 60 cm
-    and it is none of the former.
+    ON: `item` is on top of `other` (for seats, above the seat), with its center over it. IN:
+    `other` is a container, and the center of `item` is in its box. UNDER: `item` is lower, with
+    its center below `other`. NEXT_TO: the gap between the boxes is less than 60 cm, and no other
+    relation holds.
     """
     if item.object_id == other.object_id:
         return False
@@ -60,7 +60,7 @@ def is_related(item: MapObject, relation: Relation, other: MapObject) -> bool:
 
 
 def _vertical_relation(item: MapObject, other: MapObject) -> Relation | None:
-    """Return whether an object is on, in or under another one; None: neither."""
+    """Return ON, IN or UNDER if an object has this relation to another object, else None."""
     if _gap_m(item.center_map_m, other) > _MARGIN_M:
         return None
     is_smaller = item.size_m[:2].prod() < other.size_m[:2].prod()
@@ -88,9 +88,9 @@ def _are_beside(item: MapObject, other: MapObject) -> bool:
 
 
 def described(item: MapObject, objects: Sequence[MapObject]) -> tuple[str, ...]:
-    """Return where an object is relative to the present ones: ("on dining table 3", ...).
+    """Return the relations of an object to present objects, as in ("on dining table 3", ...).
 
-    Of those next to it, the nearest one is named if it is not on, in or under something.
+    The nearest object beside it is named only if it is not on, in or under something.
     """
     present = [other for other in objects if other.is_present and other is not item]
     places = [

@@ -27,7 +27,7 @@ _WALL_LOW_M, _WALL_HIGH_M, _WALL_VOXELS = 1.3, 1.9, 4
 # with 0.2, the floor has 10.
 _GAP_M, _HOLE_M = 0.2, 1.0
 _DOOR_M = 1.15  # passages up to this width divide rooms
-_MIN_AREA_M2 = 2.0  # smaller parts belong to the room beside them
+_MIN_AREA_M2 = 2.0  # smaller parts are added to the adjacent room
 _CORRIDOR_RATIO = 3.0  # of length and width, from which on a room without a use is a corridor
 # What a room is used for, by the classes of the things in it; the first use that fits counts.
 _USES = (
@@ -149,7 +149,7 @@ def _divided(is_open: BoolArray, resolution_m: float) -> NDArray[np.int32]:
 
 
 def _without_small(labels: NDArray[np.int32], resolution_m: float) -> NDArray[np.int32]:
-    """Return the parts (H, W), numbered from 1 on; small ones belong to the part beside them."""
+    """Return the parts (H, W), numbered from 1 on; small parts are added to adjacent parts."""
     least = _MIN_AREA_M2 / resolution_m**2
     sizes = np.bincount(labels.reshape(-1))
     order = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# The first name of each group is that of COCO. A word may be in several groups.
+# The first name of each group is COCO's name. A word may be in several groups.
 _GROUPS = (
     ('couch', 'sofa', 'settee'),
     ('chair', 'armchair', 'stool', 'seat'),

@@ -24,8 +24,8 @@ from hoid_scene.objects.object_map_state import ObjectMapState
 from hoid_scene.scene_mapper import SceneMapper
 from hoid_scene.store.scene_check import check_memory, check_objects, check_submaps
 
-# One row for each submap, so that none needs more memory than it has, one for the places of all
-# objects, and one for the memory of each object, so that only those that change are written.
+# One row per submap, which bounds the memory to read a row, one row for the places of all objects,
+# and one row for the memory of each object, so that only changed rows are written.
 SUBMAPS = Table('scene_submaps', 'number', {'submap': SubmapState})
 OBJECTS = Table('scene_objects', 'number', {'objects': ObjectMapState})
 MEMORIES = Table('scene_memories', 'object', {'memory': MemoryState})
@@ -90,7 +90,7 @@ def exported_objects(objects: ObjectMap | None, keyframe_uids: IntArray) -> Save
 
 
 def load(mapper: SceneMapper, scene: SavedScene) -> None:
-    """Add a scene to another one that has its keyframes."""
+    """Add a scene to a mapper that has its keyframes."""
     mapper.correct(mapper.dense.keyframes)
     if scene.objects is not None and mapper.object_map is not None:
         anchors = uids_as_rows(scene.objects.anchor)
@@ -106,7 +106,7 @@ def uids_as_rows(anchor: NDArray[np.int32]) -> IntArray:
 def restored(
     scene: SavedScene, keyframes: KeyframePoses, camera: CameraModel, *, label_cloud: bool = False
 ) -> SceneMapper:
-    """Return the scene mapper of a saved scene, which knows the floor, if there is one.
+    """Return the scene mapper of a saved scene; its floor is already searched for.
 
     If there are several maps, it shows the main one.
     """
@@ -141,7 +141,7 @@ def join_scenes(
 
 
 def write(database: Database, scene: SavedScene) -> None:
-    """Replace the scene in a database that has the `TABLES`; MapFileError if it cannot."""
+    """Replace the scene in a database that has the `TABLES`; MapFileError if this fails."""
     with database.transaction():
         for table in TABLES:
             database.clear(table)
@@ -155,14 +155,14 @@ def write(database: Database, scene: SavedScene) -> None:
 def add_to_file(path: Path, scene: SavedScene) -> None:
     """Add a scene to a map file that is not in use.
 
-    MapFileError if there is no such file, it is no map, or it cannot be written.
+    MapFileError if the file is missing, is no map, or cannot be written.
     """
     with Database.open(path, TABLES) as database:
         write(database, scene)
 
 
 def read(database: Database) -> SavedScene:
-    """Return the checked scene of a database, which may lack the tables; MapFileError."""
+    """Return the scene of a database, which may lack the tables; MapFileError if invalid."""
     submaps = [row[1] for row in database.rows(SUBMAPS)] if database.has(SUBMAPS) else []
     objects = [row[1] for row in database.rows(OBJECTS)] if database.has(OBJECTS) else []
     memories = dict(database.rows(MEMORIES)) if database.has(MEMORIES) else {}

@@ -37,8 +37,8 @@ class StoredSession(NamedTuple):
 class SceneStore:
     """The scene of one session on the disk.
 
-    Its methods raise MapFileError if the database cannot be read or written; so does the
-    constructor if another process of this name has the store.
+    Its methods raise MapFileError if the database cannot be read or written. The constructor
+    raises it if another process of this name uses the store.
     """
 
     def __init__(self, path: Path, owner: str) -> None:
@@ -46,7 +46,7 @@ class SceneStore:
         self._lock = OwnerLock(path.with_suffix('.lock'), owner)
         self._database: Database | None = None
         self.session: StoredSession | None = None
-        # As this process has stored them; None: others may be in the store.
+        # As stored by this process; None: the store may contain others.
         self._memories: Mapping[int, MemoryState] | None = None
         if path.exists():
             self._reopen()
@@ -116,13 +116,13 @@ class SceneStore:
         return scene.memories
 
     def restore(self, objects: ObjectMap | None) -> None:
-        """Tell the object map, into which it was loaded, which objects are of other sessions."""
+        """Set in the object map, after loading it, which objects are from other sessions."""
         loaded = {number for (number,) in self._require().rows(LOADED)}
         if objects is not None and self.session is not None:
             objects.restore(loaded, is_reused=bool(self.session.is_reused))
 
     def rename(self, name: str, uids: IntArray, new_uids: IntArray) -> None:
-        """Make the scene that of another session, which has the keyframes under other uids."""
+        """Assign the scene to another session, in which the keyframes have other uids."""
         database, scene = self._require(), self.loaded()
         new = dict(zip(uids.tolist(), new_uids.tolist(), strict=True))
         views = list(database.rows(VIEWS))
@@ -165,5 +165,5 @@ class SceneStore:
             self._database.close()
         self._database, self.session, self._memories = None, None, None
         for path in (self._path, *side_files(self._path)):
-            with suppress(OSError):  # a disk that is read-only, as the next session reports
+            with suppress(OSError):  # a read-only disk, which the next session reports
                 path.unlink(missing_ok=True)

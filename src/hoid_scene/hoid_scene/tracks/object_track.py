@@ -33,7 +33,7 @@ class TrackedObject:
     track_id: int
     class_name: str
     state: ObjectState
-    stamp_ns: int  # of the image in which it was detected last
+    stamp_ns: int  # stamp of the image that detected it last
     score: float  # of the last detection, in [0, 1]
     position_map_m: FloatArray  # (3,)
     velocity_map_mps: FloatArray  # (3,); zero at rest

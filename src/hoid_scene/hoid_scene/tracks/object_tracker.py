@@ -24,8 +24,8 @@ _OCCLUDED_M = 0.15  # a surface this far in front of an object's place occludes 
 _GONE_M = 0.25  # a surface this far behind an object's place shows that the object is gone
 # How far a person may carry an object while it is not detected: speed [m/s] and longest time [s].
 _CARRY_MPS, _CARRY_S = 1.5, 3.0
-# An object that is detected within this distance of a handled track, with a person in reach, is in
-# this person's hands.
+# An object detected within this distance [m] of a handled track, with a person within reach, is in
+# that person's hands.
 _IN_HAND_M = 0.5
 
 
@@ -79,8 +79,8 @@ class ObjectTracker:
     ) -> tuple[DynamicObject, ...]:
         """Return the detections with the states that the tracks give them.
 
-        The filter knows one image only: it may call an object handled that a person stands in
-        front of, or that was put down, and at rest that a person holds still. A detection is at
+        The filter uses one image only. It may report HANDLED for an object behind a person or one
+        that was put down, and AT_REST for an object that a person holds still. A detection is at
         rest if enough of its box is at the depth of the place of a settled track of its class that
         was detected lately. It is HANDLED near a handled track of its class that was detected
         lately, if a person is within reach. Otherwise it keeps the filter's verdict.
@@ -127,7 +127,7 @@ class ObjectTracker:
         """Return the track whose predicted pixel is nearest to the center of a detection's box.
 
         Only tracks in `free` of the same class, whose predicted pixel is inside the box, are
-        considered; None is returned if there is none.
+        considered. None is returned without such a track.
         """
         x1, y1, x2, y2 = detection.box_xyxy_px
         center = np.array([(x1 + x2) / 2, (y1 + y2) / 2])
@@ -244,7 +244,7 @@ def _is_measured(item: DynamicObject) -> bool:
 
 
 def _is_handled(item: DynamicObject) -> bool:
-    """Return whether the filter says that a person handles the object, or has just handled it.
+    """Return whether the filter reports that a person handles or has just handled the object.
 
     Objects that were noticed by their motion only may move by themselves.
     """

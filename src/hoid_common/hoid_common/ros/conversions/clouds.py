@@ -68,7 +68,7 @@ def cloud_from_msg(msg: PointCloud2) -> Cloud:
 
 
 def point_table(cloud: Cloud) -> ByteArray:
-    """Return the bytes (N, 12) of points as float32, with 4 more for color and 4 for label."""
+    """Return the bytes (N, B) of points: 12 for x, y, z (float32), 4 for color, 4 for label."""
     n = len(cloud.points_m)
     table = np.zeros((n, 4 * len(_fields(cloud))), np.uint8)
     table[:, :12] = np.ascontiguousarray(cloud.points_m, np.float32).view(np.uint8).reshape(n, 12)

@@ -26,7 +26,7 @@ Row = tuple[float, float, float, float]
 # Fields of DynamicObject and of its message.
 _COPIED = ('class_name', 'score', 'track_id', 'overlap_ratio', 'depth_gap_m')
 _VECTORS = ('center_camera_m', 'size_m', 'velocity_camera_mps')
-# States of an object in an image. The others are those of tracks and of the object map.
+# States of an object in an image. Only tracks and the object map have the other states.
 _STATES = frozenset(
     state.value
     for state in set(ObjectState) - {ObjectState.MOVED, ObjectState.GONE, ObjectState.TENTATIVE}
@@ -71,8 +71,8 @@ def detections_to_msg(
 def detections_2d_from_msg(msg: Detection2DArray) -> Detections:
     """Return the boxes of a Detection2DArray message, each with its class of highest score.
 
-    The `class_id` becomes the name; rotated boxes become the upright boxes around them; values
-    that are not finite stay so. MessageError for more than MAX_DETECTIONS, a box without a class,
+    The `class_id` becomes the name. Rotated boxes become the upright boxes around them. Non-finite
+    values are kept. MessageError for more than MAX_DETECTIONS, a box without a class,
     or a long class name.
     """
     found = msg.detections
@@ -143,7 +143,7 @@ def dynamic_objects_to_msg(
     *,
     provisional: bool = False,
 ) -> DynamicObjectArray:
-    """Return the DynamicObjectArray of an image; a final one follows a `provisional` one."""
+    """Return the DynamicObjectArray of an image; a final message follows a `provisional` one."""
     return DynamicObjectArray(
         header=header,
         image_width=image_size_px[0],

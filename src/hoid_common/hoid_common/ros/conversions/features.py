@@ -84,7 +84,7 @@ def features_to_msg(
 
 
 def feature_verdicts_from_msg(msg: FeatureVerdictsMsg) -> FeatureVerdicts:
-    """Return the verdicts in a message; an empty array means that none is dynamic."""
+    """Return the verdicts in a message; an empty array means that no feature is dynamic."""
     if len(msg.dynamic) > _MAX_FEATURES:
         raise MessageError(
             f'feature_verdicts.dynamic has {len(msg.dynamic)} elements, more than {_MAX_FEATURES}'
@@ -100,7 +100,7 @@ def feature_verdicts_to_msg(verdicts: FeatureVerdicts, header: Header) -> Featur
 
 def _check_values(features: Features, width_px: int, height_px: int) -> None:
     uv = features.uv_px
-    # Pixel centers are integers, so that the sensor ends half a pixel beyond the outermost ones.
+    # Pixel centers are integers, so that the image ends half a pixel beyond the outermost centers.
     inside = (uv >= -0.5) & (uv <= np.array([width_px, height_px]) - 0.5)
     if not inside.all():  # also False for NaN
         k = int(np.argmin(inside.all(axis=1)))

@@ -1,7 +1,7 @@
 """Conversions of headers, poses, transforms, twists and odometry.
 
-Twists and covariances have the rotation first, as in GTSAM; in ROS messages, the translation. Only
-this module converts between the two orders.
+Twists and covariances have the rotation first, as in GTSAM; ROS messages have the translation
+first. Only this module converts between the two orders.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ class ReceivedImage(NamedTuple):
 
 
 def image_from_cdr(serialized: bytes) -> ReceivedImage:
-    """Return the sensor_msgs/Image in serialized bytes (CDR); MessageError if they are none."""
+    """Return the sensor_msgs/Image in serialized bytes (CDR); MessageError if they are invalid."""
     try:
         image = cast(
             'Any', _TYPES.deserialize_cdr(memoryview(serialized), 'sensor_msgs/msg/Image')

@@ -29,7 +29,7 @@ from hoid_common.values import CameraModel, FloatArray
 # Half width, half height and depth of the pyramid that stands for a keyframe. Chosen to look like
 # a camera of aspect ratio 4:3 in RViz.
 _WIDTH_M, _HEIGHT_M, _DEPTH_M = 0.05, 0.0375, 0.05
-_LINE_M = 0.003  # width of its lines
+_LINE_M = 0.003  # width of the pyramid's lines
 _COLOR = ColorRGBA(r=0.35, g=0.75, b=1.0, a=0.8)
 _CORNERS = np.array(
     [
@@ -71,7 +71,7 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
 
 
 def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
-    """Return the marker of the keyframes' lines without its points; an empty one is deleted."""
+    """Return the marker of the keyframes' lines, without points; if `is_empty`, delete it."""
     marker = Marker(header=header, ns='keyframes', id=0, type=Marker.LINE_LIST)
     # RViz reports an error for an empty list of lines.
     marker.action = Marker.DELETE if is_empty else Marker.ADD
@@ -162,7 +162,7 @@ def tracked_image_to_msg(
 
 
 def tracked_image_from_msg(msg: TrackedImageMsg, T_map_keyframe: FloatArray) -> TrackedImage:
-    """Return the pose of the image of a message by the present pose (4, 4) of its keyframe."""
+    """Return the pose of a message's image, given the present pose (4, 4) of its keyframe."""
     (T_keyframe_camera,) = _transforms(np.array(msg.pose, np.float64))
     return TrackedImage(
         stamp_from_msg(msg.header.stamp),
@@ -198,7 +198,7 @@ def _camera(msg: KeyframePosesMsg) -> CameraModel | None:
 
 
 def _transforms(rows: FloatArray) -> FloatArray:
-    """Return the transforms (N, 4, 4) with these first rows; MessageError if not finite."""
+    """Return the transforms (N, 4, 4) of their first three rows; MessageError if not finite."""
     if not np.isfinite(rows).all():
         raise MessageError('a pose has numbers that are not finite')
     T = np.tile(np.eye(4), (len(rows) // _ROWS, 1, 1))

@@ -43,7 +43,7 @@ class _Held(NamedTuple):
 
 
 class _WaitList:
-    """A wait set with those entities of nodes for which `is_served` returns True."""
+    """A wait set of the nodes' entities for which `is_served` returns True."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class _WaitList:
         self._held.enter_context(context.handle)
         self._is_served = is_served
         waitables = self._hold(entity for node in nodes for entity in node.waitables)
-        # Whether rare waitables are among those to be waited for -> the waitables.
+        # Waitables to wait for, by whether rare waitables are included.
         self._waitables = {
             True: waitables,
             False: [w for w in waitables if not isinstance(w, EventHandler)],
@@ -168,8 +168,8 @@ class SteadyExecutor(SingleThreadedExecutor):
 
     def __init__(self) -> None:
         super().__init__()
-        self._list: _WaitList | None = None  # None = to be built
-        self._rare_due_ns = 0  # when rare entities are to be waited for again
+        self._list: _WaitList | None = None  # None: must be built
+        self._rare_due_ns = 0  # time of the next wait that includes rare entities
         self._at_work = RLock()  # held while the wait set is used
         self._takes: Mapping[str, _Take] = {
             'waitable': self._take_waitable,
@@ -196,7 +196,7 @@ class SteadyExecutor(SingleThreadedExecutor):
             self._at_work.release()
 
     def spin_ready(self) -> bool:
-        """Run all ready callbacks, one message of each subscription; return whether any was."""
+        """Run all ready callbacks, one message per subscription; return whether there were any."""
         with self._at_work:
             return not self._is_shutdown and self._run_ready(0)
 
@@ -222,7 +222,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         return bool(ready)
 
     def _run(self, act: Callable[[], Any] | None) -> None:
-        """Run what a `_take_...` method has returned, and raise the error of the callback."""
+        """Run the callback that a `_take_...` method has returned, and raise its error."""
         if act is None or not iscoroutine(waiting := act()):
             return
         task = Task(waiting, executor=self)
@@ -233,7 +233,8 @@ class SteadyExecutor(SingleThreadedExecutor):
         elif (error := task.exception()) is not None:
             raise error
 
-    # Besides `_take_subscription` and `_take_timer`, which make a coroutine and a task each time.
+    # Replacements of rclpy's `_take_subscription` and `_take_timer`, which make a coroutine and a
+    # task each time.
     def _take_message(self, sub: Any) -> Callable[[], Any] | None:
         try:
             with sub.handle:
@@ -257,8 +258,8 @@ class SteadyExecutor(SingleThreadedExecutor):
     def _wait(self, limit_ns: int) -> list[tuple[_Take, Any]]:
         """Return the entities that are ready within a time (-1: no limit), each with its method.
 
-        There are none if the executor was woken or shut down. ExternalShutdownException if ROS was
-        shut down.
+        No entity is returned if the executor was woken or shut down. ExternalShutdownException if
+        ROS was shut down.
         """
         own = (self._guard, self._sigint_gc)
         if self._list is None:
@@ -277,7 +278,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         return [(take, entity) for take, entity in found if entity not in own]
 
     def _wait_for_entities(self, entities: _WaitList, limit_ns: int) -> list[tuple[_Take, Any]]:
-        """Wait for the usual entities until the rare ones are due, and then for all of them."""
+        """Wait for the usual entities until the rare entities are due, and then for all."""
         now_ns = time.monotonic_ns()
         if (left_ns := self._rare_due_ns - now_ns) > 0:
             first_ns = left_ns if limit_ns < 0 else min(left_ns, limit_ns)
@@ -309,7 +310,7 @@ class SteadyExecutor(SingleThreadedExecutor):
 class GroupExecutor(SteadyExecutor):
     """Runs the callbacks of one callback group, whose services exist before the executor spins."""
 
-    _rare_period_ns = 0  # service requests are the only entities, so that it always waits for them
+    _rare_period_ns = 0  # it always waits for services, its only entities
 
     def __init__(self, node: Node, group: ThreadCallbackGroup) -> None:
         super().__init__()

@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from hoid_common.ros.execution.executor import GroupExecutor, ThreadCallbackGroup
 
-_PAUSE_S = 0.1  # chosen: after an error, so that a permanent one does not take a whole processor
+_PAUSE_S = 0.1  # chosen: after an error, so that repeated errors do not use a whole processor
 _JOIN_TIMEOUT_S = 2.0  # chosen: for the running service to return at the end of the node
 
 

@@ -1,4 +1,4 @@
-"""A publisher of large messages, which need not be made while nobody subscribes.
+"""A publisher of large messages, which are made only while somebody subscribes.
 
 rclpy holds Python's interpreter lock while it publishes: 10 to 80 ms for a cloud of 20 MB.
 Serialized messages are therefore given to rcl itself.
@@ -20,7 +20,7 @@ from hoid_common.values import ByteArray
 
 
 class OnDemandPublisher:
-    """Publisher of messages or serialized ones, which knows whether somebody subscribes.
+    """Publisher of messages or serialized messages, which knows whether somebody subscribes.
 
     `on_change` is called in the thread that spins the node when a subscriber has joined or left.
     """
@@ -45,7 +45,7 @@ class OnDemandPublisher:
         return bool(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
-        """Publish a message, or the bytes (N,) (CDR) of one, while other Python threads run."""
+        """Publish a message or its CDR bytes (N,), while other Python threads run."""
         if isinstance(message, np.ndarray):
             self._publish_bytes(message)
         else:
