@@ -42,8 +42,8 @@ class DetectorConfig(Config):
     expected_score_threshold: float = param(
         0.0,  # decision 052
         'Lowest score, from 0 to 1, of a box that is reported because the object map has an '
-        'object of its class there; 0: no box is. Set it to 0.05 when known objects are missed, '
-        'and set object_map.prior_score of hoid_scene to the value of score_threshold.',
+        'object of its class there; 0: no such box. Set it to 0.05 when known objects are '
+        'missed, and set object_map.prior_score of hoid_scene to the value of score_threshold.',
         limits=(0.0, 1.0),
         expert=True,
     )
@@ -51,16 +51,16 @@ class DetectorConfig(Config):
     nms_iou: float = param(
         0.45,
         'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which '
-        'that of lower score is removed. Raise it when one of two people side by side is lost; '
-        'lower it when a person gets two boxes.',
+        'the box with the lower score is removed. Raise it when one of two people side by side is '
+        'lost; lower it when a person gets two boxes.',
         limits=(0.0, 1.0),
         read_only=False,
         expert=True,
     )
     classes: tuple[str, ...] = param(
         (),
-        'Names of the classes that are reported; empty: all. Set it when others are detected by '
-        'mistake, and keep person in the list.',
+        'Names of the classes that are reported; empty: all. Set it when other classes are '
+        'detected by mistake, and keep person in the list.',
         read_only=False,
     )
     providers: tuple[str, ...] = param(
@@ -92,8 +92,8 @@ class DetectorConfig(Config):
     )
     person_names: tuple[str, ...] = param(
         ('person', 'persons', 'people', 'human', 'humans', 'pedestrian', 'pedestrians'),
-        'Names of classes of people, in any case; all are reported as person. A model without any '
-        'is refused, unless the list is empty.',
+        'Names of classes of people, in any case; all are reported as person. A model without '
+        'any of these names is refused, unless the list is empty.',
         expert=True,
     )
     camera_roll_deg: float = param(

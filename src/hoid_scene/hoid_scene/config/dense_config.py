@@ -39,7 +39,7 @@ class GridConfig(Config):
         1.80,
         'Height above the floor above which points are not obstacles (m), more than '
         'dense.grid.min_height_m. Set it to a little more than the height of the robot: a '
-        'higher one closes passages that it fits through.',
+        'higher value closes passages that the robot fits through.',
         limits=(0.05, inf),
         read_only=False,
     )

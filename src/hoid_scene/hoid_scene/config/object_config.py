@@ -17,8 +17,8 @@ class ObjectTrackerConfig(Config):
     enabled: bool = param(
         default=True,
         description='Whether to track people and objects in 3-D and to publish them on '
-        'tracked_objects and people. Set it to false to save time if no node needs these topics, '
-        'navigation.enabled, or who handles the objects of the object map.',
+        'tracked_objects and people. Set it to false to save time if neither these topics, '
+        'navigation.enabled nor the handlers of mapped objects are needed.',
     )
     rate_hz: float = param(
         10.0,
