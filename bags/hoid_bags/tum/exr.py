@@ -26,7 +26,7 @@ _MAX_BLOCK_BYTES = 100_000_000  # chosen: 16 lines of 90,000 pixels in four chan
 def decode_exr(data: bytes, name: object) -> Float32Array:
     """Return the (H, W) values of channel R, or of the first one if there is no R.
 
-    InputError (text begins with `name`): the data is damaged, or not uncompressed or ZIP.
+    InputError (text begins with `name`): the data is damaged, or its compression unknown.
     """
     attributes, at = _header(data, name)
     width, height = _size_px(attributes, name)

@@ -109,7 +109,7 @@ class FeatureFilter:
         return DetectedCorners(frame, corners, time.perf_counter() - start)
 
     def detect_motion(self, detected: DetectedCorners) -> None:
-        """Segment motion if the image is from `camera`, due by rate, and not a repeated one."""
+        """Segment motion if the image is from `camera`, due by rate, and no repeated image."""
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1

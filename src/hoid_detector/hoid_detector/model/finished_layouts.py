@@ -89,8 +89,8 @@ def _order_in_names(probe: Probe) -> Order | None:
 def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, int | None]:
     """Return the decoder of a table of finished boxes.
 
-    Without `order`, the order that the output's name or the metadata state is used; if they state
-    none, all known orders are candidates until outputs exclude them.
+    Without `order`, the order that the output's name or the metadata state is used. Without
+    such a statement, all known orders are candidates until outputs exclude them.
     """
     num_columns = probe.table.shape[-1]
     stated = order or order_in_name(probe.names[0], num_columns)

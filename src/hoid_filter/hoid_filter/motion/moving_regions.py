@@ -123,7 +123,7 @@ class MotionLogOdds:
         self._previous = view
 
     def moving_regions(self) -> LabeledRegions:
-        """Return the connected regions of probably moving pixels that contain a certain one."""
+        """Return the connected regions of probably moving pixels with at least one sure pixel."""
         certain, moving = self.log_odds > _CERTAIN_LOG_ODDS, self.log_odds > _MOVING_LOG_ODDS
         min_area_px = _MIN_REGION_RATIO * moving.size
         if not certain.any() or np.count_nonzero(moving) < min_area_px:

@@ -136,7 +136,7 @@ class DenseMap:
         return created
 
     def correct(self, keyframes: KeyframePoses, *, force: bool = False) -> bool:
-        """Apply corrected keyframe poses: move the submaps, and find the bent ones.
+        """Apply corrected keyframe poses: move the submaps, and find bent submaps.
 
         Args:
             force: Whether to check all submaps against a ten times smaller limit, as at the end of
