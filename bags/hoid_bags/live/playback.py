@@ -62,8 +62,7 @@ class PlaybackPlan:
         """Yield the messages in order of time; with `loop`, the bag is repeated without end.
 
         In each repetition, an offset is added to the log times, and to the stamp of each message
-        whose type begins with a header. Stamps inside other messages, such as those of /tf, stay
-        as they are.
+        whose type begins with a header. Stamps inside other messages, such as /tf, stay.
 
         Raises:
             InputError: After the last message, if the bag has damage that `fault` does not name.

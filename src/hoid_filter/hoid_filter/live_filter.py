@@ -247,8 +247,7 @@ class LiveFilter:
     def _take_detections(self, stamp_ns: int) -> tuple[Detections | None, bool]:
         """Remove the unused detections up to a stamp; return the newest, and whether it is final.
 
-        They are final once detections of this or a later image have arrived, or when the detector
-        is lost.
+        They are final once detections of this or a later image are known, or the detector is lost.
         """
         is_answered = any(found.stamp_ns >= stamp_ns for found in self._unused_detections)
         past = self._unused_until(stamp_ns)

@@ -58,8 +58,7 @@ class SceneSession:
     def add_to_map(self, path: Path, saved: SessionKeyframes) -> str:
         """Add the scene to a map file that the SLAM node is saving; return a summary.
 
-        InputError if the keyframes are of another session. MapFileError if the file cannot be
-        written.
+        InputError if the keyframes are of another session. MapFileError if writing fails.
         """
         if self.known is None or saved.session != self.known.session:
             raise InputError(

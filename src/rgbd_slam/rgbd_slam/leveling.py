@@ -37,8 +37,7 @@ class Leveling:
     def update(self, result: TrackingResult, *, is_in_main_map: bool) -> bool:
         """Turn the map frame if gravity was measured at an image; return whether it was turned.
 
-        Nothing is turned outside the main map. Once the frame is fixed, the IMU stops measuring
-        gravity.
+        Nothing is turned outside the main map. Once it is fixed, the IMU stops measuring gravity.
         """
         imu, frames = self._imu, self._frames
         if imu is None:

@@ -107,8 +107,7 @@ class OfflinePipeline:
         """Load a saved map, in which the run may only localize.
 
         MapFileError if the file is not a valid map, the map has other octaves or its dense map
-        other voxels than the configuration, or the map is to be extended and its camera differs
-        too much.
+        other voxels than the configuration, or its camera differs too much for an extension.
         """
         content = map_file.load(path)
         uids = self._session.map.load(content, extend=not localize)

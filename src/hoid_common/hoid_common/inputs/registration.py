@@ -89,8 +89,7 @@ class DepthAligner:
     ) -> Float32Array:
         """Return the depth (H, W) in m at the color pixels of depth (h, w); 0 = no measurement.
 
-        An empty frame name is unknown. MessageError if depth has another size, and is not known to
-        be registered.
+        An empty frame name is unknown. MessageError if depth of another size is not registered.
         """
         own_size_px = depth_m.shape[1], depth_m.shape[0]
         self._update((depth_frame.lstrip('/'), color_frame.lstrip('/')), own_size_px, size_px)

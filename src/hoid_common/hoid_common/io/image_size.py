@@ -1,7 +1,6 @@
 """Size and decoding cost of a PNG, JPEG or TIFF, read from its headers without decoding it.
 
-OpenCV allocates as much memory as the headers demand, so that decompression bombs must be found
-before.
+OpenCV allocates the memory that headers demand, so that decompression bombs are found before.
 """
 
 from __future__ import annotations

@@ -124,8 +124,7 @@ class KalmanTrack:
         """Update the filter with a measured position.
 
         A settled object becomes HANDLED if the detection is dynamic and more than `moved_m` away.
-        A handled object that has stayed within `moved_m` of one place for `rest_s` becomes
-        settled.
+        A handled object that stays within `moved_m` of a place for `rest_s` becomes settled.
         """
         self.num_sightings += 1
         self._num_images_without = 0

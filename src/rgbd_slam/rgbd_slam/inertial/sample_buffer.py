@@ -53,8 +53,7 @@ class SampleBuffer:
     def add(self, samples: Samples) -> None:
         """Append samples, without late ones and those with values that no sensor can measure.
 
-        If the stamps go back by more than a second (a bag played in a loop), old samples are
-        dropped.
+        If the stamps go back by more than a second (a bag in a loop), old samples are dropped.
         """
         (stamps_ns, values), (known_ns, known) = samples, self._samples
         if not len(samples):

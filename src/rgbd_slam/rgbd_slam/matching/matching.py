@@ -47,8 +47,7 @@ class Matches(NamedTuple):
 def hamming(a: ByteArray, b: ByteArray) -> IntArray:
     """Return the (M,) Hamming distances [bits] between the rows of two (M, 32) arrays.
 
-    The bit counts of the four words are added in 16-bit lanes, because a sum over a short axis is
-    slow in NumPy.
+    Bit counts of four words are added in 16-bit lanes, as NumPy is slow over short axes.
     """
     counts = np.bitwise_count(_words(a) ^ _words(b)).view(np.uint32).ravel()
     pairs = (counts & _LANES) + ((counts >> np.uint32(8)) & _LANES)

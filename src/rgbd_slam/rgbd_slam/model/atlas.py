@@ -203,8 +203,7 @@ class Atlas(MapTables):
         """Fuse points: observations of row `old[n]` become observations of row `new[n]`.
 
         A keyframe that observes several of the points that become one keeps one observation,
-        preferably that of `new[n]`. Call `refresh` afterwards. `old` and `new` are disjoint, `old`
-        is unique.
+        preferably that of `new[n]`. Call `refresh` afterwards. `old` is unique, not in `new`.
         """
         if len(old) == 0:
             return

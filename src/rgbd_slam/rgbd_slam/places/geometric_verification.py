@@ -202,8 +202,7 @@ class PlaceVerifier:
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
         """Match the O map points of a keyframe with the features of a frame, by descriptor.
 
-        Returns the matches, whose queries `q` are positions among the points, and the (O,) rows of
-        the points.
+        Returns the matches, whose queries `q` index the points, and the (O,) rows of the points.
         """
         keyframes, config = self._atlas.keyframes, self._config
         observing = np.flatnonzero(keyframes.point_of_feature[candidate] != NO_POINT)

@@ -1,7 +1,6 @@
 """Decides when a tracked frame becomes a keyframe (decision 004).
 
-The rules extend those of ORB-SLAM2 for depth cameras (Mur-Artal and Tardos, T-RO 2017, sec.
-III-E).
+The rules extend those of ORB-SLAM2 for depth cameras (Mur-Artal and Tardos, T-RO 2017).
 """
 
 from __future__ import annotations

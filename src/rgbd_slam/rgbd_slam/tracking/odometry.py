@@ -245,8 +245,7 @@ class Odometry:
     def _bridged_motion(self) -> BridgedMotion | None:
         """Return the motion of the first source that has measured it.
 
-        A source that measures the position comes before the gyro, which measures the rotation
-        only.
+        A source that measures the position comes before the gyro, which measures rotations.
         """
         motions = (source.bridge() for source in self._sources)
         known = [

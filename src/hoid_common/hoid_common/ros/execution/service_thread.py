@@ -18,8 +18,7 @@ _JOIN_TIMEOUT_S = 2.0  # chosen: for the running service to return at the end of
 class ServiceThread:
     """Runs the services of a callback group in a thread, so that they do not block the node.
 
-    Create the services with `group`, then call `start`. An error in a service does not end the
-    thread.
+    Create the services with `group`, then call `start`. Errors do not end the thread.
     """
 
     def __init__(self, node: Node) -> None:
