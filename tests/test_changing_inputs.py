@@ -163,7 +163,7 @@ def test_the_filter_goes_on_with_another_resolution_or_time(
     peer.wait_for_count('camera infos received', 4)
     left, top, right, bottom = (x / 2 for x in PERSON[1])
     peer.send_images(1, np.full((240, 320), 3.0, np.float32), half)
-    peer.probe.spin_for(0.5)
+    peer.probe.spin_for(0.2)  # less than detections.wait_s, after which the verdict is final
     peer.send_boxes(1, ('person', (left, top, right, bottom)), image_width=320, image_height=240)
     features, objects = peer.answer(2)
     assert (features.image_width, features.image_height) == HALF_PX
