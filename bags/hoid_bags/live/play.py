@@ -130,9 +130,8 @@ class Player:
         """Wait until there are enough subscribers and, in lockstep, a publisher of odometry.
 
         Once there are enough, the wait ends when their number has not changed for 0.3 s (1 s in
-        lockstep). If some are still missing after `wait_s` seconds and no minimum is given, a
-        warning is logged. InputError if a minimum is given, and is still missing after `wait_s`
-        seconds.
+        lockstep). If any are still missing after `wait_s` seconds: InputError with a minimum, else
+        a logged warning.
 
         Args:
             minimum: Least number of subscribers by topic; empty: one subscriber of any topic.

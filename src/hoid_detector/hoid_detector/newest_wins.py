@@ -29,7 +29,7 @@ class NewestWins(Generic[T, R]):
     def offer(self, item: T, *, is_due: bool = True) -> None:
         """Replace the waiting item by a new item, and start it if it is due and nothing runs.
 
-        An item that is not due starts by `start_waiting`, or if it replaces a due item.
+        Other items wait for `start_waiting`, unless they replace a due item.
         """
         if self._waiting is not None:
             self.num_dropped += 1

@@ -77,7 +77,7 @@ def mesh_of(
 
 
 def _joined(parts: Sequence[tuple[FloatArray, IntArray]]) -> Any:
-    """Return vertices (V, 3) and faces (F, 3) of several parts as one mesh, without noise."""
+    """Return parts (V, 3), (F, 3) as one mesh; pieces of fewer than 50 faces are left out."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
     faces = np.concatenate([part + start for (_, part), start in zip(parts, starts, strict=True)])
     found = trimesh.Trimesh(np.concatenate([vertices for vertices, _ in parts]), faces)

@@ -138,7 +138,7 @@ class Database:
         self._run('BEGIN IMMEDIATE')
 
     def commit(self) -> None:
-        """Write all changes since `begin` to disk; if that fails, `rollback` must follow."""
+        """Write all changes since `begin` to the file; if that fails, `rollback` must follow."""
         self._run('COMMIT')
 
     def rollback(self) -> None:

@@ -65,7 +65,7 @@ class EgoMotionEstimate(NamedTuple):
     # Mean of 1 - (residual / inlier limit)^2 over all points, weighted by column 1 of their
     # `weights`, in [0, 1]. Outliers count as 0.
     ratio: float
-    # Whether surface that counted as static in earlier images would have to move at this pose.
+    # Whether the pose was chosen against the points' prior probability of being static.
     contradicts_prior: bool
 
 

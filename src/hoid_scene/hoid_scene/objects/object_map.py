@@ -53,9 +53,9 @@ from hoid_scene.tracks.object_track import TrackedObject
 _RANGE_M = 7.0  # objects farther from the camera are ignored; chosen
 # None of these numbers was tuned where no other source is named.
 _VISIBLE_RATIO = 0.5  # of the solid voxels, from which on a missing detection counts
-# Ratio of the solid voxels at which surface is measured, there or behind, from which on an image
-# shows the place of an object; ratio of these from which on the image shows the place empty, and
-# number of successive such looks after which the object is gone.
+# An image shows an object's place if depth is measured at or behind at least the first ratio of
+# its solid voxels, and shows it empty if depth is behind at least the second ratio of these. After
+# so many images in a row that show it empty, the object is gone.
 _SHOWN_RATIO, _THROUGH_RATIO, _MAX_THROUGH = 0.3, 0.6, 5
 _CLAIMED_RATIO = 0.5  # a new segment with more of its points near an object's surface is no object
 _MERGE_PERIOD_NS = NS_PER_S

@@ -19,7 +19,7 @@ class ImuConfig(Config):
     )
     prior: bool = param(
         default=True,
-        description='Whether the gyro also supports the rotation of tracked images.',
+        description='Whether the rotation of tracked images is also fitted to the gyro.',
         expert=True,
     )
     integrate: bool = param(

@@ -190,7 +190,7 @@ def are_same_views(a: FloatArray, b: FloatArray) -> BoolArray:
 
 
 def pose_distances(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the (N, M) distances [m] of camera poses, and angles [rad] of their optical axes."""
+    """Return (N, M) distances [m] of poses T_map_camera, and angles [rad] of optical axes."""
     distance_m = np.linalg.norm(a[:, None, :3, 3] - b[None, :, :3, 3], axis=2)
     cosine = a[:, :3, 2] @ b[:, :3, 2].T
     return distance_m, np.arccos(np.clip(cosine, -1, 1))

@@ -32,7 +32,7 @@ _FRAME = np.dtype(
 _REMOVED = np.dtype(
     [('uid', np.int64), ('parent_uid', np.int64), ('T_parent_camera', np.float64, (4, 4))]
 )
-_NO_MAP = -1  # map id of the sentinel, for a removed keyframe without a known ancestor
+_NO_MAP = -1  # map id of keyframes that are pending or have no known ancestor
 
 
 class _MapLink(NamedTuple):
@@ -132,7 +132,7 @@ class TrajectoryRecorder:
             self._frames[n] = frame
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Make poses relative to removed keyframes relative to their parents."""
+        """Let frames of removed keyframes follow the keyframes' parents."""
         for redirect in redirects:
             self._removed.append(redirect)
 

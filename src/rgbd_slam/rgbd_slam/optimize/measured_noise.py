@@ -117,7 +117,7 @@ def median(values: FloatArray | Float32Array) -> float:
 
 
 def _factor(normalized: FloatArray, min_size: int, default: float) -> float:
-    """Return the standard deviation of residuals by their median; `default` if they are few."""
+    """Return the sigma of normalized residuals, from 0.1 to 10; `default` if they are few."""
     if normalized.size < min_size:
         return default
     sizes = np.abs(normalized).ravel()

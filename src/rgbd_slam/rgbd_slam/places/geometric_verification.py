@@ -245,7 +245,7 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
 
 
 def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
-    """Return the (N,) probabilities that a frame with points in rows (N,) in view finds them.
+    """Return the (N,) probabilities that a frame finds points, of rows (N,), in its view.
 
     They are shares of earlier frames, smoothed by a Beta(1, 3) prior (chosen, not tuned).
     """

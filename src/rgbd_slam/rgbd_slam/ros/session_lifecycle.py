@@ -34,7 +34,7 @@ from rgbd_slam.tracking.motion_sources import ExternalOdometry
 
 
 class SessionLifecycle:
-    """Starts, resets and ends the node's session (`session`), which the node feeds itself.
+    """Starts, resets and ends `session`, to which the node passes its messages.
 
     Args:
         publish_status: Publishes the status of a session that has started, before its first image.
