@@ -96,9 +96,10 @@ def describe(angle_deg: float) -> object:
 
 def find_surfaces(right: int, owner: int) -> object:
     corner, box = np.zeros((1, 3)), np.array([[0, 0, right, 5]], np.int32)
+    no, yes = np.zeros(1, np.bool_), np.ones(1, np.bool_)
     return object_surfaces(
-        DEPTH_M, np.zeros((600, 3)), 0.1, box, np.ones(1), np.zeros(1, np.bool_),
-        *np.ones((2, 1), np.bool_), np.eye(4)[None], corner, corner, np.full(600, owner, np.int32),
+        DEPTH_M, np.zeros((600, 3)), 0.1, box, np.ones(1), no, yes, yes,
+        np.eye(4)[None], corner, corner, np.full(600, owner, np.int32),
     )  # fmt: skip
 
 

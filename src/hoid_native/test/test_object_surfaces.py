@@ -136,9 +136,10 @@ def test_a_hidden_object_is_what_is_seen_of_its_known_place() -> None:
 
 
 def test_an_empty_list_of_detections_has_no_segments() -> None:
+    none = np.empty(0, np.bool_)
     found = object_surfaces(
-        room(), points_of(room()), 0.02, np.empty((0, 4), np.int32), np.empty(0),
-        *np.empty((3, 0), np.bool_), np.empty((0, 4, 4)), np.empty((0, 3)), np.empty((0, 3)),
+        room(), points_of(room()), 0.02, np.empty((0, 4), np.int32), np.empty(0), none, none, none,
+        np.empty((0, 4, 4)), np.empty((0, 3)), np.empty((0, 3)),
         np.full(HEIGHT * WIDTH, -1, np.int32),
     )  # fmt: skip
     assert all(len(part) == 0 for part in found)
