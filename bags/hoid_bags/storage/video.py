@@ -17,7 +17,7 @@ from hoid_common.messages import stamp_from_msg
 from hoid_common.values import ByteArray
 
 VIDEO_TYPES = (types.FFMPEG_PACKET, types.COMPRESSED_VIDEO)
-"""Message types that always carry video. CompressedImage does if `format` names a codec."""
+"""Message types that always carry video; CompressedImage carries it if `format` names a codec."""
 # FFmpeg's decoder by a part of the names that encoders and messages use.
 _CODECS = {'264': 'h264', 'avc': 'h264', '265': 'hevc', 'hevc': 'hevc', 'av1': 'av1', 'vp9': 'vp9'}
 _MAX_DELAY = 64  # chosen: packets that a decoder holds; H.264 and H.265 allow 16

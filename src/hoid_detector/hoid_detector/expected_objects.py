@@ -13,8 +13,8 @@ from hoid_native import intersections_over_union
 _MIN_IOU = 0.5  # of a weak and an expected box; from a trial on six rendered rooms
 # Chosen: boxes of older images are not used, because the camera has moved since.
 _MAX_AGE_NS = NS_PER_S
-# Least overlap of an expected and a strong box of one class that show the same object. Such pairs
-# measure the shift of the image since the boxes were expected. Not tuned.
+# An expected and a confident box of one class show the same object from this intersection over
+# union on; such pairs measure the shift of the image since the boxes were expected. Not tuned.
 _MIN_IOU_SHIFTED = 0.1
 
 

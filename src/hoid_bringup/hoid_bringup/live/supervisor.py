@@ -264,7 +264,7 @@ def family_mb(pid: int) -> float:
 
 
 def last_line(log: Path) -> str:
-    """Return the last line of a log file, without "error: ", or why the file has no line."""
+    """Return the last line of a log file, without "error: ", or why there is none."""
     try:
         lines = log.read_text(encoding='utf-8', errors='replace').split('\n')
     except OSError as error:

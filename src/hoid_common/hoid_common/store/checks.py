@@ -1,4 +1,4 @@
-"""Checks of a map file, which may come from anybody, so that no file can harm the program."""
+"""Checks of a map file, so that a hostile file cannot harm the program."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class ObjectTrackerConfig(Config):
     )
     # Time for which an object must be seen at one place before it counts as at rest.
     rest_s: ClassVar[float] = REST_S
-    # A track is published from this number of detections on; fewer may be false detections.
+    # Least number of detections of a published track; a track with fewer may be a false detection.
     min_sightings: ClassVar[int] = 3
     # Chosen, to bound the memory: with more tracks, those unseen for longest end.
     max_objects: ClassVar[int] = 200

@@ -32,7 +32,7 @@ class PosedView(NamedTuple):
 
 
 class Fusion:
-    """Updates the submaps that an image observes, and starts new submaps for other surface."""
+    """Updates the submaps that an image observes, and starts submaps where none exists."""
 
     def __init__(self, camera: CameraModel, config: DenseConfig) -> None:
         self.camera = DepthCamera(camera, config)

@@ -31,8 +31,8 @@ _DIAGONALS_M = {
     'couch': (0.5, 4.0), 'bed': (0.7, 4.0), 'dining table': (0.4, 4.5), 'toilet': (0.3, 1.4),
     'sink': (0.25, 1.6), 'microwave': (0.3, 1.2), 'oven': (0.4, 1.8), 'refrigerator': (0.7, 2.8),
 }  # fmt: skip
-# Largest height [m] of the measured box, by class: the height of the largest open laptop, 0.27,
-# plus depth noise. Most screens are higher.
+# Largest height [m] of the measured box, by class. An open laptop has at most 0.27 m, to which
+# depth noise adds; most screens are higher.
 _HEIGHTS_M = {'laptop': 0.32}
 # Chosen: an object at rest is listed if it is still there with at least this probability.
 _LIKELY = 0.5

@@ -26,7 +26,7 @@ class CameraConfig(Config):
     )
     # Whether u_right, the column in the right image of the virtual stereo camera, has the same
     # noise as u and v and shares one robust kernel with them, as in ORB-SLAM3. When it is off,
-    # depth has its own noise and robust kernel. Decision 021: the rule of ORB-SLAM3.
+    # depth has its own noise and robust kernel. ORB-SLAM3 has it on (decision 021).
     joint_noise: bool = param(default=False, internal=True)
     rolling_shutter: bool = param(
         default=True,  # decision 033; ablation: fr1_xyz by `motion` 0.0098 m without it, 0.0066 m
@@ -160,7 +160,7 @@ class KeyframeConfig(Config):
     skip_known_views: bool = param(default=True, internal=True)
     # Whether a keyframe also stores matches that are outliers of the pose, whose rejection is then
     # left to bundle adjustment, as in ORB-SLAM3. When it is off, a keyframe stores inliers only.
-    # Decision 021: the rule of ORB-SLAM3.
+    # ORB-SLAM3 has it on (decision 021).
     keep_outliers: bool = param(default=False, internal=True)
     # Number of near points up to which a keyframe is filled with points from depth. If there are
     # too few features within 3 m, more distant ones are used, whose points are noisier. A larger

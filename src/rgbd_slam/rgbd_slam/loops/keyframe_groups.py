@@ -29,7 +29,7 @@ class KeyframeGroups(NamedTuple):
 
 
 def keyframe_groups(parents: IntArray, *, is_grouped: bool = True) -> KeyframeGroups:
-    """Group N keyframes along the spanning tree; if at most 500, each is a group of its own.
+    """Group N keyframes along the spanning tree; if N is at most 500, each is one group.
 
     Args:
         parents: (N,) position of each keyframe's parent; -1 for a root.
