@@ -180,7 +180,7 @@ def test_children_learn_whether_the_end_was_asked_for(
     spec = ProcessSpec('child', argv, failure_signal=signal.SIGUSR1)
     try:
         with Supervisor([spec], log_dir=tmp_path):
-            wait_for(tmp_path / 'child.log', 'ready')
+            wait_for(tmp_path / 'child.log', 'ready\n')
             if error is not None:
                 raise error
     except (KeyboardInterrupt, InputError):
