@@ -21,15 +21,16 @@ EXPERT = 'expert'
 """Name of the boolean parameter with which a node declares its expert parameters."""
 
 _SPEC, _EXPERT_SECTION = 'hoid_param', 'hoid_expert'  # keys of a dataclass field's metadata
-# Chosen: difflib's similarity ratio above which names are suggested (one or two letters differ),
-# and the lower ratio for the best name if no name reaches the first (two of three letters swap).
+# Chosen: difflib's similarity ratio from which all similar names are suggested (one or two letters
+# differ). If no name reaches it, the most similar one is suggested from the lower ratio on (two
+# letters of a three-letter word are swapped).
 _MIN_SIMILARITY, _MIN_OF_BEST = 0.8, 0.6
 _MAX_SUGGESTIONS = 3
 
 
 @dataclass(frozen=True)
 class ParamSpec:
-    """Description and constraints of a parameter; its type and default are the field's."""
+    """Metadata of a parameter: description and constraints. The field has type and default."""
 
     description: str  # full sentences, with the unit of a number
     limits: tuple[float, float] = (-inf, inf)  # inclusive range of a number
@@ -40,7 +41,7 @@ class ParamSpec:
 
 
 class Param(NamedTuple):
-    """One parameter of a configuration."""
+    """A parameter of a configuration with its dotted name and its present value."""
 
     name: str
     value: Any
@@ -59,11 +60,12 @@ def param(
 ) -> Any:
     """Declare a parameter as a field of a `Config`.
 
-    The default is a bool, int, float, str or tuple of strings, and values have its type; an int is
-    accepted for a float. The `description` is that of `ros2 param describe` and of the reference
-    page, with the unit and when to change it. A `read_only` parameter cannot change while the node
-    runs, an `expert` one is declared only with `expert:=true`, and an `internal` one is set from
-    Python and by profiles of experiments only; it has a comment in place of a description.
+    The default is a bool, int, float, str or tuple of strings, and values have the same type, but
+    an int is accepted for a float. `ros2 param describe` and the reference page show the
+    `description`: what the value does, its unit, and when to change it. A `read_only` parameter
+    cannot change while the node runs, an `expert` one is declared only with `expert:=true`, and an
+    `internal` one is set from Python and by profiles of experiments only; it has a comment in
+    place of a description.
     """
     spec = ParamSpec(description, limits, choices, read_only, expert, internal)
     return field(default=default, metadata={_SPEC: spec})
@@ -127,7 +129,7 @@ def _replaced(config: C, values: Mapping[str, Any]) -> C:
 
 
 def _checked(name: str, value: Any, like: Any, spec: ParamSpec) -> Any:
-    """Return a checked value; an int becomes a declared float, and `('',)` becomes `()`."""
+    """Return a valid value; convert an int to a declared float, and `('',)` to `()`."""
     if type(value) is int and isinstance(like, float):
         value = float(value)  # YAML reads `3` as an int
     if value == ('',):

@@ -1,14 +1,14 @@
 """Exceptions and texts. The text of an error is one line: what is wrong, where, what to do."""
 
-# Numbers of characters that are kept of the beginning and the end of a text that is longer than
-# both together. Chosen: 11 to 12 lines of a terminal with 80 columns.
+# A text longer than both numbers of characters together is cut to its beginning and its end.
+# Chosen: 11 to 12 lines of a terminal with 80 columns.
 _HEAD_CHARS, _TAIL_CHARS = 600, 300
 
 
 class HoidError(Exception):
-    """Base of the suite's own errors, most of which a user can cause and correct.
+    """Base class of the suite's exceptions, most of which a user can cause and correct.
 
-    The text is printable and of limited length, even when it quotes a hostile file or message.
+    str() is printable and of limited length, even if the text quotes a hostile file or message.
     """
 
     def __str__(self) -> str:

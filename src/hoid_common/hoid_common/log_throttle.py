@@ -15,7 +15,7 @@ class LogThrottle:
         self._skipped: dict[str, int] = {}
 
     def allow(self, kind: str, now_s: float) -> int | None:
-        """Return None to suppress a message, else how many of its kind were suppressed."""
+        """Return None if a message must not be logged, else how many were suppressed before it."""
         if now_s < self._next_s.get(kind, now_s):
             self._skipped[kind] = self._skipped.get(kind, 0) + 1
             return None
@@ -24,15 +24,16 @@ class LogThrottle:
 
 
 class Backoff:
-    """Reports a lasting problem at once, and again after intervals that double up to a limit."""
+    """Reports a lasting problem at once, then at intervals that double up to a limit."""
 
     def __init__(self, first_s: float, longest_s: float) -> None:
         self._first_s, self._longest_s = first_s, longest_s
         self._reported_s: dict[str, float] = {}  # time of the last report
-        self._interval_s: dict[str, float] = {}  # of active problems, until the next report
+        # Of active problems: time from the last report to the next.
+        self._interval_s: dict[str, float] = {}
 
     def due(self, active: Collection[str], now_s: float) -> list[str]:
-        """Return the active problems to report now; any other counts as resolved."""
+        """Return the active problems that are due for a report; the others count as resolved."""
         self._interval_s = {kind: self._interval_s.get(kind, 0.0) for kind in active}
         due = [kind for kind in active if now_s >= self._earliest_s(kind)]
         for kind in due:

@@ -1,4 +1,4 @@
-"""Values from the fields of messages of rclpy and of rosbags: the same rules live and in bags."""
+"""Conversion of messages to values, by the same code for messages of rclpy and of rosbags."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ MAX_DETECTIONS = 1000
 
 
 class ImuSample(NamedTuple):
-    """One message of an IMU; a sensor that the message lacks is None."""
+    """The measurements of one IMU message; None for a sensor that the message does not contain."""
 
     stamp_ns: int
-    rate_radps: tuple[float, float, float] | None  # about the axes of the frame of the message
-    acceleration_mps2: tuple[float, float, float] | None  # along these axes
+    # Angular velocity about the axes of the frame of the message.
+    rate_radps: tuple[float, float, float] | None
+    # Acceleration along these axes, gravity included.
+    acceleration_mps2: tuple[float, float, float] | None
 
 
 def stamp_from_msg(stamp: Any) -> int:
@@ -35,15 +37,15 @@ def pose_from_msg(msg: Any) -> FloatArray:
 
 
 def transform_from_msg(msg: Any) -> FloatArray:
-    """Return T_parent_child (4, 4) of a geometry_msgs/TransformStamped, as `pose_from_msg`."""
+    """Return T_parent_child (4, 4) of a TransformStamped message; errors as in `pose_from_msg`."""
     return _transform(msg.transform.rotation, msg.transform.translation, 'transform')
 
 
 def imu_from_msg(msg: Any) -> ImuSample:
     """Return the sample of a sensor_msgs/Imu; MessageError if both sensors are missing.
 
-    Gyro or accelerometer is missing if its first covariance is negative, or if its three values
-    are zero: drivers that publish the two sensors in separate messages leave the other one zero.
+    A sensor is taken as missing if its first covariance is negative, or if its three values are
+    zero: drivers that publish the two sensors in separate messages leave the other one zero.
     """
     rate, force = msg.angular_velocity, msg.linear_acceleration
     has_rate = msg.angular_velocity_covariance[0] >= 0 and any((rate.x, rate.y, rate.z))
@@ -60,7 +62,7 @@ def imu_from_msg(msg: Any) -> ImuSample:
 
 
 def detections_from_msg(msg: Any) -> Detections:
-    """Return the boxes of a hoid_msgs/DetectionArray; MessageError for too many, or long names."""
+    """Return the boxes of a hoid_msgs/DetectionArray; MessageError if a size limit is exceeded."""
     boxes = msg.detections
     if len(boxes) > MAX_DETECTIONS:
         raise MessageError(f'detections has {len(boxes)} elements, more than {MAX_DETECTIONS}')
@@ -76,7 +78,7 @@ def detections_from_msg(msg: Any) -> Detections:
 def _transform(rotation: Any, translation: Any, what: str) -> FloatArray:
     quat = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
     position_m = np.array([translation.x, translation.y, translation.z])
-    # Chosen limits: rounding leaves the norm of a quaternion near 1. Comparisons with NaN are
+    # Chosen limits: the norm of a valid quaternion is 1 but for rounding. Comparisons with NaN are
     # False, so that NaN is refused.
     if not (np.isfinite(position_m).all() and 0.5 < np.linalg.norm(quat) < 2.0):
         raise MessageError(

@@ -1,4 +1,4 @@
-"""Functions of the group SE(3) of rigid transforms, on arrays of float64.
+"""Rigid transforms, the group SE(3), as arrays of float64.
 
 A transform is a homogeneous matrix `T_a_b`, which maps points of frame b to frame a; its
 translation is in m. A twist is a rotation vector in rad, then a translation in m, as in GTSAM's
@@ -15,11 +15,12 @@ from hoid_common.values import BoolArray, FloatArray
 # Below this angle the second-order Taylor series replaces the closed form. The first omitted term
 # is angle**4 / 120 < 1e-18, which is less than the resolution of float64 (2e-16).
 _SMALL_ANGLE_RAD = 1e-4
-# Least sine of half the rotation angle in `log`: keeps the quotients finite at the identity.
+# Lower limit of the sine of half the rotation angle in `log`: keeps quotients finite at the
+# identity.
 _MIN_HALF_ANGLE_SINE = 1e-12
 _XYZ = np.arange(3)
-# Chosen: largest entry of R R^T - I, far above the rounding errors of a session of days, which add
-# up to 1e-9, and far below an error that displaces a point by a millimeter.
+# Chosen: largest entry of R R^T - I for a rotation R. Rounding errors add up to 1e-9 in days; an
+# error of a millimeter at any point of a map is far larger.
 _MAX_RIGID_ERROR = 1e-6
 
 T_BODY_OPTICAL: FloatArray = np.array(
@@ -73,8 +74,8 @@ def log(T: FloatArray) -> FloatArray:
 def inverse(T: FloatArray) -> FloatArray:
     """Return the inverse transforms T_b_a (..., 4, 4) of T_a_b (..., 4, 4).
 
-    The rotation is transposed, so that its rounding error triples each time that A @ (inverse(A) @
-    B) replaces A. Poses that are chained like this are `orthonormalized`.
+    The inverse rotation is the transpose, so that its rounding error triples each time that A @
+    (inverse(A) @ B) replaces A. Use `orthonormalized` on poses that are chained like this.
     """
     out = np.zeros(T.shape)
     R_t = T[..., :3, :3].swapaxes(-1, -2)
@@ -85,7 +86,7 @@ def inverse(T: FloatArray) -> FloatArray:
 
 
 def adjoint(T_a_b: FloatArray) -> FloatArray:
-    """Return the adjoint matrix (6, 6) of T_a_b (4, 4), which maps a twist in frame b to frame a.
+    """Return the adjoint matrix (6, 6) of T_a_b (4, 4): it maps a twist of frame b to frame a.
 
     exp(adjoint(T) @ x) = T @ exp(x) @ inverse(T).
     """
@@ -102,7 +103,7 @@ def transform(T_a_b: FloatArray, points_b: FloatArray) -> FloatArray:
 
 
 def is_rigid(T: FloatArray) -> BoolArray:
-    """Return whether matrices (..., 4, 4) are finite with a rotation orthonormal to 1e-6."""
+    """Return whether matrices (..., 4, 4) are finite and their rotations orthonormal to 1e-6."""
     R = T[..., :3, :3]
     with np.errstate(invalid='ignore', over='ignore'):  # comparisons with NaN are false
         error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max((-2, -1))
@@ -112,9 +113,9 @@ def is_rigid(T: FloatArray) -> BoolArray:
 
 
 def orthonormalized(T: FloatArray) -> FloatArray:
-    """Return T (..., 4, 4) with the nearest rotations in SO(3), as products drift away from it.
+    """Return T (..., 4, 4) with the nearest rotation in SO(3), from which products drift away.
 
-    The nearest one in the Frobenius norm is U diag(1, 1, det(U V^T)) V^T (Kabsch, 1976).
+    It is U diag(1, 1, det(U V^T)) V^T, the nearest in the Frobenius norm (Kabsch, 1976).
     """
     u, _, vt = np.linalg.svd(T[..., :3, :3])
     u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
@@ -126,7 +127,7 @@ def orthonormalized(T: FloatArray) -> FloatArray:
 def quat_xyzw_from_rotation(R: FloatArray) -> FloatArray:
     """Return the unit quaternions (..., 4) of rotations (..., 3, 3), by Shepperd's method (1978).
 
-    It divides by the largest component, which keeps its precision for every rotation.
+    The method divides by the largest component, so that it is precise for every rotation.
     """
     transposed = R.swapaxes(-1, -2)
     diagonal = R[..., _XYZ, _XYZ]
@@ -150,7 +151,7 @@ def rotation_from_quat_xyzw(quat_xyzw: FloatArray) -> FloatArray:
 
 
 def from_quat_translation(quat_xyzw: FloatArray, translation_m: FloatArray) -> FloatArray:
-    """Return T_a_b (..., 4, 4) of quaternions (..., 4) of any non-zero norm and translations."""
+    """Return T_a_b (..., 4, 4) of quaternions (..., 4) with norm > 0, and translations in m."""
     T = np.zeros((*quat_xyzw.shape[:-1], 4, 4))
     T[..., :3, :3] = rotation_from_quat_xyzw(quat_xyzw)
     T[..., :3, 3] = translation_m

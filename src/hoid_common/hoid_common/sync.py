@@ -1,4 +1,4 @@
-"""Synchronization of streams by stamps; a match is made once no better match is expected."""
+"""Synchronization of streams by stamps: a match is complete when no better one is expected."""
 
 from __future__ import annotations
 
@@ -12,25 +12,26 @@ import numpy as np
 
 from hoid_common.values import NS_PER_S, IntArray
 
-# A stamp that is older than its predecessor by this much means that time started anew, as when a
+# If a stamp is older than its predecessor by at least this much, time has started anew, as when a
 # bag is played in a loop or a clock is set. Chosen far above any reordering of messages in flight.
 RESTART_NS = 1_000_000_000
-# Chosen: stamps vary by a few milliseconds around the frame rate.
+# Chosen: tolerance of a period, because stamps vary by a few milliseconds around the frame rate.
 _EARLY_NS = 5_000_000
-# Chosen: a color image that equals an earlier one counts as repeated by the driver if the earlier
-# one is not older than this. Otherwise the camera is at rest: simulators render equal images then.
+# Chosen: a color image equal to an earlier one counts as repeated by the driver if the earlier one
+# is at most this old. Otherwise the camera is at rest: simulators then render equal images.
 MAX_COPY_AGE_NS = 250_000_000
-# Chosen: a longer offset between two streams is not a delay within a driver, but shows that the
-# streams have different clocks.
+# Chosen: a larger offset between two streams is no delay within a driver; the streams have
+# different clocks.
 _LONGEST_OFFSET_NS = 500_000_000
-_NUM_GAPS = 15  # chosen: half a second of images without any match shows an offset
+_NUM_GAPS = 15  # chosen: half a second of images without any match reveals an offset
 _NUM_STAMPS = 90  # chosen: a constant offset is estimated from the images of 3 s at 30 Hz
-_MIN_IMAGES = 30  # chosen: fewer images say nothing about a period
+_MIN_IMAGES = 30  # chosen: fewer images do not suffice to estimate a period
 _MAX_SPREAD_NS = 1_000_000  # chosen: an offset that varies more is not constant
-# Chosen: if the offset is a smaller ratio of the period of depth images, the nearest image is
+# Chosen: if the offset is less than this ratio of the period of depth images, the nearest image is
 # certainly the right one.
 _MIN_SHARE = 0.2
-# Chosen: the nearest image is preferred unless another image's distance varies less by this much.
+# Chosen: another image is preferred to the nearest one only if its distance varies less by this
+# much.
 _MARGIN_NS = 200_000
 
 OFFSET_REMEDY = '--depth-offset {0:.4f} (input.depth_offset_s of live nodes)'
@@ -49,7 +50,7 @@ _ABSENT = _Item(-1, 'absent')  # no partner can arrive any more, but the stream 
 
 
 def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str = 'depth') -> str:
-    """Return one line about a median gap between two streams that do not match, and what to do."""
+    """Return a line about the median gap between two streams that do not match, with a remedy."""
     if abs(gap_ns) > _LONGEST_OFFSET_NS:
         return (
             f'the stamps of {second} are {gap_ns * 1e-9:+.3f} s from those of {first}, so two '
@@ -63,11 +64,11 @@ def offset_text(gap_ns: float, slop_ns: float, first: str = 'color', second: str
 
 
 def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
-    """Return one line about a constant offset that probably pairs the wrong images, else ''.
+    """Return a warning if a constant offset probably pairs the wrong images, else ''.
 
-    If a driver at 30 Hz stamps depth 25 ms late, the nearest depth image is that of the image
-    before, 8 ms away. The neighbor whose distance varies least belongs to the image, because the
-    period varies more than the offset. Stamps (A,) and (B,) increase.
+    If a driver at 30 Hz stamps depth 25 ms late, the nearest depth image, 8 ms away, belongs to
+    the previous color image. The right one is that whose distance varies least, because the period
+    varies more than the offset. Stamps (A,) and (B,) increase.
     """
     if min(len(color_ns), len(depth_ns)) < _MIN_IMAGES:
         return ''
@@ -98,12 +99,13 @@ class Match(NamedTuple):
     """Items of all streams that belong to one instant."""
 
     stamp_ns: int  # of the reference stream's item
-    values: tuple[Any, ...]  # in the order of the streams; None where an optional one has no item
+    # In the order of the streams; None for an optional stream without an item.
+    values: tuple[Any, ...]
 
 
 @dataclass
 class StreamCounts:
-    """Numbers of items of a stream that were matched, or dropped for one of three reasons."""
+    """Counts of a stream's items: matched, or dropped for one of three reasons."""
 
     matched: int = 0
     unmatched: int = 0  # dropped without a match
@@ -112,20 +114,19 @@ class StreamCounts:
 
 
 class StampMatcher:
-    """Matches items of the reference stream with the nearest in time of every other stream.
+    """Matches each item of the reference stream with the nearest in time of every other stream.
 
-    A match takes its items and all older ones from the streams, so that the reference should not
-    be faster than a stream that is not optional.
+    A match removes its items and all older ones from the streams. Therefore the reference should
+    not be faster than a stream that is not optional.
 
     A match is complete when every stream has an item within `slop_ns` of the reference item, and
-    no stream is expected to get a nearer item: it has an item that is not older, its next item
-    after its shortest period would not be nearer, or the reference has advanced by more than
-    `slop_ns`. A reference item is dropped if a stream that is not optional has a later item, and
-    none within `slop_ns`.
+    none can get a nearer one: the stream has an item that is not older, its next item after its
+    shortest period would not be nearer, or the reference has advanced by more than `slop_ns`. A
+    reference item is dropped if a stream that is not optional has no item within `slop_ns`, but a
+    later one.
 
-    A match waits for an item of an optional stream until a later one has arrived, or the reference
-    has advanced by more than `patience_ns`; the value is then None. At most `capacity` items wait
-    per stream.
+    A match waits for an optional stream until that has a later item, or the reference has advanced
+    by more than `patience_ns`; its value is then None. At most `capacity` items wait per stream.
     """
 
     def __init__(
@@ -146,24 +147,25 @@ class StampMatcher:
         self._newest_ns: dict[str, int] = {}
         self._period_ns: dict[str, int] = {}
         self._gaps_ns: deque[int] = deque(maxlen=_NUM_GAPS)  # of reference items without a match
-        self._stamps_ns: dict[str, deque[int]] = {}  # of the latest items of the first two streams
+        # Of the latest items of the first two streams, for `constant_offset_text`.
+        self._stamps_ns: dict[str, deque[int]] = {}
         self._constant_offset = ''  # text of `constant_offset_text`
         self.reset()
 
     @property
     def mismatch(self) -> str:
-        """Return `gap`, or else a probable constant offset; '' while items match."""
+        """Return a text about streams that do not match or have a constant offset, else ''."""
         return self.gap or self._constant_offset
 
     @property
     def gap(self) -> str:
-        """Return `offset_text` if each of the last 15 references had no match, else ''."""
+        """Return `offset_text` if each of the last 15 reference items had no match, else ''."""
         if len(self._gaps_ns) < _NUM_GAPS:
             return ''
         return offset_text(median(self._gaps_ns), self._slop_ns, *self._names[:2])
 
     def reset(self) -> None:
-        """Drop waiting items, periods, gaps and a found offset, but not the counts."""
+        """Drop waiting items and all estimates (periods, gaps, offset), but not the counts."""
         self._queues = {name: deque() for name in self._names}
         self._newest_ns = {}
         self._period_ns = {}
@@ -218,7 +220,7 @@ class StampMatcher:
         return matches
 
     def _note_stamp(self, name: str, stamp_ns: int) -> None:
-        """Store a stamp; check every 90 stamps of both streams for a constant offset."""
+        """Store a stamp; after every 90 stamps of both streams, look for a constant offset."""
         if name not in self._stamps_ns:
             return
         self._stamps_ns[name].append(stamp_ns)
@@ -257,7 +259,7 @@ class StampMatcher:
         return next_ns - stamp_ns >= stamp_ns - near.stamp_ns
 
     def _take(self, name: str, partner: _Item) -> Any:
-        """Remove a partner, with older items, which can no longer match; return its value."""
+        """Remove a partner and all older items, which can no longer match; return its value."""
         if partner is _ABSENT:
             return None
         queue = self._queues[name]
@@ -270,7 +272,7 @@ class StampMatcher:
 
 
 class Rate:
-    """Selects stamps at a given average rate, which need not divide the frame rate; 0 = all."""
+    """Selects stamps at an average rate, which need not divide the frame rate; 0 selects all."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = round(NS_PER_S / rate_hz) if rate_hz else 0
@@ -279,9 +281,9 @@ class Rate:
     def take_due(self, stamp_ns: int) -> bool:
         """Return whether the image with this stamp is selected.
 
-        If it is, the next one is due about a period later, so that the average rate is kept. Calls
-        must be in order of time. If a stamp is much earlier than the last selected one, as when a
-        recording starts again, its image is selected.
+        The next image is due about a period after a selected one, so that the average rate is
+        kept. Calls must be in order of time. An image whose stamp is a second earlier than the
+        last selected one is selected, because the recording has started again.
         """
         if not self.is_due(stamp_ns):
             return False

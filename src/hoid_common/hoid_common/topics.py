@@ -13,27 +13,30 @@ DETECTIONS = 'detections'
 DETECTIONS_2D = 'detections_2d'  # vision_msgs/Detection2DArray, input instead of `detections`
 OWN_DETECTIONS_2D = '~/detections_2d'  # output of hoid_detector, only while it has subscribers
 FEATURES = 'features'
-FEATURE_VERDICTS = 'feature_verdicts'  # final verdicts, after provisional ones
+# Final verdicts on the features of `features`, which may be provisional.
+FEATURE_VERDICTS = 'feature_verdicts'
 DYNAMIC_OBJECTS = 'dynamic_objects'
 DEBUG_IMAGE = '~/debug_image'
-# For a SLAM that extracts its own features; published only while they have subscribers.
+# For another SLAM that extracts features itself; published only while they have subscribers.
 MASK = '~/mask'  # mono8, 255 = static, 0 = moving
 STATIC_DEPTH = '~/static_depth'  # depth image, 0 on moving objects
-# For obstacle layers, in the camera's optical frame; published only while they have subscribers.
+# For Nav2's obstacle layers, in the camera's optical frame; published only while they have
+# subscribers.
 MOVING_POINTS = 'moving_points'
 STATIC_POINTS = 'static_points'
 
 ODOM = 'odom'
-VISUAL_ODOM = 'visual_odom'  # output instead of `odom` when `odom` is the input of wheel odometry
+# Output that replaces `odom` when `odom` is the input of wheel odometry.
+VISUAL_ODOM = 'visual_odom'
 PATH = 'path'
 MAP_POINTS = 'map_points'
 CLOUD_MAP = 'cloud_map'
-CLOUD_LABELS = 'cloud_map/labels'  # vision_msgs/LabelInfo, the classes of the labels of cloud_map
+CLOUD_LABELS = 'cloud_map/labels'  # vision_msgs/LabelInfo: the class of each label in cloud_map
 GRID_MAP = 'grid_map'
 GRID_MAP_UPDATES = 'grid_map_updates'  # map_msgs/OccupancyGridUpdate, changed parts of the grid
 KEYFRAMES = 'keyframes'
 SLAM_STATUS = 'slam_status'
-# For nodes whose maps move with the keyframes, such as hoid_scene.
+# For nodes whose maps are attached to keyframes, such as hoid_scene.
 KEYFRAME_POSES = 'keyframe_poses'  # hoid_msgs/KeyframePoses
 TRACKED_IMAGES = 'tracked_images'  # hoid_msgs/TrackedImage
 TRACKED_OBJECTS = 'tracked_objects'  # hoid_msgs/TrackedObjectArray
@@ -98,7 +101,7 @@ def is_compressed(topic: str) -> bool:
 
 
 def image_base(topic: str) -> str:
-    """Return the name of an image topic without image_transport's ending of compressed topics."""
+    """Return the name of an image topic without the suffix that image_transport appends."""
     for suffix in COMPRESSED_SUFFIXES:
         topic = topic.removesuffix(suffix)
     return topic

@@ -52,8 +52,8 @@ MAX_NAME_LENGTH = 100
 _NUM_COEFFICIENTS = 14
 _NUM_FISHEYE = 4  # of OpenCV's fisheye model: k1, k2, k3, k4
 _MAX_COEFFICIENT = 1e4  # chosen far above the coefficients of real lenses; not tuned
-# Smallest and largest focal length that are accepted, as a ratio to the longer image side: fields
-# of view of 169 and 0.6 degrees. Chosen beyond the limits of any pinhole camera.
+# Limits of the focal length, as a ratio to the longer image side: fields of view of 169 and 0.6
+# degrees. Chosen beyond those of any pinhole camera.
 _FOCAL_PER_SIDE = (0.05, 100.0)
 
 
@@ -114,7 +114,7 @@ class CameraModel:
         return EQUIDISTANT if self.is_fisheye else DISTORTION_MODELS[len(self.distortion) > 5]
 
     def scaled_to(self, size_px: tuple[int, int]) -> CameraModel | None:
-        """Return the camera for another image size; None unless one size is a multiple."""
+        """Return the camera for another image size (px); None unless one size is a multiple."""
         (width, height), (own_width, own_height) = size_px, self.size_px
         is_whole = width > 0 and 0 in (width % own_width, own_width % width)
         if not is_whole or width * own_height != height * own_width:
@@ -136,7 +136,7 @@ class CameraModel:
         return np.array((*self.distortion, *(0.0,) * num)[:num])
 
     def undistort_px(self, uv_px: Float32Array) -> Float32Array:
-        """Return the pixels (N, 2) that a camera with this K sees without lens distortion."""
+        """Return the pixels (N, 2) that the same camera would see without lens distortion."""
         if not any(self.distortion) or len(uv_px) == 0:
             return uv_px
         pixels = uv_px.reshape(-1, 1, 2)
@@ -145,7 +145,7 @@ class CameraModel:
         return np.asarray(out.reshape(-1, 2), np.float32)
 
     def project_px(self, points_camera_m: FloatArray) -> FloatArray:
-        """Return the pixels (N, 2), maybe outside the raw image, of points (N, 3) with z > 0."""
+        """Return the pixels (N, 2), maybe outside the image, of points (N, 3) in m with z > 0."""
         x, y = (points_camera_m[:, :2] / points_camera_m[:, 2:]).T
         if (
             any(self.distortion[-2:]) and len(self.distortion) == _NUM_COEFFICIENTS
@@ -162,7 +162,7 @@ class CameraModel:
     def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the distorted coordinates (N,), (N,) of normalized image coordinates (z = 1).
 
-        `cv2.projectPoints` takes 17 times as long, because it computes the Jacobians too.
+        `cv2.projectPoints` takes 17 times as long, because it also computes Jacobians.
         """
         xy, r2 = x * y, x * x + y * y
         if self.is_fisheye:
@@ -235,7 +235,8 @@ class Features:
     angle_deg: Float32Array  # (N,) orientation in [0, 360), clockwise from the image's x axis
     response: Float32Array  # (N,) corner strength, without unit
     descriptors: ByteArray  # (N, 32) uint8: 256 bits each
-    # (N,) False: the feature may lie on a moving object. It is tracked, but no map point is made.
+    # (N,) False: the feature may lie on a moving object. It is tracked, but does not become a map
+    # point.
     may_seed: BoolArray
 
     def __post_init__(self) -> None:
@@ -266,13 +267,13 @@ class FeatureVerdicts:
     is_dynamic: BoolArray
 
 
-# Chosen: an object that nobody has handled or moved for so long is at rest, both in the filter's
-# verdicts on images and in the scene.
+# Chosen: an object counts as at rest if nobody has handled or moved it for so long, both in the
+# filter's verdicts and in the scene.
 REST_S = 1.0
 
 
 class ObjectState(Enum):
-    """The state of a person or an object; hoid_msgs/ObjectState explains values."""
+    """The state of a person or an object; hoid_msgs/ObjectState explains each value."""
 
     AT_REST = 0
     PERSON = 1
@@ -286,7 +287,7 @@ class ObjectState(Enum):
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the object stands at its place: where it was first seen, or put down later."""
+        """Return whether the object stands still: where it was first seen, or put down later."""
         return self in (ObjectState.AT_REST, ObjectState.MOVED)
 
 
@@ -299,15 +300,16 @@ class DynamicObject:
     score: float  # confidence of the detection, in [0, 1]
     track_id: int  # the same for the same object over time; -1 when the object is not tracked
     state: ObjectState  # why it is dynamic or static
-    overlap_ratio: float = 0.0  # share of the object's box that a person's box covers, in [0, 1]
-    # Absolute difference between the depths of the object and of this person; NaN if unknown.
+    # Share of the object's box that the box of a person covers, in [0, 1].
+    overlap_ratio: float = 0.0
+    # Absolute difference between the depths of the object and of that person; NaN if unknown.
     depth_gap_m: float = NAN
     # Center of the object in the camera's optical frame; NaN if depth or camera is unknown.
     center_camera_m: tuple[float, float, float] = (NAN, NAN, NAN)
     # Width and height of the box at the object's depth; NaN if depth or camera is unknown.
     size_m: tuple[float, float] = (NAN, NAN)
     # Velocity relative to the world, along the axes of the camera's optical frame; NaN unless the
-    # object is MOVING and its velocity is known.
+    # object is MOVING with known velocity.
     velocity_camera_mps: tuple[float, float, float] = (NAN, NAN, NAN)
 
     @property
@@ -324,8 +326,8 @@ class FilterResult:
     removed_uv_px: Float32Array  # (M, 2) pixels of the removed features, for the debug image
     num_features_in: int  # features that were detected
     num_removed: int  # features that were removed as dynamic
-    # Duration [ms] of the stages 'extract' and 'filter', by a monotonic clock, since reading the
-    # clock of the thread interrupts it on a busy computer (decision 016).
+    # Duration (ms) of the stages 'extract' and 'filter'. The clock is monotonic, since reading the
+    # clock of the thread would interrupt the thread on a busy computer (decision 016).
     stage_ms: dict[str, float] = field(default_factory=dict)
 
 

@@ -1,1 +1,1 @@
-"""Inputs of a node, without ROS: parameters of subscriptions, missing messages, registration."""
+"""Inputs of a node, in code without ROS: parameters, missing messages, registration of depth."""

@@ -1,15 +1,15 @@
-"""Choice of the camera calibration when camera_info and images contradict, live and recorded."""
+"""Choice of the calibration when camera_info contradicts itself or the size of the images."""
 
 from __future__ import annotations
 
 from hoid_common.errors import MessageError
 from hoid_common.values import CameraModel
 
-# Chosen: number of matching images (1 s at 30 Hz) after which the calibration is kept, because a
-# map depends on it by then.
+# Chosen: number of images of the calibration's size (1 s at 30 Hz) after which the calibration is
+# kept, because a map depends on it by then.
 _TRIAL_IMAGES = 30
-# Chosen: number of identical messages in a row after which another calibration replaces the one
-# that is on trial.
+# Chosen: number of identical messages in a row after which another calibration replaces one whose
+# trial has not ended.
 _MIN_REPEATS = 2
 
 
@@ -30,7 +30,8 @@ class CameraInfoCheck:
         # received again; '' = none.
         self.change = ''
         self.scaling = ''  # one line if the calibration in use is scaled to the size of the images
-        self._size_problem = ''  # one line about a size that is not that of the images
+        # One line if the images have another size than the calibration, else ''.
+        self._size_problem = ''
         self._image_size_px: tuple[int, int] | None = None
         self._num_images = 0  # number of images that matched the calibration in use
         self._candidate: CameraModel | None = None  # another calibration, not in use
@@ -80,7 +81,7 @@ class CameraInfoCheck:
         return scaled, f'{mismatch}; it is scaled to them, which is wrong if they are cut out'
 
     def check_image(self, size_px: tuple[int, int]) -> bool:
-        """Count an image, and return whether the calibration was just scaled to its size.
+        """Count an image of (width, height); return whether the calibration was scaled to it now.
 
         MessageError if the calibration in use has another size.
         """
@@ -99,7 +100,7 @@ class CameraInfoCheck:
         return f'{_changed(kept, other)}: the first is kept, {why}; {self._remedy}'
 
     def size_mismatch(self, camera: CameraModel) -> str:
-        """Return one line if a calibration has another size than the latest image, else ''."""
+        """Return an error text if a calibration differs from the latest image in size, else ''."""
         if self._image_size_px in (None, camera.size_px):
             return ''
         (width, height), (seen_width, seen_height) = camera.size_px, self._image_size_px or (0, 0)

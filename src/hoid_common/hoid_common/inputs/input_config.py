@@ -13,7 +13,7 @@ AUTO = 'auto'
 
 @dataclass(frozen=True)
 class InputConfig(Config):
-    """Parameters of a node's subscriptions, which `hoid_common.ros.inputs` makes."""
+    """Parameters of a node's subscriptions, which `hoid_common.ros.inputs` creates."""
 
     reliability: str = param(
         AUTO,

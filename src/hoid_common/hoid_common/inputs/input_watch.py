@@ -11,16 +11,17 @@ from hoid_common.log_throttle import Backoff
 from hoid_common.process.shared_memory import PROFILE_VARIABLE
 
 _TIMEOUT_S = 2.0  # chosen: silence after which an input counts as missing; 60 images at 30 Hz
-_MIN_SERIES_S = 1.0  # chosen: shorter losses are counted, but are no problem
-_LOSS_S = 5.0  # chosen: time without a loss after which losses count as over
+_MIN_SERIES_S = 1.0  # chosen: losses that go on for less time are counted, but not reported
+_LOSS_S = 5.0  # chosen: a series of losses has ended after this time without a loss
 _PERIOD_S = 5.0  # chosen: shortest time between two log lines about the same problem
 _MAX_PERIOD_S = 300.0  # chosen: longest time between two log lines about a lasting problem
-_GRACE_S = 5.0  # chosen: the nodes of a launch start within this time, and then know each other
+# Chosen: no missing input is logged for so long, because all nodes of a launch start within it.
+_GRACE_S = 5.0
 
 
 @dataclass
 class InputWatch:
-    """Reception of one topic: the time of the newest message, and counts of messages."""
+    """Statistics of a subscription: received and lost messages, time of the newest one."""
 
     what: str  # the messages in the plural, such as "depth images"
     topic: str  # full name
@@ -31,7 +32,7 @@ class InputWatch:
     last_s: float | None = None  # time of the newest message
     num_received: int = 0
     num_lost: int = 0  # messages that were sent, but did not arrive complete
-    # Losses count as one series while less than five seconds lie between two of them.
+    # Losses form one series while less than five seconds lie between two of them.
     _losing_since_s: float = -_LOSS_S  # time of the first loss in the current series
     _losing_s: float = -_LOSS_S  # time of the last loss in the current series
     _num_losing: int = 0  # messages lost in the current series
@@ -51,17 +52,17 @@ class InputWatch:
         self.num_lost += number
 
     def is_losing(self, now_s: float) -> bool:
-        """Return whether messages were lost in the last five seconds, over at least a second."""
+        """Return whether a series of losses has lasted a second, the last within five seconds."""
         return self._is_in_series(now_s) and self._losing_s - self._losing_since_s >= _MIN_SERIES_S
 
     def _is_in_series(self, now_s: float) -> bool:
         return now_s - self._losing_s < _LOSS_S and self.num_lost > 0
 
     def loss_message(self, now_s: float, profile: str = '', *, is_own: bool = False) -> str:
-        """Return one line about the current losses.
+        """Return a log line with the number of messages lost at present, and a remedy.
 
-        For best-effort publishers, the line recommends the Fast DDS `profile`, unless the topic
-        is the suite's own (`is_own`), whose nodes already use it.
+        If publishers are best effort, the remedy is the Fast DDS `profile`, except for topics of
+        the suite itself (`is_own`), whose nodes already use it.
         """
         arrived = self.num_received - self._received_before
         remedy = 'check the network and the processor load'
@@ -76,12 +77,12 @@ class InputWatch:
         )
 
     def is_missing(self, now_s: float) -> bool:
-        """Return whether no message came for two seconds, though one was due."""
+        """Return whether a message was due, but none has come for two seconds."""
         is_enough = self.is_occasional or (self.is_latched and self.num_received > 0)
         return not is_enough and self._silent_s(now_s) > _TIMEOUT_S
 
     def missing_message(self, now_s: float, offered: Sequence[str]) -> str:
-        """Return a line: which messages are missing since when, and the probable reason."""
+        """Return a log line with a probable reason; `offered` is each publisher's reliability."""
         yet = ' yet' if self.last_s is None else ''
         head = f'no {self.what}{yet} for {self._silent_s(now_s):.1f} s on {self.topic}'
         if not offered:
@@ -97,7 +98,7 @@ class InputWatch:
 
 
 class Logger(Protocol):
-    """Logger of a node or of Python."""
+    """The methods that a node's logger and a Python logger have in common."""
 
     def info(self, text: str, /) -> object: ...
 
@@ -105,10 +106,10 @@ class Logger(Protocol):
 
 
 class InputLog:
-    """Logs the problems of a node's inputs with exponential back-off, and inputs that arrive.
+    """Logs a node's missing inputs and other problems with exponential back-off, and their end.
 
-    `is_cause` returns whether this node logs that the messages of a topic are missing or arrive;
-    otherwise another node logs it, such as the one that publishes the topic and lacks an input
+    `is_cause(topic)` returns whether this node logs that the messages of the topic are missing or
+    arrive again. If not, another node does, such as a publisher of the topic that lacks an input
     itself. Missing inputs are not logged in the five seconds after `start_s`.
     """
 

@@ -1,4 +1,4 @@
-"""Registration of depth images to the color camera, live and for recordings by one rule."""
+"""Registration of depth images to the color camera, by one rule for live images and recordings."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from hoid_native import Pinhole, register_depth
 
 _NOT_REGISTERED = 'depth is not registered to color: {}; {}'
 _NO_READING = cv2.BORDER_CONSTANT  # 0 outside the image
-# Chosen: a color pixel whose undistorted position is outside the image by more than this ratio of
-# the image size is too close to the edge of a wide lens, and gets no depth.
+# Chosen: a color pixel gets no depth if its undistorted position is outside the image by more than
+# this ratio of the image size: it is too close to the edge of a wide lens.
 _MARGIN = 0.5
-# Chosen: cameras whose focal lengths and centers differ by less than this ratio of the image, and
-# which are nearer to each other than this, count as one. Depth noise is larger.
+# Chosen: two cameras count as one if focal lengths and centers differ by less than this ratio of
+# the image width, and positions and orientations by less than this distance and angle. Depth noise
+# is larger.
 _SAME_SHARE, _SAME_M, _SAME_RAD = 0.005, 0.001, 0.002
 
 
 class Registration:
-    """Maps depth images of one camera to another by T_color_depth (4, 4) and both cameras."""
+    """Maps depth images to the pixels of a color camera, by both cameras and T_color_depth."""
 
     def __init__(self, depth: CameraModel, color: CameraModel, T_color_depth: FloatArray) -> None:
         self._size_px = depth.size_px
@@ -30,8 +31,8 @@ class Registration:
         self._t_m = T_color_depth[:3, 3].astype(np.float32)
         focal = color.fx_px / depth.fx_px, color.fy_px / depth.fy_px
         self._side_px = np.array(focal, np.float32)
-        # The kernel registers to a camera without lens distortion. Its image is then looked up at
-        # the undistorted place of each pixel.
+        # The kernel registers to a camera without lens distortion. Each color pixel then gets the
+        # depth at its undistorted position in that result.
         self._places: tuple[Float32Array, Float32Array] | None = None
         low, size = np.zeros(2, int), np.array(color.size_px)
         if any(color.distortion):
@@ -66,12 +67,12 @@ class Registration:
 
 
 class DepthAligner:
-    """Brings depth images to the pixels of color images, whatever the driver publishes.
+    """Returns depth images at the pixels of color images, registered by the driver or not.
 
-    Depth in the frame of color, or without a frame, is registered; it is repeated if color is a
-    whole number of times larger. Depth in another frame is mapped by `Registration` once its
-    camera and the transform are known, and taken as registered, with a doubt, until then. Errors
-    end with the `remedy`.
+    Depth with the frame of color, or with an empty frame, counts as registered; each of its pixels
+    is repeated if color is a whole number of times larger. Depth with another frame is mapped by
+    `Registration` once its camera and the transform are known; until then it counts as registered,
+    and `doubt` says so. Errors end with the `remedy`.
     """
 
     def __init__(self, remedy: str) -> None:
@@ -79,8 +80,9 @@ class DepthAligner:
         self.frames = StaticFrames()
         self.color: CameraModel | None = None
         self.depth: CameraModel | None = None  # from the camera_info beside the depth images
-        self.doubt = ''  # one line if depth may not be registered; '' = it is, or it is mapped
-        self.note = ''  # one line about how depth is brought to color; '' = it is used as it is
+        self.doubt = ''  # one line if depth may not be registered, else ''
+        # One line about how depth is changed to match color; '' = it is used as it is.
+        self.note = ''
         self._known: tuple[object, ...] = ()
         self._registration: Registration | None = None
 
@@ -89,7 +91,7 @@ class DepthAligner:
     ) -> Float32Array:
         """Return the depth (H, W) in m at the color pixels of depth (h, w); 0 = no measurement.
 
-        An empty frame name is unknown. MessageError if depth of another size is not registered.
+        An empty frame name means "unknown". MessageError if unregistered depth has another size.
         """
         own_size_px = depth_m.shape[1], depth_m.shape[0]
         self._update((depth_frame.lstrip('/'), color_frame.lstrip('/')), own_size_px, size_px)
@@ -133,7 +135,7 @@ def _note(frames: tuple[str, str], depth: CameraModel, color: CameraModel) -> st
 
 
 def check_multiple(size_px: tuple[int, int], color_px: tuple[int, int], remedy: str) -> None:
-    """Raise MessageError unless color is a whole number of times larger than depth."""
+    """Raise MessageError unless color (width, height) is a whole multiple of depth `size_px`."""
     factor = color_px[0] // size_px[0]
     if color_px != (size_px[0] * factor, size_px[1] * factor):
         sizes = f'it is {size_px[0]}x{size_px[1]}, color {color_px[0]}x{color_px[1]}'
@@ -141,7 +143,7 @@ def check_multiple(size_px: tuple[int, int], color_px: tuple[int, int], remedy: 
 
 
 def _rays(camera: CameraModel) -> FloatArray:
-    """Return the rays (H * W, 3) of all pixels, with z = 1."""
+    """Return the undistorted rays (H * W, 3) of all pixels in the optical frame, with z = 1."""
     u, v = _undistorted_places(camera).reshape(-1, 2).astype(np.float64).T
     x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
     return np.stack([x, y, np.ones_like(x)], axis=1)
@@ -155,7 +157,7 @@ def _undistorted_places(camera: CameraModel) -> Float32Array:
 
 
 def _is_same(color: CameraModel, depth: CameraModel, T_color_depth: FloatArray) -> bool:
-    """Return whether two cameras see the same pixels, except for the size of the images.
+    """Return whether depth needs no registration: the two cameras differ in image size only.
 
     Lens distortion is not compared: drivers that register depth to raw color publish it with or
     without.

@@ -11,13 +11,13 @@ from hoid_common.errors import ConfigError, MessageError
 from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
 _RECTIFIED = re.compile('(^|[/_])rect', re.IGNORECASE)
-# Chosen: focal lengths whose relative difference is smaller count as equal; poses change by less
-# than by depth noise.
+# Chosen: K and P count as equal if their focal lengths differ by less than this ratio. The poses
+# then change by less than depth noise causes.
 _SAME_FOCAL = 0.005
 
 
 class RawCameraInfo(Protocol):
-    """The fields of sensor_msgs/CameraInfo that are used; rclpy and rosbags have such a class."""
+    """The used fields of sensor_msgs/CameraInfo, which the classes of rclpy and rosbags have."""
 
     width: int
     height: int
@@ -33,9 +33,9 @@ class RawCameraInfo(Protocol):
 def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
     """Return the camera model of the images that a topic carries.
 
-    P describes rectified images, K and D raw ones; drivers publish the same message beside both. P
-    is used if the topic has the name of rectified images and there is a P. MessageError if the
-    camera is not calibrated, or its values are not those of a real camera.
+    P describes rectified images, K and D raw ones, and drivers publish the same message beside
+    both. P is used if `image_topic` is named like rectified images and P is set, else K and D.
+    MessageError if the camera is not calibrated, or no real camera has its values.
     """
     k, p = ([float(value) for value in values] for values in (info.k, info.p))
     distortion = tuple(float(d) for d in info.d)
@@ -72,7 +72,7 @@ def is_rectified(image_topic: str) -> bool:
 
 
 def rectification_doubt(info: RawCameraInfo, image_topic: str) -> str:
-    """Return a warning if it is doubtful whether K and D or P describe the images, else ''."""
+    """Return a warning if it is unclear whether P, or K and D, describe the images, else ''."""
     if is_rectified(image_topic) and any(info.d) and info.p[0] <= 0:
         return (
             f'{image_topic} has the name of rectified images, but camera_info has distortion and '

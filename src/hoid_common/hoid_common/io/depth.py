@@ -1,4 +1,4 @@
-"""The range of depth measurements of the whole suite, and checks that depth has the right unit."""
+"""The depth range that the whole suite accepts, and checks that depth has the right unit."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ MAX_DEPTH_M = 100.0
 """Farthest depth of a reading. Chosen: several times the range of any depth camera."""
 
 _MIN_BITS, _MAX_BITS = np.array([MIN_DEPTH_M, MAX_DEPTH_M], np.float32).view(np.uint32)
-# Chosen: the median depth of an image is taken from every 16th row and column, if at least 50 of
-# these pixels have a reading.
+# Chosen: the median depth of an image is that of every 16th row and column, if at least 50 of
+# these pixels have depth.
 _UNIT_STRIDE_PX, _MIN_READINGS = 16, 50
 # Median depths of images of rooms are 0.6 to 2.9 m (800 images of fr1_xyz, 400 of an office and
-# fr3_walking_halfsphere). Chosen: limits beyond which a warning is given, because the unit of
-# depth may be wrong.
+# fr3_walking_halfsphere). Chosen: outside these limits, a warning says that the unit of depth may
+# be wrong.
 _USUAL_MEDIAN_M = (0.3, 8.0)
-# Depth noise over the square of depth (1/m): 0.00077 and 0.00081 (Kinect), 0.00045 and 0.0006
-# (D435), 0.00035 (phone); nearest depths: 0.48 to 1.46 m. Chosen: limits half way, as ratios, to
-# those with depth that is five times too large or small (0.0018 and 0.00016).
+# Depth noise divided by the square of depth (1/m) is 0.00077 and 0.00081 (Kinect), 0.00045 and
+# 0.0006 (D435), 0.00035 (phone), and the nearest depths are 0.48 to 1.46 m. With depth that is
+# five times too large or too small, the noise would be 0.00016 or 0.0018. Chosen: limits half way
+# to these, as ratios.
 _NOISE_PER_M, _USUAL_NOISE_PER_M = 0.0006, (0.00024, 0.0012)
 _USUAL_NEAREST_M = (0.35, 2.5)
-_LEAST_NOISE_PER_M = 1e-6  # lower limit for rendered depth, because the logarithm is taken
-_DEVIATION_PER_MEDIAN = 1.4826  # standard deviation over median absolute value, if normal
-_SCALES = (0.1, 0.2, 5.0, 10.0)  # ratios of units in use: 0.1 mm, 0.2 mm (TUM) and 1 mm
+_LEAST_NOISE_PER_M = 1e-6  # lower limit: rendered depth has no noise, and the logarithm is taken
+# Ratio of the standard deviation to the median absolute value of normally distributed numbers.
+_DEVIATION_PER_MEDIAN = 1.4826
+_SCALES = (0.1, 0.2, 5.0, 10.0)  # ratios between the units in use: 0.1 mm, 0.2 mm (TUM) and 1 mm
 _NUM_IMAGES = 10  # chosen: a third of a second of images decides whether to warn
 
 
@@ -38,10 +40,10 @@ def is_reading(depth_m: Float32Array) -> BoolArray:
 
 
 def readings_m(depth_m: Float32Array) -> Float32Array:
-    """Return depth (H, W) in m with 0 where there is no measurement; a copy if needed."""
-    # Seen as unsigned integers, the bits of positive floats are in ascending order, followed by
-    # inf, NaN and all negative numbers. Subtracting 1 makes 0 the largest number, so that it never
-    # is the minimum.
+    """Return depth (H, W) in m with 0 where it is no measurement; a copy if a pixel changes."""
+    # Read as unsigned integers, the bits of positive floats are in ascending order, followed by
+    # inf, NaN and all negative numbers. Subtracting 1 turns 0 into the largest number, so that it
+    # is never the minimum.
     bits = depth_m.view(np.uint32)
     if bits.max(initial=0) <= _MAX_BITS and (bits - np.uint32(1)).min(
         initial=_MAX_BITS
@@ -52,7 +54,7 @@ def readings_m(depth_m: Float32Array) -> Float32Array:
 
 
 def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
-    """Raise MessageError, which ends with `unit`, if the median depth (m) is out of range."""
+    """Raise MessageError if the median depth (m) is out of range; `unit` ends its text."""
     median_m = _median_m(depth_m)
     if median_m is not None and not MIN_DEPTH_M <= median_m <= MAX_DEPTH_M:
         raise MessageError(
@@ -61,10 +63,10 @@ def check_depth_unit(depth_m: Float32Array, unit: str) -> None:
 
 
 class DepthUnitWarning:
-    """Warns once, with a remedy, if ten depth images look as if their unit were wrong.
+    """Warns once, with a remedy, if the first ten depth images suggest that their unit is wrong.
 
-    The check uses the median depth, and the nearest depth with the noise, which grows with the
-    square of depth in triangulating cameras.
+    The check uses the median depth, the nearest depth, and the noise, which grows with the square
+    of depth in stereo and structured-light cameras.
     """
 
     def __init__(self, remedy: str) -> None:
@@ -99,9 +101,9 @@ class DepthUnitWarning:
 
 
 def _nearest_and_noise(depth_m: Float32Array) -> tuple[float, float]:
-    """Return the first percentile of depth (H, W) in m, and its noise over its square in 1/m.
+    """Return the nearest depth (1st percentile, m) of depth (H, W), and noise / depth^2 (1/m).
 
-    The noise is that of third differences along rows, in which surfaces cancel.
+    The noise is computed from third differences along rows, in which smooth surfaces cancel out.
     """
     z = depth_m[::_UNIT_STRIDE_PX].astype(np.float64)
     four = np.stack([z[:, n : z.shape[1] - 3 + n] for n in range(4)])

@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders by scratch folders, and errors of writing."""
+"""Atomic writing of files and folders by way of scratch folders, and errors of writing."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ def write_error(path: Path, error: OSError) -> InputError:
 def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     """Yield a new hidden folder, which is removed with its content at the end of the block.
 
-    Results are written there and moved when they are complete, so that a reader never finds half a
-    file. `within`, which must be on the same file system, is created if missing. `purpose` is part
-    of the name, to identify it after a power cut. InputError: the folder cannot be created.
+    The caller writes results there and moves them when they are complete, so that a reader never
+    finds half a file. `within` must be on the same file system, and is created if missing.
+    `purpose` is part of the name, to identify the folder after a power cut. InputError: the folder
+    cannot be created.
     """
     with ExitStack() as stack:
         try:
@@ -44,8 +45,8 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
 def staged(folder: Path, target: Path | None = None) -> Iterator[Path]:
     """Yield a scratch folder, whose files are moved to `folder` at the end of the block.
 
-    If the block raises an error, `folder` keeps its files. InputError, which names `target` if
-    it is given, if the files cannot be written.
+    If the block raises an error, `folder` stays unchanged. InputError, which names `target` (by
+    default `folder`), if the files cannot be written.
     """
     try:
         with scratch_folder(folder, 'results') as stage:
@@ -67,7 +68,7 @@ def write_file(path: Path, data: bytes) -> None:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Make a missing folder with its parents; remove those that are empty at the end."""
+    """Create a missing folder with its parents; remove those that are empty at the end."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -79,7 +80,7 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def abandoned_scratch_folders(within: Path) -> list[Path]:
-    """Return the scratch folders of killed processes; empty on a file system without locks."""
+    """Return the scratch folders of killed processes; none on a file system without locks."""
     with suppress(OSError):  # `within` is missing or not readable
         return sorted(path for path in within.glob(f'.*{_PARTIAL}*') if _is_abandoned(path))
     return []
@@ -111,6 +112,6 @@ def _is_abandoned(folder: Path) -> bool:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise InputError when nothing can be written to a folder, which need not exist."""
+    """Raise InputError if no file can be written to a folder. The folder need not exist."""
     with scratch_folder(folder, 'check'):
         pass

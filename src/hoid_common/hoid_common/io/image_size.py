@@ -1,6 +1,6 @@
 """Size and decoding cost of a PNG, JPEG or TIFF, read from its headers without decoding it.
 
-OpenCV allocates the memory that headers demand, so that decompression bombs are found before.
+OpenCV allocates the memory that a header demands: check it first against decompression bombs.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def image_size_px(data: bytes | memoryview) -> tuple[int, int] | None:
 
 
 def is_safe_to_decode(data: bytes | memoryview) -> bool:
-    """Return whether decoding costs no more than the size suggests, and a PNG is complete."""
+    """Return whether decoding takes no longer than the size suggests, and a PNG is complete."""
     if not is_png(data):
         return bytes(data).count(_JPEG_SCAN) <= _MAX_SCANS
     at, num_compressed = len(_PNG_START), 0
@@ -72,7 +72,7 @@ def is_safe_to_decode(data: bytes | memoryview) -> bool:
 
 
 def check_image_size(data: bytes | memoryview, what: str) -> None:
-    """Raise MessageError if data has no valid header of an image, or more than MAX_PIXELS."""
+    """Raise MessageError if the header of an image is invalid, or claims more than MAX_PIXELS."""
     size = image_size_px(data)
     if size is None:
         raise MessageError(f'{what} of {len(data)} bytes is not a readable JPEG, PNG or TIFF')
@@ -84,7 +84,7 @@ def check_image_size(data: bytes | memoryview, what: str) -> None:
 
 
 def _tiff_size(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return (width, height) from the first directory, or None; struct.error at the end."""
+    """Return (width, height) of a TIFF, or None if missing; struct.error if data ends early."""
     order = '<' if data[: len(_TIFF_LITTLE)] == _TIFF_LITTLE else '>'
     (at,) = struct.unpack_from(f'{order}I', data, len(_TIFF_LITTLE))
     (count,) = struct.unpack_from(f'{order}H', data, at)

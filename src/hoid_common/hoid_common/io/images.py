@@ -27,9 +27,9 @@ JPEG_FORMAT = 'bgr8; jpeg compressed bgr8'
 PNG_FORMAT = 'bgr8; png compressed bgr8'
 COMPRESSED_DEPTH_HEADER = struct.Struct('<iff')
 """Header of compressed_depth_image_transport: format, and two parameters of inverse depth."""
-# Type, channels and OpenCV's conversion to BGR (None: it is BGR) of each encoding of color. ROS
-# names a Bayer pattern by the first two pixels of the first two rows, OpenCV by the second and
-# third pixel of the second row.
+# By encoding: type, number of channels, and OpenCV's code for the conversion to BGR (None: it is
+# BGR). ROS names a Bayer pattern by the first two pixels of the first two rows, OpenCV by the
+# second and third pixel of the second row.
 _COLOR: dict[str, tuple[str, int, int | None]] = {
     'bgr8': ('u1', 3, None),
     '8UC3': ('u1', 3, None),
@@ -85,7 +85,7 @@ class RawImage(Protocol):
 
 
 def decode_color(image: RawImage) -> ByteArray:
-    """Return the (H, W, 3) uint8 BGR image of a message with an encoding of color or gray.
+    """Return the (H, W, 3) uint8 BGR image of a message with a color or gray encoding.
 
     Of 16-bit channels the upper 8 bits are kept. The result may share the message's memory.
     MessageError if the encoding or the data is invalid.
@@ -113,8 +113,8 @@ def decode_color(image: RawImage) -> ByteArray:
 def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
     """Return the (H, W) float32 depth in m of a message, 0 = no reading; memory may be shared.
 
-    With 0 `units_per_m`, whole numbers are in mm and floats in m. MessageError if encoding, data
-    or unit is invalid.
+    If `units_per_m` is 0, integers are in mm and floats in m. MessageError if encoding, data or
+    unit is invalid.
     """
     if image.encoding not in _DEPTH_TYPES:
         raise MessageError(
@@ -152,7 +152,7 @@ def _require_pixels(image: NDArray[Any], name: str) -> None:
 
 
 def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:
-    """Return (H, W) depth in m as uint16 mm if that is exact for all pixels, else None."""
+    """Return depth (H, W) in m as uint16 in mm, or None if a value is no whole number of mm."""
     depth_mm = np.rint(depth_m * MM_PER_M)
     if depth_mm.max(initial=0) > np.iinfo(np.uint16).max:
         return None
@@ -190,7 +190,7 @@ def _pixels(
 
 
 def depth_m_from_units(depth: NDArray[Any], units_per_m: float = 0.0) -> Float32Array:
-    """Return (H, W) float32 depth in m; 0 `units_per_m`: whole numbers are mm, floats m."""
+    """Return (H, W) float32 depth in m; if `units_per_m` is 0, integers are mm and floats m."""
     if depth.dtype == np.int16:
         depth = np.maximum(depth, 0).astype(np.uint16)
     units_per_m = units_per_m or (MM_PER_M if depth.dtype == np.uint16 else 1.0)

@@ -25,7 +25,7 @@ class Column(NamedTuple):
 
 
 def column(dtype: str, *axes: str | int) -> Column:
-    """Return the column of a NumPy type ('f4'), each axis of fixed length or of a shared name."""
+    """Return the column of a NumPy type ('f4'); each axis is a length or the name of one."""
     return Column(np.dtype(dtype).newbyteorder('<'), axes)
 
 
@@ -41,7 +41,7 @@ class Record:
 
     @classmethod
     def of(cls, arrays: Mapping[str, Array]) -> Self:
-        """Return the record of arrays by field name, in its types; KeyError if one is missing."""
+        """Return the record of arrays given by field name; KeyError if one is missing."""
         return cls(
             **{
                 name: np.ascontiguousarray(arrays[name], column.dtype)

@@ -1,4 +1,4 @@
-"""Stamps of recordings: exact conversion from and to text, and their order in time."""
+"""Stamps of recordings: exact conversion from and to text, and sorting by time."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ END_STAMP_NS = 2**31 * NS_PER_S
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Return the stamp of a text with decimal seconds, rounded to the nearest nanosecond.
+    """Return the stamp in ns of a text with decimal seconds, rounded to the nearest nanosecond.
 
-    Decimal is used, because a float64 resolves only 240 ns at today's epoch. ValueError if the
-    text is no stamp of ROS.
+    The text is read as Decimal, because a float64 resolves only 240 ns at today's epoch.
+    ValueError if the text is no number, or outside the range of ROS stamps.
     """
     try:
         stamp_s = Decimal(text)
@@ -34,10 +34,11 @@ def parse_stamp_ns(text: str) -> int:
 
 
 class OrderedStamps(NamedTuple):
-    """Stamps of a stream in order of time, each once."""
+    """The distinct stamps of a stream in order of time."""
 
     stamps_ns: IntArray  # (M,), increasing
-    positions: IntArray  # (M,) index of each stamp in the stream; of a repeated one, the first
+    # (M,) index of each stamp in the stream; of a repeated stamp, its first index.
+    positions: IntArray
     num_repeated: int  # items left out because their stamp was there before
     num_late: int  # items that came after a newer one
 
@@ -58,7 +59,7 @@ def in_order(stamps_ns: Sequence[int] | IntArray) -> OrderedStamps:
 
 
 def longest_pass(stamps_ns: Sequence[int] | IntArray) -> slice:
-    """Return the longest slice of stamps in which time does not restart (as a looped bag does)."""
+    """Return the longest slice of stamps in which time does not restart, as in a looped bag."""
     given = np.asarray(stamps_ns, np.int64)
     starts, newest_ns = [0], given[0] if len(given) else 0
     for i, stamp_ns in enumerate(given.tolist()):

@@ -1,4 +1,4 @@
-"""Text files of the TUM RGB-D layout, trajectories among them: a stamp in s and values a line."""
+"""Text files in the TUM RGB-D format, such as trajectories: a stamp in s and values per line."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from hoid_common.sync import RESTART_NS
 from hoid_common.values import FloatArray, IntArray, Trajectory
 
 _LOG = logging.getLogger(__name__)
-# Chosen: a quaternion with a norm below this or above its inverse is refused. Published files
-# round quaternions to four decimals, which changes the norm much less.
+# Chosen: a quaternion is refused if its norm is below this value or above its reciprocal.
+# Published files round quaternions to four decimals, which changes the norm much less.
 _MIN_QUATERNION_NORM = 0.5
 
 
@@ -38,7 +38,7 @@ class NumberTable(NamedTuple):
 
 
 def read_rows(path: Path) -> Iterator[Row]:
-    """Yield the rows of a file; InputError if it is no text, or a stamp is no time in seconds."""
+    """Yield the rows of a file; InputError if it is not text, or a line has no valid stamp."""
     for number, stamp, rest in _lines(path):
         try:
             yield Row(number, parse_stamp_ns(stamp), rest)
@@ -47,7 +47,7 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def sorted_rows(path: Path) -> list[Row]:
-    """Return the rows in order of time, each stamp once; a warning reports any change."""
+    """Return the rows in order of time, each stamp once; log a warning if rows were changed."""
     rows = list(read_rows(path))
     order = in_order([row.stamp_ns for row in rows])
     if text := str(order):
@@ -64,9 +64,9 @@ def read_numbers(
 ) -> NumberTable:
     """Return the stamp and the first `columns` numbers of each usable row, in order of time.
 
-    Rows without stamp or numbers, or for which `problem` returns a text, are left out with a
-    warning: motion-capture systems write rows of NaN or zeros while they do not see their target.
-    InputError if the file has rows, but no usable one.
+    Rows without valid stamp or numbers, and those for which `problem` returns a text, are left out
+    with a warning: motion-capture systems write NaN or zeros while they do not see their target.
+    InputError if there are rows, but none is usable.
     """
     stamps_ns: list[int] = []
     values: list[FloatArray] = []
@@ -113,8 +113,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str, str]]:
 def read_tum(path: Path) -> Trajectory:
     """Return the poses in a TUM file in order of time, each stamp once; it may be empty.
 
-    Rows that are no pose are left out with a warning. InputError if there are rows, and none is a
-    pose.
+    Rows that are no valid pose are left out with a warning. InputError if there are rows, but no
+    valid pose.
     """
     stamps_ns, values = read_numbers(path, 7, _pose_problem)
     return Trajectory(stamps_ns, se3.from_quat_translation(values[:, 3:], values[:, :3]))
@@ -131,10 +131,10 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 
 
 class WrittenPoses(NamedTuple):
-    """Numbers of poses of a trajectory file."""
+    """Counts of the poses that were written to a trajectory file or left out."""
 
     num_written: int
-    num_earlier: int  # left out: poses from before time started anew
+    num_earlier: int  # left out: poses from before the stamps started anew
     num_repeated: int  # left out: poses whose stamp is not later than the one before
 
     def __str__(self) -> str:
@@ -149,8 +149,8 @@ class WrittenPoses(NamedTuple):
 def write_tum_parts(path: Path, parts: Iterable[Trajectory]) -> WrittenPoses:
     """Write consecutive parts of a trajectory as a TUM file with increasing stamps.
 
-    Only poses since stamps started anew last are written, because evo and other tools refuse other
-    files, and only one part at a time is in memory. OSError if the file cannot be written.
+    Only the poses after the last restart of time are kept, because evo and other tools refuse
+    decreasing stamps. Only one part is in memory at a time. OSError if writing fails.
     """
     num_written = num_earlier = num_repeated = newest_ns = 0
     with path.open('w', encoding='utf-8') as file:

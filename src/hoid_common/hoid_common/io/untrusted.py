@@ -1,4 +1,4 @@
-"""Reading of files and checks of names that users and other programs give, within size limits."""
+"""Reading of untrusted files and checks of untrusted names, within size limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MAX_TEXT_BYTES = 64_000_000
 MAX_NAME_BYTES, MAX_PATH_BYTES = 255, 4095
 """Longest name of a file, and longest path: Linux' NAME_MAX, and PATH_MAX without the NUL."""
 
-_SHOWN_CHARS = 40  # characters of a too long name that an error quotes
+_SHOWN_CHARS = 40  # number of characters that an error quotes of a name that is too long
 
 
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
@@ -37,7 +37,7 @@ def read_text(path: Path, limit_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Return a regular file opened for reading; InputError for others: a pipe may never end."""
+    """Return a regular file opened for reading. InputError for any other: a pipe may never end."""
     try:
         # Without O_NONBLOCK, opening a pipe that nobody writes to would block forever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -56,7 +56,7 @@ def read_error(path: Path, error: Exception) -> InputError:
 
 
 def expand_home(text: str, what: str) -> Path:
-    """Return a path in which `~` or `~user` is a home folder; ConfigError if it is not known."""
+    """Return the path with `~` or `~user` expanded; ConfigError if the home folder is unknown."""
     try:
         return Path(text).expanduser()
     except RuntimeError as error:

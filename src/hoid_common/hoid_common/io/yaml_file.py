@@ -1,4 +1,4 @@
-"""Reading of YAML files that users and other programs give: plain data of limited size only.
+"""Reading of untrusted YAML files: plain data of limited size only.
 
 Tags and aliases are refused, because an alias can expand exponentially; dates and numbers in base
 60 are read as text.
@@ -16,15 +16,15 @@ import yaml
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.io.untrusted import read_text
 
-# Chosen, not tuned: a file beyond these limits is refused. No file of parameters, of a camera or
-# of a plan comes near them.
+# Chosen, not tuned: a file beyond these limits is refused. Files of parameters, cameras or plans
+# are far smaller.
 MAX_BYTES = 500_000
 MAX_DEPTH = 20  # levels of nesting
 MAX_NODES = 30_000  # values and keys
 _MAX_DIGITS = 40  # characters of a number; a float64 needs at most 24
 _INT64 = range(-(2**63), 2**63)
-_SHOWN_CHARS = 60  # characters of a value that an error quotes
-# Numbers as ROS's parameter parser reads them: `1e3` is a float, unlike in PyYAML.
+_SHOWN_CHARS = 60  # number of characters that an error quotes of a value
+# Plain values as ROS's parameter parser reads them: `1e3` is a float, unlike in PyYAML.
 _BOOLS = re.compile(
     r'(?:yes|Yes|YES|no|No|NO|true|True|TRUE|false|False|FALSE|on|On|ON|off|Off|OFF)$'
 )
@@ -43,7 +43,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """Return the plain data in a YAML text; InputError, with its source, if it is not plain."""
+    """Return the plain data in a YAML text; InputError, naming `source`, if it is not plain."""
     if len(text) > MAX_BYTES:
         raise InputError(f'{source}: larger than {MAX_BYTES / 1e6:g} MB')
     try:
@@ -132,8 +132,8 @@ for _tag in ('int', 'float'):
 def load_params(path: Path, node_name: str) -> dict[str, Any]:
     """Return the parameters, by dotted name, that a parameter file sets for a node.
 
-    Sections are `/**` and those of the node's name, in any namespace; a later one overrides an
-    earlier one. Lists become tuples. ConfigError if the file is no parameter file.
+    Sections are `/**` and those of the node's name, in any namespace; later sections override
+    earlier ones. Lists become tuples. ConfigError if it is not a parameter file.
     """
     try:
         content = read_yaml(path)

@@ -12,13 +12,13 @@ from hoid_common import se3
 from hoid_common.errors import MessageError
 from hoid_common.values import NS_PER_S, FloatArray
 
-_MAX_DEPTH = 64  # chosen: no robot has longer chains; a longer chain is a cycle
-# Chosen far above what a robot has: further frames are refused. Without a limit, a publisher that
-# changes the frame name in every message would fill the memory.
+_MAX_DEPTH = 64  # chosen: no robot has longer chains of frames; a longer chain is a cycle
+# Chosen far above the number of frames of a robot: further frames are refused. Without a limit, a
+# publisher that changes the frame name in every message would fill the memory.
 _MAX_FRAMES = 1000
-_KEPT_NS = 10 * NS_PER_S  # the duration that tf2's buffer keeps by default
-# Chosen, not tuned: a pose is given for stamps that are later than the newest pose by up to this
-# time, because an image may arrive before the odometry message that follows its stamp.
+_KEPT_NS = 10 * NS_PER_S  # poses older than this are dropped; tf2's buffer has the same default
+# Chosen, not tuned: a pose is extrapolated to stamps that are later than the newest pose by up to
+# this time, because an image may arrive before the next odometry message.
 _MAX_EXTRAPOLATION_NS = NS_PER_S // 5
 
 
@@ -31,13 +31,13 @@ def check_frame_limit(what: str, name: str, number: int, limit: int) -> None:
 
 
 class StaticFrames:
-    """A tree of static transforms, from which the transform between any two frames is found."""
+    """A tree of static transforms, which returns the transform between any two of its frames."""
 
     def __init__(self) -> None:
         self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Set the parent of `child` and T_parent_child (4, 4); MessageError for too many."""
+        """Set parent and T_parent_child (4, 4) of a frame; MessageError for too many frames."""
         if child not in self._edges:
             check_frame_limit('static frames', child, len(self._edges), _MAX_FRAMES)
         self._edges[child] = parent, T_parent_child
@@ -59,7 +59,7 @@ class StaticFrames:
         return None
 
     def _ancestors(self, frame: str) -> Iterator[tuple[str, FloatArray]]:
-        """Yield the frame and its ancestors, at most 64, each with T_ancestor_frame."""
+        """Yield the frame and at most 63 of its ancestors, each with T_ancestor_frame (4, 4)."""
         T = np.eye(4)
         for _ in range(_MAX_DEPTH):
             yield frame, T
@@ -70,7 +70,7 @@ class StaticFrames:
 
 
 class PoseBuffer:
-    """Timestamped poses of one frame in another, of the ten seconds up to the newest pose."""
+    """The poses of one frame in another with their stamps; older than ten seconds are dropped."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[int, FloatArray]] = deque()  # stamp, T (4, 4)
@@ -88,7 +88,7 @@ class PoseBuffer:
     def at(self, stamp_ns: int) -> FloatArray | None:
         """Return the pose T (4, 4) at a time, interpolated with constant twist; None if unknown.
 
-        Up to 0.2 s after the newest pose the last motion is extrapolated.
+        The last motion is extrapolated up to 0.2 s beyond the newest pose.
         """
         after = bisect_left(self._poses, stamp_ns, key=lambda pose: pose[0])
         if after < len(self._poses) and self._poses[after][0] == stamp_ns:

@@ -1,4 +1,4 @@
-"""The poses of all keyframes at one version of the map, and of images relative to them."""
+"""Poses of all keyframes in one version of the map, and poses of images relative to keyframes."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from hoid_common.values import BoolArray, CameraModel, FloatArray, IntArray
 class KeyframePoses(NamedTuple):
     """Snapshot of the poses of all keyframes, sorted by ascending uid.
 
-    Only the poses of the main map are in the map frame; each other map has a frame of its own.
+    Poses of the main map are in the map frame. Every other map has its own frame.
     """
 
-    # Version of the map. It increases with changes from a mapper in another process; with a
-    # mapper in this process it stays the same.
+    # Version of the map. Each change from a mapper in another process increases it; with a mapper
+    # in this process it stays the same.
     version: int
     uids: IntArray  # (N,)
     map_ids: IntArray  # (N,)
-    main_map: int  # id of the map with most keyframes; of equal ones, the lowest id
+    main_map: int  # id of the map with most keyframes; the lowest id if several have as many
     T_map_camera: FloatArray  # (N, 4, 4)
 
     @property
@@ -36,10 +36,10 @@ class KeyframePoses(NamedTuple):
         return row if row < len(self.uids) and self.uids[row] == uid else None
 
     def substitute(self, removed_uid: int, after: KeyframePoses) -> tuple[int, FloatArray] | None:
-        """Return the keyframe to which data of a removed keyframe is attached from now on.
+        """Return the keyframe to which the data of a removed keyframe is attached from now on.
 
-        It is the preceding remaining keyframe of the same map, or else the first one. Returns its
-        uid and the pose (4, 4) of the removed keyframe relative to it, or None if all are gone.
+        It is the preceding keyframe of the same map that `after` still has, or else the first.
+        Return its uid and T_substitute_removed (4, 4), or None if that map has no keyframe left.
         """
         removed = int(self.rows_of(np.array([removed_uid]))[0])
         same = self.map_ids == self.map_ids[removed]
@@ -52,9 +52,9 @@ class KeyframePoses(NamedTuple):
 
 
 class TrackedImage(NamedTuple):
-    """The pose of an image, from measurements and not from a prediction, in a version of the map.
+    """The pose of an image in one version of the map, measured and not predicted.
 
-    Stored relative to the keyframe, the pose is corrected with the map later.
+    Data is stored relative to the keyframe, so that later corrections of the map move it.
     """
 
     stamp_ns: int
@@ -70,7 +70,7 @@ NO_KEYFRAMES = KeyframePoses(
 
 
 class LoadedKeyframes(NamedTuple):
-    """The keyframes of the map that a session has loaded last."""
+    """The keyframes of the map file that a session has loaded last."""
 
     number: int = 0  # number of maps that the session has loaded so far
     source: str = ''  # path of the map file, or the session of a node that has crashed
@@ -79,7 +79,7 @@ class LoadedKeyframes(NamedTuple):
 
 
 class SessionKeyframes(NamedTuple):
-    """The keyframes of a session of the SLAM node."""
+    """The keyframes of a session of the SLAM node, its camera and its frames."""
 
     session: str  # name of the session, which ends when the map is discarded
     camera: CameraModel | None  # camera of the tracked images; None: not known yet

@@ -1,8 +1,8 @@
 """Child processes that exchange messages with their parent and end with it.
 
-Starting an interpreter with all imports keeps two cores busy for a second. The children of a
-process that has called `preload` are forked from a copy of it instead, which takes milliseconds
-(decision 030).
+Starting an interpreter with all imports keeps two cores busy for a second. If a process has called
+`preload`, its children are forked from a copy of it instead, which takes milliseconds (decision
+030).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from hoid_common.process.signals import signal_handlers_deferred
 Message = TypeVar('Message')
 Report = TypeVar('Report')
 
-_EXIT_TIMEOUT_S = 5.0  # chosen: time for a process to end by itself, before it is killed
+_EXIT_TIMEOUT_S = 5.0  # chosen: a process that has not ended by itself after this time is killed
 
 
 class _Mark(Enum):
@@ -37,23 +37,23 @@ class _Mark(Enum):
 
 
 class ChildEndedError(HoidError):
-    """The child process has ended; unanswered messages are lost."""
+    """The child process has ended; messages that it has not answered are lost."""
 
 
 class ChildTimeoutError(HoidError):
-    """The child process runs, but has not reported in time."""
+    """The child process runs, but has not sent a report in time."""
 
 
-# Set when this process has a fork server. A child process that starts children of its own, which
-# is rare, has no fork server.
+# Set if this process has a fork server. A child process has none, even if it starts children
+# itself, which is rare.
 _has_server = Event()
 
 
 def preload(*modules: str) -> None:
     """Import modules, and start a fork server from which later `ChildWorker`s fork their children.
 
-    The server is a copy of this process, and ends after this process and all children. Call this
-    before there are threads.
+    The server is a copy of this process, and ends when this process and all children have ended.
+    Call this before the first thread starts.
     """
     for module in modules:
         import_module(module)
@@ -69,7 +69,7 @@ def _fork_server() -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         with TemporaryDirectory(prefix='hoid-children-') as folder:  # readable by this user only
             folder_fd = os.open(folder, os.O_PATH)
-            # A socket's path is limited to 107 characters, which TMPDIR alone may exceed.
+            # A socket's path is limited to 107 characters; TMPDIR alone may be longer.
             listener.bind(path := f'/proc/self/fd/{folder_fd}/children')
             # The descriptor names the socket even after the folder is removed, so that a killed
             # process leaves no file behind.
@@ -92,7 +92,7 @@ def _fork_server() -> None:
 
 
 def start_child(process: BaseProcess) -> None:
-    """Start a process in which SIGINT (Ctrl-C) is blocked: its parent ends it in order."""
+    """Start a process in which SIGINT (Ctrl-C) is blocked, because its parent ends it."""
     with _sigint_blocked(), signal_handlers_deferred():
         process.start()
 
@@ -109,11 +109,11 @@ def _sigint_blocked() -> Iterator[None]:
 
 
 class ChildWorker(Generic[Message, Report]):
-    """A child process as its parent sees it: sends messages to it and receives its reports.
+    """The parent's end of a child process: sends messages to it and receives its reports.
 
-    Two threads of the parent serve the pipes, so that neither side blocks when it sends. `target`
-    is called in the child with the connections for messages and for reports, and `args`. It must
-    return when receiving raises EOFError: the parent has closed the connection or died.
+    Two threads of the parent serve the pipes, so that neither side blocks when it sends. The child
+    calls `target` with the connections for messages and for reports, and `args`. `target` must
+    return when receiving raises EOFError, because the parent has closed the connection or died.
     """
 
     def __init__(self, name: str, target: Callable[..., None], *args: object) -> None:
@@ -124,7 +124,7 @@ class ChildWorker(Generic[Message, Report]):
         self._start()
 
     def send(self, message: Message) -> None:
-        """Queue a message, which must not be changed afterwards; lost when the child has ended."""
+        """Queue a message, which must not change afterwards; it is lost if the child has ended."""
         self._to_send.put(message)
 
     @property
@@ -152,7 +152,7 @@ class ChildWorker(Generic[Message, Report]):
         return how
 
     def close(self, patience_s: float = _EXIT_TIMEOUT_S) -> str:
-        """End the child, after `patience_s` by force; return how, such as "exit code 1"."""
+        """End the child, by force after `patience_s`; return how it ended: "exit code 1"."""
         atexit.unregister(self.close)
         self._to_send.put(_Mark.END)
         self._process.join(patience_s)

@@ -1,4 +1,4 @@
-"""Entry point of a node, which handles SIGINT while its imports take a second."""
+"""Start of a node: SIGINT is handled while the imports take a second."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def start(module: str) -> NoReturn:
     """Import a node's module, run its `main`, and exit with the status that `main` returns.
 
     Until `main` installs its own handlers, SIGINT ends the process with status 130; a parent may
-    block it while the interpreter starts. Output that nobody reads does not block the process
-    (`relay_output`). If the node's package defines `CHILD_MODULES`, a fork server with these is
-    started (`preload`).
+    have blocked it while the interpreter starts. `relay_output` keeps output that nobody reads
+    from blocking the process. If the node's package defines `CHILD_MODULES`, a fork server with
+    these modules is started (`preload`).
     """
     signal.signal(signal.SIGINT, lambda *_: os._exit(EXIT_INTERRUPTED))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

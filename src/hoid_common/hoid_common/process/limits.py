@@ -1,4 +1,4 @@
-"""Checks of system limits when a process starts: later it would fail with an unclear error."""
+"""Checks of system limits when a process starts, since it would fail with unclear errors later."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from hoid_common.errors import ConfigError
 _MIN_DESCRIPTORS = 256
 """Least limit of open files. Chosen: several times the 34 files that a node opens."""
 _BYTES_PER_MB = 2**20
-# Chosen: more than the 2.1 GB of address space that were measured for a benchmark in a building.
+# Chosen: more than the 2.1 GB of address space that a benchmark in a building needed.
 _MIN_ADDRESS_SPACE_MB = 3000
-_MIN_FILE_MB = 256  # chosen: several times the segment of Fast DDS for images, 64 MB
+_MIN_FILE_MB = 256  # chosen: several times the 64 MB of Fast DDS's shared memory for images
 
 
 def require_memory() -> None:
@@ -24,7 +24,7 @@ def require_memory() -> None:
 
 
 def require_node_limits() -> None:
-    """Raise ConfigError if a limit of memory, file size or open files is too low for a node."""
+    """Raise ConfigError if the limit of memory, file size or open files is too low for a node."""
     require_memory()
     _require(
         resource.RLIMIT_FSIZE,

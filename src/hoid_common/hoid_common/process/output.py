@@ -1,8 +1,8 @@
-"""Output that nobody reads: it does not block the process; its oldest lines are dropped.
+"""A relay of stdout and stderr that never blocks: it drops the oldest lines that nobody reads.
 
 A process that writes to a full pipe, or to a terminal that was stopped by Ctrl-S, blocks until
-somebody reads. The console handler of ROS does so while it holds Python's interpreter lock. Here a
-second process waits in its place: a thread would need the lock.
+somebody reads. The console handler of ROS then holds Python's interpreter lock. Here a second
+process waits instead; a thread would need the lock.
 """
 
 from __future__ import annotations
@@ -22,21 +22,23 @@ from typing import NoReturn
 from hoid_common.process.signals import NODE_END_SIGNALS
 
 _STREAMS = (1, 2)  # stdout and stderr
-_MARK = 'HOID_RELAYED_OUTPUT'  # environment variable: identifies the pipes that a relay reads
+_MARK = 'HOID_RELAYED_OUTPUT'  # environment variable that lists the pipes that a relay reads
 _COLORS = 'RCUTILS_COLORIZED_OUTPUT'
 _MAX_WAITING_BYTES = 1 << 18  # chosen: about the last 2,000 lines
 _READ_BYTES = 1 << 16  # capacity of a pipe
-_WRITE_BYTES = select.PIPE_BUF  # a writable pipe accepts as much without blocking (pipe(7))
-_RETRY_S = 0.05  # chosen: pause after a stream that `select` calls writable has accepted nothing
-_PATIENCE_S = 1.0  # chosen: how long the rest is offered to a reader after the process has ended
+# A pipe that is ready accepts this many bytes without blocking (pipe(7)).
+_WRITE_BYTES = select.PIPE_BUF
+# Chosen: pause if a stream accepts nothing although `select` reports it as writable.
+_RETRY_S = 0.05
+_PATIENCE_S = 1.0  # chosen: how long the relay waits for a reader after the process has ended
 
 
 def relay_output(*, terminals: bool = True) -> None:
-    """Let a child process write this process's stdout and stderr, so that nothing here blocks.
+    """Send stdout and stderr through a child process, so that writing never blocks this process.
 
-    While nobody reads, the last 256 KiB wait, and older lines are dropped and counted. Output to
-    files or to a parent's relay is not changed, nor to a terminal if `terminals` is False: behind
-    a relay, programs see a pipe and draw no progress bars. Call this before threads
+    While nobody reads, the child keeps the last 256 KiB; it drops and counts older lines. Output
+    to files or to a parent's relay is left alone, and output to a terminal too if `terminals` is
+    False, because programs draw no progress bars to a relay's pipe. Call this before threads
     exist, because it forks.
     """
     relayed = os.environ.get(_MARK, '').split()
@@ -87,9 +89,9 @@ def _flush() -> None:
 
 
 def _finish(relay: int, finish: int, owner: int) -> None:
-    """At exit of process `owner`, wait until the relay has written everything, at most 1 s.
+    """At exit of process `owner`, wait at most 1 s until the relay has written everything.
 
-    The relay gets a message, because children of this process keep its pipe open.
+    The relay gets a message, because its pipe stays open in children of this process.
     """
     if os.getpid() == owner:
         _flush()
@@ -111,7 +113,7 @@ def _run(pairs: Iterable[tuple[int, int]], finish: int) -> NoReturn:
 
 
 def _close_all_but(kept: set[int]) -> None:
-    """Close all descriptors except `kept`: they would keep pipes of the process open."""
+    """Close all file descriptors except `kept`, which would keep pipes of the process open."""
     before = 0
     for descriptor in [*sorted(kept), os.sysconf('SC_OPEN_MAX')]:
         os.closerange(before, descriptor)
@@ -145,14 +147,14 @@ def _offer_rest(channels: list[_Channel]) -> None:
 
 
 class _Channel:
-    """Output that waits to be written to one stream; `reader` is the pipe it comes from."""
+    """A buffer of output for one stream; it comes from the pipe `reader`."""
 
     def __init__(self, reader: int, stream: int) -> None:
         self.reader, self.is_open = reader, True
         os.set_blocking(reader, False)
         try:
-            # The stream is opened again, because the mode of a descriptor is shared by all
-            # processes that have inherited it, and must not change for them.
+            # The stream is opened again: all processes that have inherited a descriptor share its
+            # mode, which must not change for them.
             flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_APPEND
             self.stream = os.open(f'/proc/self/fd/{stream}', flags)
         except OSError:  # a socket
@@ -160,7 +162,7 @@ class _Channel:
         self._is_socket = stat.S_ISSOCK(os.fstat(self.stream).st_mode)
         self._waiting = bytearray()
         self._num_lost = 0  # lines
-        self._is_in_line = False  # whether the last line that was written is not complete
+        self._is_in_line = False  # whether the last write ended within a line
         self._is_dead = False
 
     @property
@@ -168,7 +170,7 @@ class _Channel:
         return bool(self._waiting) and not self._is_dead
 
     def read(self) -> bool:
-        """Read what the process has written, and drop the oldest lines beyond the limit."""
+        """Read new output of the process, and drop the oldest lines beyond the limit."""
         try:
             data = os.read(self.reader, _READ_BYTES)
         except BlockingIOError:
@@ -188,7 +190,7 @@ class _Channel:
         self.is_open = False
 
     def write(self) -> None:
-        """Write waiting output, up to PIPE_BUF bytes, after a note about dropped lines."""
+        """Write up to PIPE_BUF bytes of the buffer, after a note about dropped lines."""
         if self._num_lost:
             note = f'[{self._num_lost} lines of output were dropped: nobody read them in time]\n'
             self._waiting[:0] = ('\n' * self._is_in_line + note).encode()

@@ -1,6 +1,6 @@
 """Checks of the shared memory through which Fast DDS transports images.
 
-It allocates one segment in /dev/shm for each process. If it cannot, most images are lost.
+Fast DDS allocates one segment in /dev/shm for each process. If it cannot, most images are lost.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ from hoid_common.errors import InputError
 
 PROFILE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 """Environment variable with the path of the profile of Fast DDS."""
-_FULL_PROFILE = 'HOID_FULL_PROFILES_FILE'  # environment variable: the profile before it was copied
+# Environment variable: path of the profile that `reduce_own_segment` has replaced.
+_FULL_PROFILE = 'HOID_FULL_PROFILES_FILE'
 _FOLDER = '/dev/shm'  # noqa: S108 - Fast DDS's own choice
 _SEGMENT_SIZE = re.compile(
     r'(<type>SHM</type>(?:(?!</transport_descriptor>).)*?<segment_size>)\s*(\d+)', re.DOTALL
 )
-_OWN_PROFILE = 'profile_name="hoid"'  # in the suite's profiles
-# Chosen: the features of three seconds at 30 Hz. Of a segment of 32 MiB, which a camera's images
-# need, 33 MB are resident in each node; of 8 MiB, at most 5 MB. A larger message is sent in parts:
-# a cloud of 24 MB arrives as fast as before (decision 017).
+_OWN_PROFILE = 'profile_name="hoid"'  # text that identifies a profile of the suite
+# Chosen: the features of three seconds at 30 Hz. A segment of 32 MiB, which images of a camera
+# need, keeps 33 MB resident in each node; one of 8 MiB at most 5 MB. A larger message is sent in
+# parts: a cloud of 24 MB arrives as fast as before (decision 017).
 _NODE_SEGMENT_BYTES = 8 << 20
 _LOCK_FILE = re.compile(rf'{_FOLDER}/fastrtps_[0-9a-f]+_el')
 _FILE_SIZE_RATIO = 1.06  # measured: size of a segment's file / configured segment size
@@ -37,12 +38,12 @@ _REMEDY = 'a container needs --shm-size=1g or --ipc=host'
 
 
 def uses_fast_dds() -> bool:
-    """Return whether Fast DDS is the middleware, as it is by default in Jazzy."""
+    """Return whether the ROS middleware is Fast DDS, the default of Jazzy."""
     return 'fastrtps' in os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
 
 
 def check_shared_memory(num_processes: int) -> None:
-    """Raise InputError if /dev/shm, cleaned if necessary, is too small for some processes."""
+    """Raise InputError if /dev/shm, cleaned if necessary, lacks space for `num_processes`."""
     each_mb = _FILE_SIZE_RATIO * _segment_mb()
     if _free_mb() < num_processes * each_mb:
         clean_shared_memory()
@@ -56,9 +57,9 @@ def check_shared_memory(num_processes: int) -> None:
 def reduce_own_segment() -> None:
     """Let Fast DDS allocate 8 MiB in this process, which sends no stream of images.
 
-    Call this before ROS is initialized. Only the suite's profiles are changed, in a temporary copy
-    for the lifetime of the process, which the environment variable then names. The copy needs a
-    name, since Fast DDS resolves the path. If it cannot be written, nothing is changed.
+    Call this before ROS is initialized. Only profiles of the suite are changed: the environment
+    variable then names a temporary copy, which exists as long as the process. The copy needs a
+    name, because Fast DDS resolves the path. If it cannot be written, nothing is changed.
     """
     text = _profile_text()
     if _OWN_PROFILE not in text or _segment_mb() * _BYTES_PER_MB <= _NODE_SEGMENT_BYTES:
@@ -75,7 +76,7 @@ def reduce_own_segment() -> None:
 
 
 def full_profile() -> str:
-    """Return the path of the profile of Fast DDS for a process that sends images, or ''."""
+    """Return the path of the Fast DDS profile for a process that sends images, or ''."""
     return os.environ.get(_FULL_PROFILE) or os.environ.get(PROFILE_VARIABLE, '')
 
 
@@ -90,14 +91,14 @@ def shared_memory_problem() -> str:
 
 
 def restrict_segments() -> None:
-    """Let no other user read this process's segments, which Fast DDS lets everybody read."""
+    """Stop other users from reading this process's segments, as Fast DDS lets everybody do."""
     for segment in _own_segments():
         with contextlib.suppress(OSError):
             segment.chmod(0o600)
 
 
 def clean_shared_memory() -> None:
-    """Remove the segments that killed processes have left behind, if `fastdds shm clean` works."""
+    """Remove segments of killed processes, if the command `fastdds shm clean` is available."""
     tool = shutil.which(
         'fastdds', path=os.pathsep.join([str(Path(sys.executable).parent), os.defpath])
     )
@@ -113,7 +114,7 @@ def _segment_mb() -> float:
 
 
 def _profile_text() -> str:
-    """Return the profile of Fast DDS; '' if there is none, or with another middleware."""
+    """Return the text of the Fast DDS profile; '' without a profile or with another middleware."""
     if not uses_fast_dds():
         return ''
     try:

@@ -1,4 +1,4 @@
-"""Handling of the signals that ask a command to end: Ctrl-C, SIGTERM, a closed terminal."""
+"""Handling of the signals that end a command: Ctrl-C, SIGTERM, a closed terminal."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def termination_signals_blocked() -> Iterator[None]:
 def signal_handlers_deferred() -> Iterator[None]:
     """Defer the Python handlers of SIGINT and the termination signals to the end of the block.
 
-    Blocking the signals in this thread is not enough: the kernel delivers them to another one, and
-    Python then runs the handler in the main thread.
+    Blocking the signals in this thread is not enough: the kernel delivers them to another thread,
+    and Python then runs the handlers in the main thread nevertheless.
     """
     came: list[int] = []
     before = {}
@@ -70,7 +70,7 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
 
 
 def _leave_terminal() -> None:
-    """Redirect stdout and stderr to /dev/null if they are a terminal, which has been closed."""
+    """Redirect stdout and stderr to /dev/null if they lead to a terminal, which is closed now."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for descriptor in (1, 2):
         with suppress(OSError):

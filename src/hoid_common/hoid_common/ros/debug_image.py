@@ -1,4 +1,4 @@
-"""Publisher of debug images; without subscribers, nothing is published."""
+"""Publishing of debug images."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A node's status on /diagnostics: counters, values, missing inputs and errors.
+"""Publishing of a node's status on /diagnostics: counters, values, missing inputs and errors.
 
-diagnostic_updater has a similar interface, but is missing from the wheels of rclpy.
+diagnostic_updater has a similar interface, but the pip wheels of rclpy lack it.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from hoid_common.log_throttle import Backoff, LogThrottle
 from hoid_common.process.shared_memory import full_profile, uses_fast_dds
 from hoid_common.ros import qos
 
-_PERIOD_S = 1.0  # of the messages; diagnostic_updater's default
+_PERIOD_S = 1.0  # between two messages; diagnostic_updater's default
 _LOG_PERIOD_S = 5.0  # chosen: shortest time between two log lines of the same kind
 _MAX_LOG_PERIOD_S = 300.0  # chosen: longest time between two log lines about one problem
-# Chosen: longer than the 20 s after which a killed node leaves the graph (lease of the profile).
+# Chosen: longer than the 20 s after which a killed node disappears from the ROS graph (the lease
+# duration in the suite's Fast DDS profile).
 _NAMESAKE_S = 25.0
-_NAMESAKE = 'namesake'  # name of a problem
+_NAMESAKE = 'namesake'  # name of the problem that two nodes have the same name
 _FILTER = 'hoid_filter'
 _SUITE = ('hoid_detector', _FILTER, 'rgbd_slam')  # names of nodes, which a remap may change
 
@@ -71,7 +72,7 @@ class Diagnostics:
         is_occasional: bool = False,
         is_latched: bool = False,
     ) -> InputWatch:
-        """Report missing and lost messages of a topic; the caller must record all messages."""
+        """Report missing and lost messages of a topic; the caller records them in the result."""
         watch = InputWatch(what, topic, reliability, time.monotonic(), is_occasional, is_latched)
         self._watches.append(watch)
         return watch
@@ -90,10 +91,10 @@ class Diagnostics:
         self._values[name] = value
 
     def set_problem(self, name: str, text: str, *, severe: bool = False) -> None:
-        """Publish a problem, and what to do, until `clear_problem` is called with its name.
+        """Publish a problem and its remedy until `clear_problem` is called with the same name.
 
-        It is logged when it is new or comes again, with exponential back-off from five seconds to
-        five minutes. `severe` raises the level from WARN to ERROR.
+        It is logged when it is new or returns, with exponential back-off from five seconds to five
+        minutes. `severe` raises the level from WARN to ERROR.
         """
         level = DiagnosticStatus.ERROR if severe else DiagnosticStatus.WARN
         if name not in self._problems:
@@ -112,7 +113,7 @@ class Diagnostics:
         self._problems.pop(name, None)
 
     def report(self, error: HoidError, what: str = 'messages refused') -> None:
-        """Count an error, and log it at most once in five seconds per counter and first word."""
+        """Count an error as `what`, and log it, but similar errors only once in five seconds."""
         self.count(what)
         kind = f'{what}: {str(error).split(maxsplit=1)[0]}'
         num_suppressed = self._throttle.allow(kind, time.monotonic())
@@ -195,7 +196,7 @@ class Diagnostics:
         return is_filter or all(info.node_name != _FILTER for info in subscribers)
 
     def _check_namesakes(self) -> None:
-        """Report a second node of this name, which publishes on the same topics."""
+        """Report another node with the name of this one, which publishes on the same topics."""
         namespace, name = self._node.get_namespace(), self._node.get_name()
         if self._node.get_node_names_and_namespaces().count((name, namespace)) < 2:
             self._alone_s = time.monotonic()
@@ -218,7 +219,7 @@ class Diagnostics:
 
 
 def _transport_profile() -> str:
-    """Return the path of Fast DDS's present profile, or else of the suite's profile, or ''."""
+    """Return the path of the Fast DDS profile in use, else of the suite's profile, else ''."""
     if not uses_fast_dds():
         return ''
     if given := full_profile():

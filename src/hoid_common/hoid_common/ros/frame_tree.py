@@ -1,4 +1,4 @@
-"""Transforms on /tf and /tf_static; tf2_ros is missing from the wheels of rclpy."""
+"""Publishing and listening of transforms; the pip wheels of rclpy lack tf2_ros."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ def listen_to_transforms(
     take: Callable[[TransformStamped], None],
     diagnostics: Diagnostics,
 ) -> None:
-    """Subscribe to /tf or /tf_static, and call `take` with each valid edge of the frame tree.
+    """Subscribe to `topic` (/tf or /tf_static), and call `take` with each valid transform.
 
-    Malformed messages, and edges for which `take` raises MessageError, are counted and logged.
+    Malformed messages, and those for which `take` raises MessageError, are counted and logged.
     """
 
     def on_transforms(msg: TFMessage) -> None:
@@ -88,7 +88,7 @@ class StaticFrameListener:
 
 
 class LiveAlignment:
-    """Brings the depth images of a node to the pixels of its color images."""
+    """Registers the depth images of a node to its color images, and reports doubts about them."""
 
     def __init__(self, node: Node, inputs: Inputs, diagnostics: Diagnostics) -> None:
         self.aligner = DepthAligner(_REGISTER)
@@ -104,7 +104,7 @@ class LiveAlignment:
     ) -> Float32Array:
         """Return the depth (H, W) in m at the color pixels of depth (h, w); 0 = no measurement.
 
-        MessageError if depth has another size, and is not known to be registered.
+        MessageError if depth and color differ in size and depth is not registered.
         """
         try:
             return self.aligner.align(depth_m, depth.frame_id, color.frame_id, size_px)

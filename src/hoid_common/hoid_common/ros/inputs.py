@@ -1,4 +1,4 @@
-"""Subscriptions with parameters for QoS and transport, and their synchronization by stamps."""
+"""Subscriptions of nodes, with QoS and transport from parameters, and their synchronization."""
 
 from __future__ import annotations
 
@@ -30,19 +30,20 @@ from hoid_common.values import NS_PER_S, CameraModel
 
 Callback = Callable[[Any], None]
 
-_LARGE = (Image, CompressedImage, KeyframePoses)  # types with arrays: no size limit
-# Chosen: time for which a new node waits for publishers that run already, for all its inputs
-# together. With the suite's transport profile they are known within 0.2 s.
+# Message types with large arrays, which have no size limit.
+_LARGE = (Image, CompressedImage, KeyframePoses)
+# Chosen: a new node waits so long in all for the publishers that already run, before it
+# subscribes. With the suite's Fast DDS profile they are known within 0.2 s.
 _DISCOVERY_S = 0.3
 _POLL_S = 0.02  # chosen: period of the search for these publishers
-_LOOK_S = 0.5  # chosen: period of the search for a publisher that keeps its last message
-# A larger message of another type is refused. Deserializing a message of this size takes a
-# second.
+_LOOK_S = 0.5  # chosen: period of the search for a transient-local publisher
+# A larger message of a type that is not in `_LARGE` is refused. Deserializing a message of this
+# size takes a second.
 _MAX_BYTES = 2_000_000
 
 
 class Inputs:
-    """Makes the subscriptions of a node, which count, log and drop messages whose callback raises.
+    """Creates the subscriptions of a node; a message whose callback raises is counted and logged.
 
     A `ManagedNode` processes messages only while it is active.
     """
@@ -54,7 +55,7 @@ class Inputs:
         self._discovered_s = time.monotonic() + _DISCOVERY_S
 
     def color(self, callback: Callback) -> None:
-        """Subscribe to color images, or compressed images by parameter or by the topic's name."""
+        """Subscribe to color images, compressed ones by parameter or by the topic's name."""
         named = self.with_frame(callback, 'color images')
         self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
 
@@ -75,8 +76,8 @@ class Inputs:
     def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
         """Subscribe to the camera_info of the color images.
 
-        The name of the images' topic decides whether they are rectified; a doubtful name is
-        reported in the diagnostics.
+        The name of the image topic decides whether the images count as rectified; the diagnostics
+        report a doubtful name.
         """
 
         def on_camera_info(msg: CameraInfo) -> None:
@@ -90,7 +91,7 @@ class Inputs:
         self.messages(CameraInfo, topics.CAMERA_INFO, named, 'camera infos', is_latched=True)
 
     def depth_camera(self, callback: Callable[[CameraModel], None]) -> None:
-        """Subscribe to the camera_info beside the depth images, which drivers need not publish."""
+        """Subscribe to the camera_info of the depth images, which drivers need not publish."""
         images = self._node.resolve_topic_name(
             self._image_topic(topics.DEPTH_IMAGE, topics.compressed_depth(topics.DEPTH_IMAGE))
         )
@@ -106,10 +107,10 @@ class Inputs:
             )
 
     def with_frame(self, callback: Callback, what: str) -> Callback:
-        """Return a callback that makes the frame name of `what` ("color images") valid in TF.
+        """Return a callback that completes the frame name of a message before it calls `callback`.
 
         An empty name is replaced by the parameter `camera_frame`; if that is empty too, the
-        diagnostics report a problem, and MessageError is raised.
+        diagnostics report a problem, and MessageError is raised. `what` is such as "color images".
         """
 
         def on_message(msg: Any) -> None:
@@ -140,7 +141,7 @@ class Inputs:
         self.messages(CompressedImage, topic, on_compressed, what)
 
     def _image_topic(self, raw: str, packed: str) -> str:
-        """Return `packed` if `compressed` is set, unless `raw` is remapped to such a name."""
+        """Return `packed` if `compressed` is set and `raw` is not remapped to such a name."""
         is_named = topics.is_compressed(self._node.resolve_topic_name(raw))
         return packed if self._config.compressed and not is_named else raw
 
@@ -159,8 +160,8 @@ class Inputs:
         """Subscribe to a topic.
 
         `what` names the messages in log lines, in the plural. Missing messages are reported,
-        except for an occasional topic, and for a latched topic that has sent a message.
-        Reliability and queue length are those of the parameters by default.
+        unless the topic is occasional, or latched and one message has arrived. Reliability and
+        queue length come from the parameters by default.
         """
         config, full_name = self._config, self._node.resolve_topic_name(topic)
         requested = reliability or config.reliability
@@ -175,8 +176,8 @@ class Inputs:
 class _Input:
     """The subscription of an input.
 
-    With reliability `auto`, it is reliable until a publisher offers less, and then best effort
-    until the topic has no publisher.
+    With reliability `auto` it is reliable until a publisher offers best effort only; then it is
+    best effort until the topic has no publisher.
     """
 
     def __init__(
@@ -200,7 +201,7 @@ class _Input:
         else:
             self._subscribe(watch.reliability)
         if watch.is_latched:
-            # The search for latched publishers starts after a period, not at once, because drivers
+            # The search for transient-local publishers starts after one period, because drivers
             # log each subscription that requests more than they offer.
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self._timer = node.create_timer(_LOOK_S, self._find_latched, clock=steady)
@@ -208,10 +209,10 @@ class _Input:
                 node.on_activation.append(self._repeat_last)
 
     def _offers_best_effort(self, until_s: float) -> bool:
-        """Return whether a publisher that runs already offers best effort only.
+        """Return whether a publisher that already runs offers best effort only.
 
-        A driver logs each subscription that requests more than it offers. This function therefore
-        searches for publishers first, until `until_s` on the monotonic clock.
+        A driver logs each subscription that requests more than it offers. Therefore publishers are
+        searched for first, until `until_s` of the monotonic clock.
         """
         while True:
             infos = self._node.get_publishers_info_by_topic(self._watch.topic)
@@ -244,14 +245,14 @@ class _Input:
 
     def _make(self, profile: QoSProfile, events: SubscriptionEventCallbacks) -> Subscription[Any]:
         # raw=True: otherwise the middleware silently drops messages that it cannot deserialize,
-        # and text that is not UTF-8 raises in the executor. It also lets `image_from_cdr` avoid
-        # the copies of rclpy.
+        # and text that is not UTF-8 raises in the executor. `image_from_cdr` also avoids the
+        # copies of rclpy.
         return self._node.create_subscription(
             self._type, self._topic, self._on_message, profile, raw=True, event_callbacks=events
         )
 
     def _find_latched(self) -> None:
-        """Add a transient-local subscription once a publisher offers its last message that way."""
+        """Add a transient-local subscription if a publisher offers one."""
         infos = self._node.get_publishers_info_by_topic(self._watch.topic)
         kept = DurabilityPolicy.TRANSIENT_LOCAL
         if any(info.qos_profile.durability == kept for info in infos):
@@ -282,7 +283,7 @@ class _Input:
 def checked_callback(
     callback: Callback, type_: type[Any], topic: str, what: str, diagnostics: Diagnostics
 ) -> Callable[[bytes], None]:
-    """Return a function of serialized bytes that calls `callback`, and reports its HoidErrors."""
+    """Return a function that calls `callback` with deserialized bytes and reports HoidErrors."""
 
     def on_bytes(data: bytes) -> None:
         try:
@@ -294,7 +295,7 @@ def checked_callback(
 
 
 def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
-    """Return the message in bytes (a `ReceivedImage` for Image); MessageError if invalid."""
+    """Return the deserialized message (a `ReceivedImage` for Image); MessageError if invalid."""
     if len(data) > _MAX_BYTES and type_ not in _LARGE:
         raise MessageError(f'{topic}: message of {len(data)} bytes exceeds {_MAX_BYTES} bytes')
     try:
@@ -312,7 +313,7 @@ def _decoded(data: bytes, type_: type[Any], topic: str) -> Any:
 
 
 class Stamped(NamedTuple):
-    """The converted content of a message, with the message's header."""
+    """The converted content of a message, and the message's header."""
 
     header: Header
     value: Any
@@ -334,9 +335,9 @@ class Synchronizer:
         self._diagnostics = diagnostics
 
     def input(self, name: str, convert: Callable[[Any], Any]) -> Callable[[Any], None]:
-        """Return the callback of one of the streams that are matched by stamps.
+        """Return the subscription callback of the stream `name`.
 
-        `convert` makes a value of a message; matches have these values.
+        `convert` turns a message into the value that matches contain.
         """
 
         def on_message(msg: Any) -> None:

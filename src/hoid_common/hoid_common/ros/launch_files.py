@@ -20,8 +20,10 @@ from launch import LaunchContext, LaunchDescription
 
 _SWITCH = ('true', 'false', 'True', 'False')
 _LOG_LEVELS = ('debug', 'info', 'warn', 'error', 'fatal')
-_RESPAWN_DELAY_S = 0.5  # chosen: a node that fails at once does not take a whole processor
-_REFUSAL_PAUSE_S = 5.0  # chosen: repeated starts then take a fifth of a processor core
+# Chosen: pause, so that a node that fails at once does not keep a whole processor core busy.
+_RESPAWN_DELAY_S = 0.5
+# Chosen: pause after a refused start; repeated starts then take a fifth of a processor core.
+_REFUSAL_PAUSE_S = 5.0
 _SLAM = 'rgbd_slam'  # the package of the node that stores its map
 
 
@@ -32,7 +34,7 @@ def switch(name: str, description: str, *, default: bool = False) -> Argument:
 
 
 def common_arguments(package: str, params_file: str) -> list[Argument]:
-    """Return the launch arguments of every launch file; `params_file` is a name in `config`."""
+    """Return the launch arguments of every launch file; `params_file` is a file in `config`."""
     params = PathJoinSubstitution([FindPackageShare(package), 'config', params_file])
     return [
         Argument(
@@ -79,8 +81,8 @@ def suite_node(
 ) -> LifecycleNode:
     """Return the launch action of a package's node `<package>_node` with the common arguments.
 
-    The whole launch ends when the node refuses its first start, or when it fails without
-    `respawn`. Before that, a running SLAM node gets FAILURE_SIGNAL, so that its map is kept.
+    The whole launch ends if the node refuses its first start, or if it fails without `respawn`. A
+    running SLAM node then gets FAILURE_SIGNAL first, so that its map is kept.
     """
     respawn = is_on(context, 'respawn')
     switches = {name: is_on(context, name) for name in ('use_sim_time', 'autostart')}
@@ -146,7 +148,7 @@ def one_node(
 def _ending_launch(
     package: str, *, respawn: bool
 ) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
-    """Return the handler for the exit of a node, which ends the launch after a failure.
+    """Return the handler of a node's exit, which ends the whole launch after a failure.
 
     With `respawn`, only a node that refuses its first start ends the launch; without it, every
     exit status other than 0 does (decision 046).
@@ -156,7 +158,8 @@ def _ending_launch(
     def on_exit(event: ProcessExited, context: LaunchContext) -> list[Any]:
         nonlocal has_run
         if context.is_shutdown:
-            # A node that was still starting ends with the status of an interrupt: no error.
+            # A node that is interrupted while it starts exits with the status of an interrupt: no
+            # error.
             return []
         is_refusal = event.returncode == EXIT_CONFIG
         has_run = has_run or not is_refusal

@@ -1,4 +1,4 @@
-"""Base of the suite's lifecycle nodes, which activate themselves if no lifecycle manager does."""
+"""Base class of the suite's lifecycle nodes, which can activate themselves."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _PROBLEM, _SHARED_MEMORY = 'configuring', 'shared memory'
 
 
 class ManagedNode(AcceptsEmptyLists, LifecycleNode):
-    """Base class of the suite's nodes, a lifecycle node that processes messages only while active.
+    """Base class of the suite's lifecycle nodes, which process messages only while active.
 
-    This holds for the subscriptions of `Inputs`, not for transforms and services. A subclass loads
-    its models and files in `configure` and drops its state in `clean_up`. There is no bond with a
-    lifecycle manager: set Nav2's `bond_timeout` to 0.
+    This holds for the subscriptions of `Inputs`; transforms and services are always processed. A
+    subclass loads its models and files in `configure` and drops its state in `clean_up`. There is
+    no bond with a lifecycle manager: set Nav2's `bond_timeout` to 0.
     """
 
     def __init__(self, name: str) -> None:
@@ -46,7 +46,7 @@ class ManagedNode(AcceptsEmptyLists, LifecycleNode):
         """Drop all waiting messages."""
 
     def begin(self, *, autostart: bool) -> None:
-        """Configure and activate the node, or wait for a lifecycle manager; called last.
+        """Configure and activate the node, or wait for a lifecycle manager; call this last.
 
         HoidError if `configure` fails with autostart; the node is then destroyed.
         """
@@ -98,7 +98,7 @@ class _NodeHandler(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = self.format(record)
-        # rclpy raises an error when a line of code logs with another severity than before, hence a
+        # rclpy raises an error if the same line of code logs with different severities, hence one
         # line for each severity.
         if record.levelno >= logging.CRITICAL:
             self._logger.fatal(text)
@@ -113,7 +113,7 @@ class _NodeHandler(logging.Handler):
 
 
 def bridge_logging(node: Node) -> None:
-    """Forward Python log records to a node's logger, in place of any node bridged before."""
+    """Forward Python's log records to a node's logger, and no longer to that of another node."""
     root = logging.getLogger()
     for handler in [h for h in root.handlers if isinstance(h, _NodeHandler)]:
         root.removeHandler(handler)

@@ -1,8 +1,7 @@
-"""Declaration of a node's ROS parameters from a `Config`, which has names, defaults and ranges.
+"""Declaration of a node's ROS parameters from the names, defaults and ranges of a `Config`.
 
-The node must be made with `automatically_declare_parameters_from_overrides=True`: only then can
-misspelled names be found. An empty list has no type in ROS, so that its parameter has the value
-`['']`.
+The node must be created with `automatically_declare_parameters_from_overrides=True`, or misspelled
+names are not found. An empty list has no type in ROS, so that its parameter has the value `['']`.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _ROS_PREFIXES = ('use_sim_time', 'start_type_description_service', 'qos_override
 
 
 class AcceptsEmptyLists(Node):
-    """Base class of nodes whose parameters may be given as empty lists, for which rclpy raises."""
+    """Base class of nodes that accept empty lists as parameters, for which rclpy raises."""
 
     def declare_parameters(
         self, namespace: str, parameters: Any, ignore_override: bool = False
@@ -48,10 +47,10 @@ class AcceptsEmptyLists(Node):
 class Parameters(Generic[C]):
     """Declares the parameters of a node, and updates its config when they are set.
 
-    Given parameters without effect (unknown ones, and expert parameters that are not declared) are
-    logged. `on_change` is called with a new config; `approve` before that, and may reject it by
-    ConfigError. `moved` maps parameter sections to the nodes that have them now. ConfigError if a
-    value is wrong, or a parameter has moved to another node.
+    It logs given parameters that have no effect (unknown ones, and expert parameters that are not
+    declared). It calls `approve` with each new config, which may reject it by ConfigError, and
+    then `on_change`. `moved` maps parameter sections to the nodes that have them now. ConfigError
+    if a value is wrong, or a parameter has moved to another node.
     """
 
     def __init__(
@@ -72,7 +71,7 @@ class Parameters(Generic[C]):
         self.config = defaults.updated({n: v for n, v in given.items() if n in self._leaves})
         for leaf in self.config.params():
             if leaf.name in self._leaves:
-                # `updated` has checked and converted the override; the original may be an int
+                # `updated` has checked and converted the override. Its original may be an int
                 # where a float is declared, which rclpy would reject.
                 node.declare_parameter(
                     leaf.name, _to_ros(leaf.value), _descriptor(leaf), ignore_override=True
@@ -132,7 +131,7 @@ def _check_places(node: Node, names: Iterable[str], moved: Mapping[str, str]) ->
 
 
 def _warn(node: Node, names: Iterable[str], leaves: Mapping[str, Param]) -> None:
-    """Log which given parameters have no effect, because they are not declared or do not exist."""
+    """Log given parameters that have no effect, because they are not declared or do not exist."""
     hidden = sorted(name for name in names if name in leaves)
     if hidden:
         node.get_logger().warning(

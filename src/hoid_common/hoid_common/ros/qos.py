@@ -16,8 +16,8 @@ def latched(depth: int) -> QoSProfile:
     )
 
 
-# QoS of results. Depths are chosen: 10 messages are a third of a second at 30 Hz; tf2 uses 100 for
-# /tf.
+# QoS of results. The depths are chosen: 10 messages are a third of a second at 30 Hz; tf2 uses 100
+# for /tf.
 OUTPUT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
 )

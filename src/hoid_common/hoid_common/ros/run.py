@@ -1,4 +1,4 @@
-"""Running of a node: start, spinning, signals and exit status."""
+"""Running a node: start, spinning, signals and exit status."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ from hoid_common.process.entry import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
 from hoid_common.process.signals import FAILURE_SIGNAL, NODE_END_SIGNALS
 from hoid_common.ros.execution.executor import SteadyExecutor
 
-_EXIT_LIMIT_S = 10  # chosen, not tuned: twice the time that a child process gets to end
+_EXIT_LIMIT_S = 10  # chosen, not tuned: twice the time in which a child process must end
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # options of mallopt, from glibc's malloc.h
-_failure = Event()  # set when FAILURE_SIGNAL has come
-_KEPT_BYTES = 64 << 20  # chosen: a 1080p image with its depth takes 15 MB (decision 017)
+_failure = Event()  # set when FAILURE_SIGNAL has arrived
+# Chosen: freed memory that glibc keeps; a 1080p image with its depth takes 15 MB (decision 017).
+_KEPT_BYTES = 64 << 20
 _LOG_PERIOD_S = 5.0  # chosen: shortest time between two log lines
 _logger = logging.getLogger(__name__)
 _throttle = LogThrottle(_LOG_PERIOD_S)
@@ -39,13 +40,13 @@ _set_time = TimeSource.clock_callback
 
 
 def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
-    """Make a node, run its callbacks until a signal or shutdown, and return the exit status.
+    """Create a node, run its callbacks until a signal or shutdown, and return the exit status.
 
-    The status is 0 if the signal comes while the node runs, EXIT_INTERRUPTED while it is made. A
-    HoidError is printed in one line: EXIT_CONFIG if the node cannot be made, else EXIT_FAILED.
-
-    The whole process changes: OpenCV uses one thread, glibc keeps freed memory, negative times on
-    /clock are ignored, and SIGALRM ends the process 10 s after the node began to end.
+    It is 0 if the signal comes while the node runs, and EXIT_INTERRUPTED before. A HoidError is
+    printed in one line; if the node cannot be created, the status is EXIT_CONFIG, else
+    EXIT_FAILED. The whole process changes: OpenCV uses one thread, glibc keeps freed memory,
+    negative times on /clock are ignored, and SIGALRM ends the process 10 s after the node began to
+    end.
     """
     _reduce_processor_load()
     ignore_negative_clock_times()
@@ -54,20 +55,21 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
         _init(args)
         return _run(make_node, interrupt)
     except BaseException as error:
-        if interrupt.came:  # the interrupted code may have raised another error
+        if interrupt.came:  # code that is interrupted may have raised another error
             return EXIT_INTERRUPTED
         if isinstance(error, HoidError):
             sys.stderr.write(f'error: {" ".join(str(error).split())}\n')
             return EXIT_FAILED if interrupt.is_node_made else EXIT_CONFIG
         raise
     finally:
-        # While the interpreter shuts down, Python handlers are gone and the default would kill it.
+        # While the interpreter shuts down, Python's handlers do not exist any more, and a signal's
+        # default action would kill the process.
         _handle(signal.SIG_IGN)
 
 
 def _init(args: Sequence[str] | None) -> None:
     try:
-        # rclpy's handlers shut down the context in another thread while this one destroys the
+        # rclpy's own handlers shut down the context in another thread while this one destroys the
         # node. Of 1200 exits with them, one crashed and three printed an error.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's RCLError
@@ -86,7 +88,8 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
     except ExternalShutdownException:
         return 0
     except RuntimeError:
-        # Another thread may shut down the context while the executor makes its wait set.
+        # The context may have been shut down by another thread while the executor built its wait
+        # set.
         if rclpy.ok():
             raise
         return 0
@@ -104,7 +107,7 @@ def is_end_asked_for() -> bool:
 
 
 class _Interrupt:
-    """Makes the first signal that ends a node raise KeyboardInterrupt, until `_handle` runs."""
+    """Raises KeyboardInterrupt at the first signal that ends a node, until `_handle` is called."""
 
     def __init__(self) -> None:
         self.came = self.is_node_made = False
@@ -119,7 +122,7 @@ class _Interrupt:
 
     @staticmethod
     def _ignore_interrupt(error: sys.UnraisableHookArgs) -> None:
-        """Print nothing about a KeyboardInterrupt in code that cannot raise; `came` records it."""
+        """Ignore a KeyboardInterrupt in code that cannot raise, because `came` records it."""
         if not issubclass(error.exc_type, KeyboardInterrupt):
             sys.__unraisablehook__(error)
 
@@ -150,9 +153,9 @@ def _reduce_processor_load() -> None:
 
 
 def _let_middleware_wait_its_turn() -> None:
-    """Keep the threads of Fast DDS from interrupting others, at unchanged priority (decision 016).
+    """Give the threads of Fast DDS the policy SCHED_BATCH, so that they do not preempt others.
 
-    They wake up for each of the 24 parts of an image.
+    They wake up for each of the 24 parts of an image. Their priority is unchanged (decision 016).
     """
     for task in Path('/proc/self/task').iterdir():
         with contextlib.suppress(OSError):  # a thread that has ended, or a kernel that refuses
@@ -171,8 +174,8 @@ def _spin(executor: SteadyExecutor, interrupt: _Interrupt) -> int:
         limit_exit_time()
         executor.wake()
 
-    # Python handlers do not run while this thread waits for messages in C code. The wake-up file
-    # descriptor is written at once, and another thread reads it.
+    # Python's handlers do not run while this thread waits for messages in C code. But a signal is
+    # written to the wake-up file descriptor at once, and another thread reads it.
     signal.set_wakeup_fd(tell_fd, warn_on_full_buffer=False)
     _handle(_note)
     if interrupt.came:  # in code that has swallowed the KeyboardInterrupt
@@ -187,7 +190,7 @@ def limit_exit_time() -> None:
     """Let SIGALRM end this process in 10 s, unless `signal.alarm(0)` is called before.
 
     Fast DDS 2.14 can deadlock in DomainParticipant::set_listener() when another participant is
-    discovered while this one is destroyed. rclpy holds the GIL there, so that only a signal whose
+    discovered while this one is destroyed. rclpy then holds the GIL, so that only a signal whose
     default action ends the process helps.
     """
     signal.alarm(_EXIT_LIMIT_S)

@@ -1,1 +1,1 @@
-"""Maps as SQLite databases: tables whose blobs are records of arrays, and who owns a database."""
+"""Maps as SQLite databases: tables with arrays in their columns, and the lock of the owner."""

@@ -23,15 +23,15 @@ MAX_COUNT = 2**40  # chosen: no sum of two counts overflows
 MIN_WEIGHT, MAX_WEIGHT = 1e-30, 1e30
 APPLICATION_ID = int.from_bytes(b'hoid', 'big')
 VERSION = 2  # of all tables together; a change of any table adds one
-# The form of the SQL text of every table (`Table.sql`): nothing of it is ever executed, neither
-# when rows are read or written, nor when they are checked.
+# The form of every table's SQL text (`Table.sql`): it contains no expression, so that reading,
+# writing or checking rows never executes SQL of the file.
 PLAIN_TABLE = re.compile(
     r'CREATE TABLE ([a-z_]+) \([a-z_]+ INTEGER PRIMARY KEY'
     r'(?:, [A-Za-z_0-9]+ (?:INTEGER|REAL|TEXT|BLOB) NOT NULL)*\) STRICT'
 )
 _HEADER_BYTES = 100
 _SQLITE, _ZIP = b'SQLite format 3\0', b'PK\x03\x04'
-_MAX_QUOTED = 80  # characters of a text from the file that an error quotes
+_MAX_QUOTED = 80  # number of characters that an error quotes of a text in the file
 
 
 def require(holds: bool | np.bool_, otherwise: str) -> None:
@@ -40,17 +40,17 @@ def require(holds: bool | np.bool_, otherwise: str) -> None:
 
 
 def within(values: NDArray[Any], low: float, end: float) -> bool:
-    """Return whether all values are in [low, end): true without values, false if one is NaN."""
+    """Return whether all values are in [low, end): True without values, False if one is NaN."""
     return values.size == 0 or bool(values.min() >= low and values.max() < end)
 
 
 def are_poses(T: FloatArray) -> bool:
-    """Return whether all (N, 4, 4) are rigid, with positions in the range of a map."""
+    """Return whether all T (N, 4, 4) are rigid, with positions in the range of a map."""
     return bool((se3.is_rigid(T) & (np.abs(T) < MAX_POSITION_M).all((1, 2))).all())
 
 
 def check_header(path: Path) -> None:
-    """Check without SQLite that a file is a map of this version; MapFileError if it is not."""
+    """Check without SQLite that a file is a map of this version, else raise MapFileError."""
     try:
         with open_regular(path) as file:
             header = file.read(_HEADER_BYTES)
@@ -74,10 +74,10 @@ def check_header(path: Path) -> None:
 
 
 def check_content(connection: sqlite3.Connection, tables: Sequence[Table]) -> frozenset[str]:
-    """Check the schema of a database, then all of its pages; return the names of its tables.
+    """Check the schema of a database, then all its pages; return the names of its tables.
 
-    MapFileError, which does not name the file, if it has something else than plain tables, one of
-    `tables` with other columns, or damaged pages.
+    MapFileError, which does not name the file, if the schema has anything but plain tables, if one
+    of `tables` has other columns, or if a page is damaged.
     """
     known, found = {table.name: table.sql for table in tables}, set()
     for kind, name, sql in connection.execute('SELECT type, name, sql FROM sqlite_schema'):

@@ -1,7 +1,7 @@
-"""A map as an SQLite database: created, opened by its only owner, or read after a check.
+"""A map as an SQLite database: created, opened by its only owner, or checked and read.
 
-A database in use (`start`) is in WAL mode, so that each transaction is in the file completely or
-not at all, whenever a process or computer dies. A finished database is a single file.
+A database in use (`start`) is in WAL mode, so that the file has each transaction completely or not
+at all, whenever a process or computer dies. A finished database is a single file.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from hoid_common.store.table import Table
 
 SUFFIX = '.hoidmap'
 _PAGE_BYTES = 16_384  # measured in a trial: fastest for blobs of 50 kB
-_JOURNAL_BYTES = 32_000_000  # chosen: a larger journal is cut once it is in the file
-_PATIENCE_S = 10.0  # chosen: how long a statement waits for another process's transaction
+# Chosen: a larger journal is truncated once its content is in the database file.
+_JOURNAL_BYTES = 32_000_000
+_PATIENCE_S = 10.0  # chosen: how long a statement waits for the transaction of another process
 _SIDE_FILES = ('-wal', '-shm', '-journal')
 _REMEDIES = {
     'SQLITE_FULL': 'cannot be written: the disk is full; free space on it',
@@ -35,14 +36,14 @@ _REMEDIES = {
     'SQLITE_NOMEM': 'does not fit into memory',
     'SQLITE_TOOBIG': 'is damaged: a value is larger than the file',
 }
-_MAX_BYTES = 500  # chosen: more than the length of an owner's text
+_MAX_BYTES = 500  # chosen: more than the length of the text that names an owner
 
 
 class Database:
-    """An open database, which any thread may use, but only one at a time.
+    """An open database. Any thread may use it, but only one at a time.
 
-    Every method raises MapFileError, with one line that names the file, if the database cannot be
-    read or written or is damaged.
+    Every method raises MapFileError, a line that names the file, if the database cannot be read or
+    written or is damaged.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
@@ -53,8 +54,8 @@ class Database:
     def create(cls, path: Path, tables: Iterable[Table]) -> Self:
         """Create a database with empty tables in a new file.
 
-        It has no journal: if the process is killed, the file is worthless. `replaced` or `start`
-        gives it its name once it is complete.
+        The database has no journal: if the process is killed, the file is useless. `replaced` or
+        `start` renames it to its final name once it is complete.
         """
         try:
             path.touch(exist_ok=False)
@@ -77,7 +78,8 @@ class Database:
         if path.exists():
             raise MapFileError(f'{path}: exists already')
         for side in side_files(path):
-            with suppress(OSError):  # SQLite would take them for those of the new file
+            # SQLite would take old journal files for those of the new database.
+            with suppress(OSError):
                 side.unlink()
         with replaced(path) as aside:
             cls.create(aside, tables).close()
@@ -89,8 +91,8 @@ class Database:
     def open(cls, path: Path, tables: Iterable[Table], *, is_own: bool = False) -> Self:
         """Open an existing database to read and write it, after the checks of `read`.
 
-        Missing tables are added, and the journal of a killed process is applied. Only the header
-        is checked of a file that this process has written (`is_own`).
+        Missing tables are added, and the journal of a killed process is applied. If this process
+        has written the file (`is_own`), only its header is checked.
         """
         check_header(path)
         tables = tuple(tables)
@@ -107,7 +109,8 @@ class Database:
     def read(cls, path: Path, tables: Iterable[Table]) -> Self:
         """Open a database only to read it, after checking its schema and its pages."""
         check_header(path)
-        # An immutable file is read without locks, so that its folder may be read-only.
+        # A database that no process uses is opened as immutable, thus without locks, so that its
+        # folder may be read-only.
         is_in_use = path.with_name(path.name + '-wal').exists()
         with _connected(path, 'ro' if is_in_use else 'ro&immutable=1') as connection:
             connection.execute('PRAGMA query_only = ON')
@@ -125,7 +128,7 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Commit all writes of the block at its end, or none if it raises; not to be nested."""
+        """Commit all writes of the block at its end, or none if the block raises. Do not nest."""
         self.begin()
         try:
             yield
@@ -138,7 +141,7 @@ class Database:
         self._run('BEGIN IMMEDIATE')
 
     def commit(self) -> None:
-        """Write all changes since `begin` to the file; if that fails, `rollback` must follow."""
+        """Write all changes since `begin` to the file; call `rollback` if that fails."""
         self._run('COMMIT')
 
     def rollback(self) -> None:
@@ -146,7 +149,7 @@ class Database:
             self._connection.execute('ROLLBACK')
 
     def put(self, table: Table, rows: Iterable[tuple[Any, ...]]) -> None:
-        """Insert rows: the key, then the other columns; rows with the same keys are replaced."""
+        """Insert rows (key, other columns...); a row with an existing key replaces the old one."""
         places = ', '.join('?' * (1 + len(table.columns)))
         with _described(self.path):
             self._connection.executemany(
@@ -165,7 +168,7 @@ class Database:
         self._run(f'DELETE FROM {table.name}')  # noqa: S608
 
     def rows(self, table: Table) -> Iterator[tuple[Any, ...]]:
-        """Yield all rows by ascending key: the key, then the other columns."""
+        """Yield all rows (key, other columns...) by ascending key."""
         columns = ', '.join((table.key, *table.columns))
         with _described(self.path), closing(self._connection.cursor()) as cursor:
             cursor.execute(f'SELECT {columns} FROM {table.name} ORDER BY {table.key}')  # noqa: S608
@@ -187,7 +190,7 @@ class Database:
         return bool(self._run(sql))
 
     def copy_to(self, path: Path) -> None:
-        """Copy the content to a new finished file (SQLite's backup), not yet on the disk."""
+        """Copy the content to a new finished file by SQLite's backup, without syncing the disk."""
         with _described(path), closing(sqlite3.connect(path)) as copy:
             copy.execute('PRAGMA journal_mode = OFF')
             copy.execute('PRAGMA synchronous = OFF')
@@ -208,8 +211,8 @@ class Database:
 def replaced(path: Path) -> Iterator[Path]:
     """Yield the path of a new file, which replaces `path` at the end of the block.
 
-    It replaces `path` only after all bytes are on disk, and not if the block raises. Files that a
-    killed process leaves are found by `abandoned_scratch_folders`.
+    It is renamed only after all its bytes are on disk, and not if the block raises.
+    `abandoned_scratch_folders` finds the files that a killed process leaves.
     """
     with scratch_folder(path.parent, 'map') as folder:
         aside = folder / path.name
@@ -266,7 +269,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def _connected(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
-    """Yield a connection in SQLite's `mode` of access, which is closed if the block raises."""
+    """Yield a connection in SQLite's access `mode`; it is closed if the block raises."""
     with _described(path), ExitStack() as stack:
         connection = sqlite3.connect(
             f'{path.absolute().as_uri()}?mode={mode}',
@@ -276,7 +279,8 @@ def _connected(path: Path, mode: str) -> Iterator[sqlite3.Connection]:
             check_same_thread=False,
         )
         stack.callback(connection.close)
-        connection.execute('PRAGMA trusted_schema = OFF')  # no SQL of the file's own may run
+        # No SQL text in the file may be executed.
+        connection.execute('PRAGMA trusted_schema = OFF')
         connection.execute('PRAGMA cell_size_check = ON')
         connection.execute('PRAGMA temp_store = MEMORY')
         connection.execute('PRAGMA synchronous = NORMAL')
@@ -312,19 +316,20 @@ def _described(path: Path) -> Iterator[None]:
 
 
 class OwnerLock:
-    """Makes this process the only owner of a database, until `release` or until it ends.
+    """Makes this process the only owner of a database, until `release` or its end.
 
-    The lock is on a separate permanent file, because SQLite locks the database itself for
-    each access. The kernel releases it when the process ends. Nothing is locked if the file cannot
-    be opened, or if its file system has no locks. MapFileError if another process owns the
-    database; `owner` is the full name of the node.
+    The lock is on a separate permanent file, because SQLite locks the database file itself for
+    each access. The kernel releases the lock when the process ends. Nothing is locked if the lock
+    file cannot be opened, or if its file system has no locks. MapFileError if another process owns
+    the database; `owner` is the full name of the node.
     """
 
     def __init__(self, path: Path, owner: str) -> None:
         self._descriptor: int | None = None
-        with suppress(OSError):  # the database cannot be written either, which its writer reports
+        # Then the database cannot be written either, which its writer reports.
+        with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            # Opened only for reading, so that the disk can be made read-only meanwhile.
+            # Opened only for reading, so that the disk can become read-only meanwhile.
             flags = os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC
             self._descriptor = os.open(path, flags, 0o644)
             self._lock(self._descriptor, path.parent, owner)

@@ -1,4 +1,4 @@
-"""Checks file names in service requests: only plain names in one folder are accepted."""
+"""Paths of the files that service requests name: plain names in one folder are accepted."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from hoid_common.store.database import SUFFIX
 
 T = TypeVar('T')
 
-# Longest name of a file that is accepted. A file system allows 255 bytes, and the names of scratch
+# Largest number of bytes of a file name. A file system allows 255 bytes, and the names of scratch
 # files, which contain this name, are longer.
 _MAX_BYTES = 200
-_MIN_AGE_S = 60.0  # chosen: many times the time from making a file until it is locked
+_MIN_AGE_S = 60.0  # chosen: many times the time between the creation of a file and its lock
 _MAX_PRINTED = 40  # chosen: characters of a refused name in an error message
-_MAX_ENDING = 8  # chosen: characters of a word after a dot that counts as an ending
+_MAX_ENDING = 8  # chosen: a longer word after a dot does not count as an ending
 
 
 class FileKind(NamedTuple):
     """A kind of file that a service writes or reads."""
 
-    noun: str  # with its article, for error texts
+    noun: str  # such as "a map"; used in error texts
     default: str  # name if the request has none
     endings: tuple[str, ...]  # the first one is appended to a name without an ending
 
@@ -40,10 +40,11 @@ GRID = FileKind('a grid', 'grid', ('.yaml', '.pgm'))
 
 
 def path_in(directory: str, name: str, kind: FileKind) -> Path:
-    """Return the path of a named file in the folder of maps, which is created if it is missing.
+    """Return the path of a named file in the map folder, which is created if it is missing.
 
-    `~` is the home folder; an empty name is the default. InputError if the name is no plain file
-    name, has an ending of another kind, or is that of a link, or if the folder cannot be created.
+    `~` is the home folder; an empty name means `kind.default`. InputError if the name is not a
+    plain file name, has another kind's ending, or belongs to a link, or if the folder cannot be
+    created.
     """
     _check_name(name, directory)
     file_name = _with_ending(name or kind.default, kind)
@@ -61,7 +62,7 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
 
 
 def existing_map(directory: str, name: str) -> Path:
-    """Return the path of a saved map; InputError, which lists the maps, if there is none."""
+    """Return the path of a saved map; InputError, which lists the maps, if it does not exist."""
     path = path_in(directory, name, MAP)
     if not path.exists():
         raise InputError(f'{path}: there is no such file; {_maps_in(path.parent)}')
@@ -80,10 +81,10 @@ def _maps_in(folder: Path) -> str:
 
 
 def write_whole(path: Path, write: Callable[[Path], T]) -> T:
-    """Write files so that each existing file is replaced by a complete file or not at all.
+    """Call `write`, and replace each existing file by a complete new one or not at all.
 
-    `write` gets the path in a scratch folder to which it must write the main file. Files that it
-    writes beside it are moved as well. Return its result. InputError if a file cannot be written.
+    `write` gets a path in a scratch folder for the main file. Files that it writes beside that
+    path are moved as well. Return the result of `write`. InputError if a file cannot be written.
     """
     with staged(path.parent, path) as aside:
         return write(aside / path.name)
@@ -92,7 +93,7 @@ def write_whole(path: Path, write: Callable[[Path], T]) -> T:
 def remove_abandoned(directory: str) -> list[str]:
     """Remove unfinished files of killed processes; return the removed names.
 
-    Files younger than a minute are kept, because their process may not have locked them yet.
+    Files younger than a minute are kept, because a running process may not have locked them yet.
     """
     folder, removed = expand_home(directory, 'map_directory'), []
     for path in abandoned_scratch_folders(folder):
@@ -104,7 +105,7 @@ def remove_abandoned(directory: str) -> list[str]:
 
 
 def _check_name(name: str, directory: str) -> None:
-    # Names that cannot be typed or printed in one line, hidden files and paths are refused.
+    # Refuse names that cannot be printed in one line, names of hidden files, and paths.
     if not name.isprintable() or name.startswith('.') or '/' in name:
         raise InputError(
             f'"{printable(name)}" is no plain file name; files are in {directory} only'
@@ -112,9 +113,9 @@ def _check_name(name: str, directory: str) -> None:
 
 
 def _with_ending(name: str, kind: FileKind) -> str:
-    """Return a name with an ending of the kind; raise InputError if it has another ending.
+    """Return a name with the kind's ending, which is appended if the name has none.
 
-    A number after the last dot is no ending: "2024.05.17" has none.
+    InputError for another ending. A number after the last dot is no ending: "2024.05.17" has none.
     """
     ending = Path(name).suffix
     if ending in kind.endings:
@@ -125,6 +126,6 @@ def _with_ending(name: str, kind: FileKind) -> str:
 
 
 def printable(name: str) -> str:
-    """Return the beginning of a text from a request, for an error text of one line."""
+    """Return the beginning of a text from a request, with non-printable characters replaced."""
     text = ''.join(c if c.isprintable() else '?' for c in name[:_MAX_PRINTED])
     return text + '...' * (len(name) > _MAX_PRINTED)

@@ -1,4 +1,4 @@
-"""Tables of a database, whose columns are numbers, texts and records of arrays."""
+"""Tables of a map database, whose columns are numbers, texts and records of arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hoid_common.io.records import Column, Record
 R = TypeVar('R', bound=Record)
 
 _SQL_TYPES = {int: 'INTEGER', float: 'REAL', str: 'TEXT'}
-_ALIGNMENT = 8  # bytes; an array of 64-bit numbers may begin at each multiple of it
+_ALIGNMENT = 8  # bytes; each array begins at a multiple of it, as 64-bit numbers need
 _NUMBER = np.dtype('<i8')
 
 
@@ -24,9 +24,9 @@ _NUMBER = np.dtype('<i8')
 class Table:
     """The declaration of a table, from which its SQL text follows.
 
-    The name has small letters and "_", and begins with its package's name, except for tables of
-    `rgbd_slam`. `key` is the first column, an integer. `columns` are int, float, str, or a type of
-    `Record`. No value may be missing.
+    The name consists of lower-case letters and "_", and begins with the name of the package,
+    except for tables of `rgbd_slam`. `key` is the first column, an integer. `columns` are int,
+    float, str, or a type of `Record`. All columns are NOT NULL.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Table:
         return tuple(pack(value) if isinstance(value, Record) else value for value in row)
 
     def unpacked(self, row: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Return a row with its bytes as read-only records; MapFileError if its types differ."""
+        """Return a row whose bytes became read-only records; MapFileError if a type is wrong."""
         key, *values = row
         kinds = self.columns.items()
         return key, *(
@@ -65,7 +65,7 @@ class Table:
 
 
 def pack(record: Record) -> bytes:
-    """Return a record as bytes: checksum, lengths of its named axes, and its arrays, in order."""
+    """Return a record as bytes: checksum, lengths of its named axes, then its arrays in order."""
     lengths = record.lengths()
     parts = [np.array([lengths[axis] for axis in _axes(type(record))], _NUMBER).tobytes()]
     for name, array in record.arrays().items():
@@ -79,7 +79,7 @@ def sealed(body: bytes) -> bytes:
 
 
 def unpack(kind: type[R], data: bytes) -> R:
-    """Return the record of bytes that `pack` has made, as read-only views; else MapFileError."""
+    """Return the record that `pack` has packed, as read-only views; else MapFileError."""
     axes = _axes(kind)
     start = (1 + len(axes)) * _NUMBER.itemsize
     if len(data) < start:
@@ -112,7 +112,7 @@ def _axes(kind: type[Record]) -> list[str]:
 def _ends(
     columns: Mapping[str, Column], shapes: Mapping[str, tuple[int, ...]], start: int
 ) -> Iterator[int]:
-    """Yield the byte after each array and its padding, for arrays that begin at byte `start`."""
+    """Yield the offset of the end of each array and its padding; the first begins at `start`."""
     for name, column in columns.items():
         size = math.prod(shapes[name]) * column.dtype.itemsize
         start += size + -size % _ALIGNMENT

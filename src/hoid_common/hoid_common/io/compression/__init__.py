@@ -1,1 +1,1 @@
-"""Compressed images, as the plugins of image_transport publish them."""
+"""Decoding of compressed images in the formats of image_transport's plugins."""

@@ -1,4 +1,4 @@
-"""Decoding of sensor_msgs/CompressedImage, of color and of depth, whatever plugin has made it."""
+"""Decoding of sensor_msgs/CompressedImage, color or depth, by any plugin of image_transport."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _DEPTH_KEYWORD, _RVL = 'compressedDepth', 'compressedDepth rvl'
 
 
 def compressed_head(format_: str, data: Buffer) -> tuple[str, tuple[int, int] | None]:
-    """Return encoding, and (width, height) or None, of a compressed image without decoding it.
+    """Return encoding, and (width, height) or None, of a compressed image, without decoding it.
 
-    The encoding is one of the depth encodings if and only if the image is depth. MessageError if
-    `format` and `data` contradict.
+    Depth images, and only these, have one of the depth encodings. MessageError if `format` and
+    `data` contradict.
     """
     raw = bytes(data)
     if format_ == ZSTD_FORMAT:
@@ -95,7 +95,7 @@ def _one_channel(data: bytes, format_: str) -> NDArray[Any]:
 
 
 def decode_image(data: Buffer, flags: int, what: str) -> NDArray[Any]:
-    """Return the pixels of a JPEG, PNG or TIFF; MessageError if it is not safe to decode."""
+    """Return a decoded JPEG, PNG or TIFF; MessageError if it is invalid or costly to decode."""
     raw = np.frombuffer(data, np.uint8)
     check_image_size(raw.data, what)
     try:

@@ -1,4 +1,4 @@
-"""RVL, the lossless compression of depth images by Wilson (2017), as image_transport stores it."""
+"""Decoding of RVL, a lossless compression of depth images (Wilson 2017), as in image_transport."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from hoid_common.errors import MessageError
 from hoid_common.values import MAX_PIXELS
 
 _SIZE = struct.Struct('<II')  # width, height
-_MORE, _BITS = 8, 3  # of each 4-bit group: flag that more follow, and number of value bits
+# Each 4-bit group: flag that another group of the same number follows, and number of value bits.
+_MORE, _BITS = 8, 3
 
 
 def rvl_size_px(data: bytes) -> tuple[int, int]:
@@ -27,8 +28,8 @@ def rvl_size_px(data: bytes) -> tuple[int, int]:
 def decode_rvl(data: bytes) -> NDArray[np.uint16]:
     """Return the (H, W) uint16 pixels of an RVL image; MessageError if it is invalid.
 
-    Runs of zeros and runs of other pixels alternate. Each of the other pixels is stored as the
-    difference from the previous one.
+    Runs of zeros and runs of non-zero pixels alternate. A non-zero pixel is stored as its
+    difference from the previous non-zero pixel.
     """
     width, height = rvl_size_px(data)
     values = _numbers(data[_SIZE.size :])
@@ -51,7 +52,7 @@ def decode_rvl(data: bytes) -> NDArray[np.uint16]:
 
 
 def _numbers(data: bytes) -> NDArray[np.int64]:
-    """Return the numbers stored in 4-bit groups, from the highest bits of each 32-bit word on."""
+    """Return the numbers in data; each has one or more 4-bit groups, the highest bits first."""
     words = np.frombuffer(data[: len(data) // 4 * 4], '<u4').astype('>u4').view(np.uint8)
     groups = np.stack([words >> 4, words & 0xF], axis=1).ravel()
     ends = np.flatnonzero(groups < _MORE)

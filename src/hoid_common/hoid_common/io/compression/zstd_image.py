@@ -1,4 +1,4 @@
-"""Images of zstd_image_transport, of depth and of color."""
+"""Decoding of the color and depth images that zstd_image_transport publishes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ ZSTD_FORMAT = 'zstd'
 _HEAD = struct.Struct('<IIBII')  # height, width, byte order, step, length of the encoding's name
 _MAX_NAME = 50  # chosen: longer than the name of any encoding
 _MAX_PIXEL_BYTES = 8
-# The plugin of Jazzy and before compresses with zlib, in spite of its name.
+# The plugin of Jazzy and of earlier distributions compresses with zlib, in spite of its name.
 _GZIP, _ANY_ZLIB = b'\x1f\x8b', 47
 
 
 @dataclass
 class StoredImage:
-    """The fields of sensor_msgs/Image that carry pixels."""
+    """The fields of sensor_msgs/Image that describe pixels, and the pixels."""
 
     height: int
     width: int
@@ -32,7 +32,7 @@ class StoredImage:
 
 
 def stored_head(data: bytes) -> StoredImage:
-    """Return the fields of an image, with pixels still compressed; MessageError if invalid."""
+    """Return an image with its pixels still compressed; MessageError if its header is invalid."""
     if len(data) < _HEAD.size:
         raise MessageError(f'zstd image has {len(data)} bytes, too few for its header')
     height, width, is_bigendian, step, length = _HEAD.unpack_from(data)

@@ -1,7 +1,7 @@
-"""Conversions between messages and values, by functions `x_from_msg` and `x_to_msg`.
+"""Conversions from messages (`x_from_msg`) and to messages (`x_to_msg`).
 
-A function `x_from_msg` that cannot use a message raises MessageError. Functions `x_to_msg` for
-results take the Header of their image.
+A function `x_from_msg` raises MessageError for an invalid message. A function `x_to_msg` for
+results takes the Header of the image that they belong to.
 """
 
 from hoid_common.io.camera_info import camera_from_info as camera_from_msg

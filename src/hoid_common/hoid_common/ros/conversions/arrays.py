@@ -1,6 +1,6 @@
 """Conversions between NumPy arrays and the array fields of messages.
 
-Fields are set from `array.array`. For any other type rclpy checks every element, which takes 54 ms
+Fields are set to an `array.array`. Of any other type rclpy checks every element, which takes 54 ms
 for a VGA image (rosidl_python issue 156).
 """
 
@@ -21,7 +21,7 @@ def bytes_field(values: NDArray[Any] | bytes) -> array[int]:
 
 
 def array_field(kind: str, values: NDArray[Any]) -> array[Any]:
-    """Return the field of the elements of an array, converted to a type code such as 'f'."""
+    """Return the values of an array as a message field of a type code such as 'f' (float32)."""
     return array(kind, values.astype(np.dtype(kind), copy=False).tobytes())
 
 

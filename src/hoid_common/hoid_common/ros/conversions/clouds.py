@@ -1,4 +1,4 @@
-"""Conversion of sensor_msgs/PointCloud2; sensor_msgs_py is missing from the wheels of rclpy."""
+"""Conversion of sensor_msgs/PointCloud2; the pip wheels of rclpy lack sensor_msgs_py."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hoid_common.values import ByteArray, Float32Array
 
 # Color is 0x00RRGGBB in the bits of a float32, as in PCL and RViz.
 _FIELDS = ('x', 'y', 'z', 'rgb')
-# The class of a point as uint32, as in PCL's PointXYZRGBL.
+# The class of a point is a uint32, as in PCL's PointXYZRGBL.
 _LABEL = 'label'
 
 
@@ -24,7 +24,7 @@ class Cloud(NamedTuple):
 
     points_m: Float32Array  # (N, 3)
     colors_bgr: ByteArray | None = None  # (N, 3) uint8
-    labels: NDArray[np.uint32] | None = None  # (N,) number of the class; 0: none
+    labels: NDArray[np.uint32] | None = None  # (N,) number of the class; 0: no class
 
 
 def cloud_from_msg(msg: PointCloud2) -> Cloud:

@@ -1,4 +1,4 @@
-"""Conversion of detections, those of other detectors (vision_msgs), and dynamic objects."""
+"""Conversion of detections (of this suite, and vision_msgs) and of dynamic objects."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from hoid_common.messages import MAX_DETECTIONS, stamp_from_msg
 from hoid_common.values import MAX_NAME_LENGTH, Detections, DynamicObject, ObjectState
 
 Row = tuple[float, float, float, float]
-# Fields of DynamicObject and of its message.
+# Fields that have the same name in DynamicObject and in its message.
 _COPIED = ('class_name', 'score', 'track_id', 'overlap_ratio', 'depth_gap_m')
 _VECTORS = ('center_camera_m', 'size_m', 'velocity_camera_mps')
-# States of an object in an image. Only tracks and the object map have the other states.
+# The states that an object in an image can have; the others are for tracks and the object map.
 _STATES = frozenset(
     state.value
     for state in set(ObjectState) - {ObjectState.MOVED, ObjectState.GONE, ObjectState.TENTATIVE}
@@ -128,7 +128,7 @@ def _to_msg(box_xyxy_px: Row, name: str, score: float, header: Header) -> Detect
 
 
 def dynamic_objects_from_msg(msg: DynamicObjectArray) -> tuple[DynamicObject, ...]:
-    """Return the objects of a message; MessageError for too many, or values out of range."""
+    """Return the objects of a message; MessageError for too many, or for values out of range."""
     if len(msg.objects) > MAX_DETECTIONS:
         raise MessageError(
             f'dynamic_objects has {len(msg.objects)} elements, more than {MAX_DETECTIONS}'

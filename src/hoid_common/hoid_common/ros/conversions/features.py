@@ -20,7 +20,7 @@ _MAX_FEATURES = 65_536
 
 
 class FeatureCounts(NamedTuple):
-    """Statistics of the filter for one image, which hoid_msgs/Features contains."""
+    """Statistics of the filter for one image, as in hoid_msgs/Features."""
 
     num_detected: int = 0  # features that were found before filtering
     num_removed: int = 0  # features that were removed as dynamic
@@ -100,7 +100,8 @@ def feature_verdicts_to_msg(verdicts: FeatureVerdicts, header: Header) -> Featur
 
 def _check_values(features: Features, width_px: int, height_px: int) -> None:
     uv = features.uv_px
-    # Pixel centers are integers, so that the image ends half a pixel beyond the outermost centers.
+    # Pixel centers are integers, so that the image extends half a pixel beyond the outermost
+    # centers.
     inside = (uv >= -0.5) & (uv <= np.array([width_px, height_px]) - 0.5)
     if not inside.all():  # also False for NaN
         k = int(np.argmin(inside.all(axis=1)))

@@ -97,10 +97,10 @@ def odometry_to_msg(
 
 
 def _quaternion(T: FloatArray) -> Quaternion:
-    """Return the quaternion of one transform (4, 4).
+    """Return the quaternion of a transform (4, 4).
 
-    `se3.quat_xyzw_from_rotation` takes 20 times as long for a single rotation, of which each image
-    has three.
+    `se3.quat_xyzw_from_rotation` takes 20 times as long for a single rotation, and three rotations
+    are converted per image.
     """
     (a, b, c), (d, e, f), (g, h, i) = T[:3, :3].tolist()
     trace = a + e + i
@@ -126,7 +126,7 @@ def header_to_msg(stamp_ns: int, frame_id: str) -> Header:
 
 
 def camera_frame(header: Header, default: str) -> str:
-    """Return a header's frame or else the default, without slash; MessageError if both are ''."""
+    """Return a header's frame, or else `default`, without slash; MessageError if both are ''."""
     frame: str = header.frame_id.lstrip('/') or default
     if not frame:
         raise MessageError(

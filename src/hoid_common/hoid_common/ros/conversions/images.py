@@ -1,4 +1,4 @@
-"""Conversion of color and depth images, and of the camera; `io.images` decodes the pixels."""
+"""Conversion of color images, depth images and cameras; `io.images` decodes the pixels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from hoid_common.io.compression import compressed_images
 from hoid_common.ros.conversions.arrays import bytes_field
 from hoid_common.values import ByteArray, CameraModel, Float32Array
 
-# rclpy copies the pixels twice, which takes 1 ms for a VGA image in each node that subscribes.
+# Declared for rosbags, which does not copy the pixels: rclpy copies them twice, which takes 1 ms
+# for a VGA image in each node that subscribes.
 _HEADER = 'builtin_interfaces/Time stamp\nstring frame_id'
 _IMAGE = (
     'std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\n'
@@ -61,7 +62,7 @@ def mask_to_msg(mask: ByteArray, header: Header) -> Image:
 
 
 def compressed_color_to_msg(image_bgr: ByteArray, header: Header, quality: int) -> CompressedImage:
-    """Return the JPEG message of a (H, W, 3) uint8 BGR image; quality in [1, 100]."""
+    """Return the JPEG message of a (H, W, 3) uint8 BGR image; `quality` is 1 to 100."""
     jpeg = images.encode_jpeg(image_bgr, quality)
     return CompressedImage(header=header, format=images.JPEG_FORMAT, data=bytes_field(jpeg))
 
@@ -75,7 +76,7 @@ def depth_from_msg(
 
 
 def depth_to_msg(depth_m: Float32Array, header: Header) -> Image:
-    """Return the message of (H, W) depth in m: 16UC1 (mm) if that is exact, else 32FC1."""
+    """Return the message of (H, W) depth in m: 16UC1 if all values are whole mm, else 32FC1."""
     depth_mm = images.depth_mm_or_none(depth_m)
     if depth_mm is None:
         return _image_to_msg(depth_m, '32FC1', header)

@@ -1,4 +1,4 @@
-"""Conversion of the SLAM's status, of the poses of keyframes and images, and of markers."""
+"""Conversion of the SLAM's status, of poses of keyframes and images, and of keyframe markers."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from hoid_common.ros.conversions.arrays import array_field
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import CameraModel, FloatArray
 
-# Half width, half height and depth of the pyramid that stands for a keyframe. Chosen to look like
-# a camera of aspect ratio 4:3 in RViz.
+# Half width, half height and depth of the pyramid that shows a keyframe. Chosen to look like a
+# camera of aspect ratio 4:3 in RViz.
 _WIDTH_M, _HEIGHT_M, _DEPTH_M = 0.05, 0.0375, 0.05
 _LINE_M = 0.003  # width of the pyramid's lines
 _COLOR = ColorRGBA(r=0.35, g=0.75, b=1.0, a=0.8)
@@ -71,7 +71,7 @@ def slam_status_to_msg(status: SlamStatus, header: Header) -> SlamStatusMsg:
 
 
 def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
-    """Return the marker of the keyframes' lines, without points; if `is_empty`, delete it."""
+    """Return the line-list marker of the keyframes, without points; DELETE if `is_empty`."""
     marker = Marker(header=header, ns='keyframes', id=0, type=Marker.LINE_LIST)
     # RViz reports an error for an empty list of lines.
     marker.action = Marker.DELETE if is_empty else Marker.ADD
@@ -82,7 +82,7 @@ def keyframe_marker(header: Header, *, is_empty: bool) -> Marker:
 
 
 def keyframe_lines_m(T_map_camera: FloatArray) -> FloatArray:
-    """Return the ends (16 N, 3) in m of the lines of N keyframes (N, 4, 4) as pyramids."""
+    """Return the line ends (16 N, 3) in m of the pyramids of keyframes (N, 4, 4), in the map."""
     lines_m = _pyramid_lines()
     placed = lines_m @ np.swapaxes(T_map_camera[:, :3, :3], 1, 2) + T_map_camera[:, None, :3, 3]
     return np.asarray(placed.reshape(-1, 3))
@@ -120,8 +120,8 @@ def keyframe_poses_to_msg(poses: SessionKeyframes, header: Header) -> KeyframePo
 def keyframe_poses_from_msg(msg: KeyframePosesMsg) -> SessionKeyframes:
     """Return the keyframe poses of a message.
 
-    MessageError if lengths differ, uids do not ascend, a pose is not finite, or no camera has
-    these values.
+    MessageError if lengths differ, uids do not ascend, a pose is not finite, or the camera is
+    invalid.
     """
     uids, map_ids = np.array(msg.uids, np.int64), np.array(msg.map_ids, np.int64)
     saved, loaded = np.array(msg.saved_uids, np.int64), np.array(msg.loaded_uids, np.int64)
@@ -146,9 +146,9 @@ def keyframe_poses_from_msg(msg: KeyframePosesMsg) -> SessionKeyframes:
 def tracked_image_to_msg(
     image: TrackedImage, session: str, T_map_keyframe: FloatArray, header: Header
 ) -> TrackedImageMsg:
-    """Return the message of the pose of an image of a session.
+    """Return the message of an image's pose relative to its keyframe.
 
-    `T_map_keyframe` (4, 4) is the pose of its keyframe in the version of the map of the image.
+    `T_map_keyframe` (4, 4) is the pose of the keyframe in the same version of the map.
     """
     T_keyframe_camera = se3.inverse(T_map_keyframe) @ image.T_map_camera
     return TrackedImageMsg(
@@ -162,7 +162,7 @@ def tracked_image_to_msg(
 
 
 def tracked_image_from_msg(msg: TrackedImageMsg, T_map_keyframe: FloatArray) -> TrackedImage:
-    """Return the pose of a message's image, given the present pose (4, 4) of its keyframe."""
+    """Return the tracked image of a message, given the present pose (4, 4) of its keyframe."""
     (T_keyframe_camera,) = _transforms(np.array(msg.pose, np.float64))
     return TrackedImage(
         stamp_from_msg(msg.header.stamp),
@@ -198,7 +198,7 @@ def _camera(msg: KeyframePosesMsg) -> CameraModel | None:
 
 
 def _transforms(rows: FloatArray) -> FloatArray:
-    """Return the transforms (N, 4, 4) of their first three rows; MessageError if not finite."""
+    """Return transforms (N, 4, 4) given by three rows each (12 N,); MessageError if not finite."""
     if not np.isfinite(rows).all():
         raise MessageError('a pose has numbers that are not finite')
     T = np.tile(np.eye(4), (len(rows) // _ROWS, 1, 1))

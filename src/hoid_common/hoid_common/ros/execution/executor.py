@@ -1,8 +1,8 @@
-"""An executor with low overhead for nodes whose subscriptions, timers and services rarely change.
+"""Executors with low overhead for nodes whose subscriptions, timers and services rarely change.
 
-It takes less than half of the processor time of rclpy's SingleThreadedExecutor for a message, and
-rclpy's EventsExecutor hung in Jazzy (decision 015). While messages arrive, it looks for service
-requests and QoS events 20 times a second only, because adding all entities to a wait set takes as
+For a message they take less than half of the processor time of rclpy's SingleThreadedExecutor.
+rclpy's EventsExecutor hung in Jazzy (decision 015). While messages arrive, service requests and
+QoS events are checked only 20 times a second, because adding all entities to a wait set takes as
 long as some callbacks (decision 044).
 """
 
@@ -29,13 +29,13 @@ from rclpy.utilities import timeout_sec_to_nsec
 from rclpy.waitable import NumberOfEntities
 
 _Take = Callable[[Any], Any]
-# Chosen: longest time that a service request or an event of the middleware waits until it is
-# handled; people and lifecycle managers do not notice it.
+# Chosen: longest time until a service request or an event of the middleware is handled; people and
+# lifecycle managers do not notice it.
 _RARE_PERIOD_NS = 50_000_000
 
 
 class _Held(NamedTuple):
-    """An entity that cannot be destroyed while it is waited for."""
+    """An entity, such as a subscription, with the open handle that prevents its destruction."""
 
     entity: Any
     handle: Any
@@ -43,7 +43,7 @@ class _Held(NamedTuple):
 
 
 class _WaitList:
-    """A wait set of the nodes' entities for which `is_served` returns True."""
+    """An rclpy wait set of those entities of the nodes for which `is_served` returns True."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class _WaitList:
         self._held.enter_context(context.handle)
         self._is_served = is_served
         waitables = self._hold(entity for node in nodes for entity in node.waitables)
-        # Waitables to wait for, by whether rare waitables are included.
+        # The waitables of a wait, without or with the rarely used ones.
         self._waitables = {
             True: waitables,
             False: [w for w in waitables if not isinstance(w, EventHandler)],
@@ -84,9 +84,9 @@ class _WaitList:
         self._held.close()
 
     def wait(self, limit_ns: int, *, with_rare: bool) -> None:
-        """Wait until an entity is ready, at most for a time in ns; -1 = without limit.
+        """Wait until an entity is ready, at most `limit_ns` (-1 = no limit).
 
-        Services and events of the middleware are left out unless `with_rare`.
+        Services and events of the middleware are included only if `with_rare`.
         """
         self._with_rare = with_rare
         self._wait_set.clear_entities()
@@ -100,7 +100,7 @@ class _WaitList:
         self._wait_set.wait(limit_ns)
 
     def ready(self) -> Iterator[tuple[str, Any]]:
-        """Yield kind and entity of each ready entity, in the order in which they are served."""
+        """Yield kind and entity of each ready entity, in the order in which callbacks run."""
         for waitable in self._waitables[self._with_rare]:
             if waitable.is_ready(self._wait_set):
                 yield 'waitable', waitable
@@ -123,9 +123,9 @@ class _WaitList:
         return held
 
 
-# Kinds of entities. The key is that of rclpy's WaitSet (`add_<key>`); the value with an "s"
-# appended is the attribute of a node that lists the entities. Callbacks run in this order, after
-# those of waitables.
+# Kinds of entities. Each key is the name in rclpy's WaitSet (`add_<key>`); each value with an "s"
+# appended is the attribute of a node that lists the entities. Callbacks of waitables run first,
+# then those of the others in this order.
 _NAMES = {
     'timer': 'timer',
     'subscription': 'subscription',
@@ -139,7 +139,7 @@ _COUNTED = ('subscription', 'guard_condition', 'timer', 'client', 'service')
 
 
 class ThreadCallbackGroup(CallbackGroup):
-    """Callback group of a node that a separate thread runs with a `GroupExecutor`."""
+    """Callback group of a node whose callbacks a `GroupExecutor` runs in a separate thread."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -159,9 +159,9 @@ class ThreadCallbackGroup(CallbackGroup):
 class SteadyExecutor(SingleThreadedExecutor):
     """A SingleThreadedExecutor that keeps its wait set while the nodes' entities stay the same.
 
-    SingleThreadedExecutor builds a wait set before every callback, and wakes itself once more
-    after it. This class keeps the wait set until it is woken, as by a change of a node's entities,
-    and runs all ready callbacks after each wait.
+    SingleThreadedExecutor builds a wait set before every callback, and wakes up once more after
+    it. This class keeps the wait set until `wake` is called, as after a change of a node's
+    entities, and runs all ready callbacks after each wait.
     """
 
     _rare_period_ns = _RARE_PERIOD_NS
@@ -189,14 +189,14 @@ class SteadyExecutor(SingleThreadedExecutor):
         return done
 
     def wake(self) -> None:
-        """Wake the executor, and have the wait set rebuilt, since a node's entities changed."""
+        """Wake the executor and drop its wait set, because the entities of a node have changed."""
         super().wake()
-        if self._at_work.acquire(blocking=False):  # otherwise the spinning thread releases them
+        if self._at_work.acquire(blocking=False):  # else the spinning thread drops the wait set
             self._forget()
             self._at_work.release()
 
     def spin_ready(self) -> bool:
-        """Run all ready callbacks, one message per subscription; return whether there were any."""
+        """Run all ready callbacks, one message per subscription; return whether a callback ran."""
         with self._at_work:
             return not self._is_shutdown and self._run_ready(0)
 
@@ -222,7 +222,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         return bool(ready)
 
     def _run(self, act: Callable[[], Any] | None) -> None:
-        """Run the callback that a `_take_...` method has returned, and raise its error."""
+        """Run a callback that `_take_...` has returned, and raise its error."""
         if act is None or not iscoroutine(waiting := act()):
             return
         task = Task(waiting, executor=self)
@@ -233,8 +233,8 @@ class SteadyExecutor(SingleThreadedExecutor):
         elif (error := task.exception()) is not None:
             raise error
 
-    # Replacements of rclpy's `_take_subscription` and `_take_timer`, which make a coroutine and a
-    # task each time.
+    # They replace rclpy's `_take_subscription` and `_take_timer`, which create a coroutine and a
+    # task for each call.
     def _take_message(self, sub: Any) -> Callable[[], Any] | None:
         try:
             with sub.handle:
@@ -256,9 +256,9 @@ class SteadyExecutor(SingleThreadedExecutor):
         return callback
 
     def _wait(self, limit_ns: int) -> list[tuple[_Take, Any]]:
-        """Return the entities that are ready within a time (-1: no limit), each with its method.
+        """Return the entities that are ready within `limit_ns` (-1: no limit), with their methods.
 
-        No entity is returned if the executor was woken or shut down. ExternalShutdownException if
+        Nothing is returned if the executor was woken or shut down. ExternalShutdownException if
         ROS was shut down.
         """
         own = (self._guard, self._sigint_gc)
@@ -278,7 +278,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         return [(take, entity) for take, entity in found if entity not in own]
 
     def _wait_for_entities(self, entities: _WaitList, limit_ns: int) -> list[tuple[_Take, Any]]:
-        """Wait for the usual entities until the rare entities are due, and then for all."""
+        """Wait for all but the rare entities until the rare ones are due, then for all."""
         now_ns = time.monotonic_ns()
         if (left_ns := self._rare_due_ns - now_ns) > 0:
             first_ns = left_ns if limit_ns < 0 else min(left_ns, limit_ns)
@@ -300,7 +300,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         return not isinstance(getattr(entity, 'callback_group', None), ThreadCallbackGroup)
 
     def _forget(self) -> None:
-        """Release the wait set; the next wait builds a new one, and waits for all entities."""
+        """Release the wait set; the next wait builds a new one that includes rare entities."""
         if self._list is not None:
             self._list.close()
         self._list = None
@@ -308,7 +308,7 @@ class SteadyExecutor(SingleThreadedExecutor):
 
 
 class GroupExecutor(SteadyExecutor):
-    """Runs the callbacks of one callback group, whose services exist before the executor spins."""
+    """Runs the services of one callback group; create them before the executor spins."""
 
     _rare_period_ns = 0  # it always waits for services, its only entities
 

@@ -1,4 +1,4 @@
-"""Service handlers that always respond: success and a line of text, also after an error."""
+"""Services that always respond with success or failure and a line of text, even after an error."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class ServiceHandlers:
 
         `handle` is called with the request and returns the message. If it raises a HoidError,
         `success` is False and the message is its text; any other error is also counted and logged
-        as a fault.
+        as a fault of the node.
         """
         self.add_with_response(type_, topic, lambda request, _: handle(request))
 
     def add_with_response(
         self, type_: type[Any], topic: str, handle: Callable[[Any, Any], str]
     ) -> None:
-        """Offer a service as `add` does, whose handler also fills fields of the response."""
+        """Offer a service as `add` does; `handle` also gets the response, to set its fields."""
 
         def respond(request: Any, response: Any) -> Any:
             try:

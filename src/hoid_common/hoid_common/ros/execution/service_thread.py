@@ -1,4 +1,4 @@
-"""A thread for a node's services that take long, such as saving a map."""
+"""A thread for services of a node that take long, such as saving a map."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from rclpy.node import Node
 
 from hoid_common.ros.execution.executor import GroupExecutor, ThreadCallbackGroup
 
-_PAUSE_S = 0.1  # chosen: after an error, so that repeated errors do not use a whole processor
-_JOIN_TIMEOUT_S = 2.0  # chosen: for the running service to return at the end of the node
+# Chosen: pause after an error, so that repeated errors do not keep a whole processor core busy.
+_PAUSE_S = 0.1
+# Chosen: how long the end of the node waits for the running service to return.
+_JOIN_TIMEOUT_S = 2.0
 
 
 class ServiceThread:

@@ -8,7 +8,7 @@ from hoid_common.values import NS_PER_S
 
 
 def set_period(timer: Timer, period_s: float) -> None:
-    """Change the period [s] of a timer; if it differs, the new period begins now."""
+    """Change the period (s) of a timer; a changed period starts now."""
     period_ns = round(period_s * NS_PER_S)
     if timer.timer_period_ns != period_ns:
         timer.timer_period_ns = period_ns

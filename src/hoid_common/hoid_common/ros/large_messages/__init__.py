@@ -1,1 +1,1 @@
-"""Large messages: serialized from whole arrays, and published without delaying other threads."""
+"""Large messages: serialized as whole arrays, and published without blocking other threads."""

@@ -1,7 +1,7 @@
-"""A publisher of large messages, which are made only while somebody subscribes.
+"""A publisher of large messages that tells its node whether there are subscribers.
 
 rclpy holds Python's interpreter lock while it publishes: 10 to 80 ms for a cloud of 20 MB.
-Serialized messages are therefore given to rcl itself.
+Serialized messages therefore go to the C function of rcl, without the lock.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from hoid_common.values import ByteArray
 
 
 class OnDemandPublisher:
-    """Publisher of messages or serialized messages, which knows whether somebody subscribes.
+    """Publisher of messages or serialized messages, which counts its subscribers.
 
-    `on_change` is called in the thread that spins the node when a subscriber has joined or left.
+    It calls `on_change` in the thread that spins the node when a subscriber has joined or left.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class OnDemandPublisher:
         return bool(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
-        """Publish a message or its CDR bytes (N,), while other Python threads run."""
+        """Publish a message or its CDR bytes (N,); bytes do not block other Python threads."""
         if isinstance(message, np.ndarray):
             self._publish_bytes(message)
         else:

@@ -1,8 +1,8 @@
-"""Serialized messages (CDR) of paths, point clouds and keyframes, made from whole arrays.
+"""Serialization (CDR) of paths, point clouds and keyframe markers as whole arrays.
 
-rclpy makes and serializes an object per pose and point, which takes 240 ms for a path of 10,000
-poses and holds Python's interpreter lock. Here rclpy serializes a message without elements, and
-the elements are inserted as one array, which takes 3 ms.
+rclpy creates and serializes an object for each pose and point, which takes 240 ms for a path of
+10,000 poses and holds Python's interpreter lock. Here rclpy serializes a message without elements,
+and the elements are inserted as one array, which takes 3 ms.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hoid_common.ros.conversions.clouds import cloud_to_msg, point_table
 from hoid_common.ros.conversions.slam import keyframe_lines_m, keyframe_marker
 from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray
 
-_HEAD_BYTES = 4  # encapsulation header; CDR aligns from the byte that follows it
+_HEAD_BYTES = 4  # encapsulation header; alignment in CDR counts from the next byte
 _COUNT_BYTES = 4
 _ALIGNMENT = 8  # of float64
 _STAMP_BYTES = 12  # stamp (8 bytes), and the length of the frame's name (4 bytes)
@@ -33,7 +33,7 @@ _SENTINEL = 1.2345678987654321e-300  # chosen: a value that no template contains
 
 
 def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> ByteArray:
-    """Return the bytes of a nav_msgs/Path of poses (N, 4, 4), stamps (N,) in a header's frame."""
+    """Return the CDR bytes of a nav_msgs/Path of poses (N, 4, 4) in the header's frame."""
     one = PoseStamped(header=Header(frame_id=header.frame_id))
     position, quat = one.pose.position, one.pose.orientation
     position.x = position.y = position.z = quat.x = quat.y = quat.z = quat.w = _SENTINEL
@@ -57,9 +57,9 @@ def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
     table['pose'][:, :3] = T_map_base[:, :3, 3]
     table['pose'][:, 3:] = se3.quat_xyzw_from_rotation(T_map_base[:, :3, :3])
     body = table.view(np.uint8).reshape(-1)
-    # The frame name of a pose is padded up to its first float64. The first pose begins at a
-    # multiple of 4 bytes, but all later ones at a multiple of 8, so that its padding may differ
-    # from theirs by 4 bytes.
+    # In each pose, padding follows the frame name, up to the first float64. The first pose begins
+    # at a multiple of 4 bytes, but all later ones at a multiple of 8, so that its padding may
+    # differ from theirs by 4 bytes.
     first = len(begin) + _COUNT_BYTES - _HEAD_BYTES + text_bytes
     padding = np.zeros(_aligned(first) - first, np.uint8)
     pose = _aligned(text_bytes)
@@ -67,7 +67,7 @@ def path_to_cdr(stamps_ns: IntArray, T_map_base: FloatArray, header: Header) -> 
 
 
 def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
-    """Return the bytes (uint8) of the sensor_msgs/PointCloud2 that `cloud_to_msg` makes."""
+    """Return the CDR bytes of the sensor_msgs/PointCloud2 that `cloud_to_msg` returns."""
     colors = None if cloud.colors_bgr is None else cloud.colors_bgr[:0]
     labels = None if cloud.labels is None else cloud.labels[:0]
     msg = cloud_to_msg(Cloud(cloud.points_m[:0], colors, labels), header)
@@ -82,7 +82,7 @@ def cloud_to_cdr(cloud: Cloud, header: Header) -> ByteArray:
 
 
 def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
-    """Return the bytes of a MarkerArray that shows each keyframe (N, 4, 4) as a pyramid."""
+    """Return the CDR bytes of a MarkerArray that shows keyframes (N, 4, 4) as pyramids."""
     marker = keyframe_marker(header, is_empty=len(T_map_camera) == 0)
     empty = serialize_message(MarkerArray(markers=[marker]))
     marker.points = [Point(x=_SENTINEL, y=_SENTINEL, z=_SENTINEL)]
@@ -96,10 +96,10 @@ def keyframes_to_cdr(T_map_camera: FloatArray, header: Header) -> ByteArray:
 
 
 def _around(empty: Any, one: Any, element: bytes) -> tuple[bytes, bytes]:
-    """Return the bytes of a message before the length of an array, and after its elements.
+    """Return the CDR bytes before the length of an array, and those after its last element.
 
-    `empty` and `one` are the message without and with elements, which end with `element`, that
-    occurs nowhere else.
+    `empty` and `one` are the message without elements and with elements. `element` is the end of
+    the last element, and occurs nowhere else.
     """
     if not isinstance(empty, bytes):
         empty = serialize_message(empty)
