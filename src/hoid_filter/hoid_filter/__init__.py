@@ -1,1 +1,1 @@
-"""The HOID filter (human-object interaction detection) of image features."""
+"""HOID (human-object interaction detection): removes the features on moving people and objects."""

@@ -11,8 +11,8 @@ from hoid_common.inputs.input_config import NodeConfig
 from hoid_common.values import PERSON, REST_S
 from hoid_filter.strategy_registry import STRATEGIES
 
-# Chosen: COCO classes of things that people pick up, push or carry indoors, without cutlery and
-# food; and the class box, which COCO does not have.
+# Chosen: COCO classes of things that people pick up, push or carry indoors, except for cutlery and
+# food; and the class box, which COCO lacks.
 HANDLED_CLASSES = (
     'chair', 'book', 'cup', 'bottle', 'wine glass', 'bowl', 'laptop', 'keyboard', 'mouse',
     'cell phone', 'remote', 'backpack', 'handbag', 'suitcase', 'sports ball', 'umbrella',
@@ -39,28 +39,30 @@ class ExtractionConfig(Config):
         expert=True,
     )
 
-    # Whether pyramid levels on which most corners are noise (fine levels, in blurred or dark
-    # images) yield features to coarser levels (decision 059). Without it, levels have the fixed
-    # shares of ORB-SLAM3, and `low_fast_threshold` is used on all of them or on none.
+    # Whether the number of features per pyramid level follows the image (decision 059). In blurred
+    # or dark images most corners on fine levels are noise, and coarse levels then get more
+    # features. False: levels have the fixed shares of ORB-SLAM3, and `low_fast_threshold` is used
+    # on all levels or on none.
     adapt_levels: bool = param(default=True, internal=True)
 
-    # Levels of the image pyramid, and ratio of the scales of two of them (ORB-SLAM3, TUM1.yaml).
+    # Number of levels of the image pyramid, and ratio of the scales of neighboring levels
+    # (ORB-SLAM3, TUM1.yaml).
     num_levels: ClassVar[int] = 8
     scale_factor: ClassVar[float] = 1.2
     # Smallest distance of a corner from the border of its pyramid level: the radius of a rotated
     # descriptor patch, in pixels of that level.
     border_px: ClassVar[int] = 19
-    # Smallest contrast of a FAST corner [gray levels] (ORB-SLAM3, TUM1.yaml: its lower
-    # threshold, for cells without strong corners).
+    # Smallest contrast (gray levels) of a FAST corner: ORB-SLAM3's lower threshold, which
+    # TUM1.yaml uses for cells without strong corners.
     fast_threshold: ClassVar[int] = 7
-    # Chosen: the contrast [gray levels] that is used instead on a level where `fast_threshold`
-    # finds fewer corners than features are wanted, for example on a plain wall.
+    # Chosen: the smallest contrast (gray levels) on a level where `fast_threshold` finds fewer
+    # corners than features are wanted, for example on a plain wall.
     low_fast_threshold: ClassVar[int] = 3
 
 
 @dataclass(frozen=True)
 class PlusConfig(Config):
-    """Parameters of the strategy `hoid+` that extend the HOID paper's rules."""
+    """Parameters with which the strategy `hoid+` goes beyond the rules of the HOID paper."""
 
     coast_s: float = param(
         0.4,  # chosen: 12 images at 30 Hz; docs/results/ablation.md, masks
@@ -97,20 +99,20 @@ class PlusConfig(Config):
         read_only=False,
     )
 
-    # Chosen: a person is suspected to be a false detection at a score below `doubt_score` when its
-    # box covers a larger ratio of the image than `doubt_area`, or when the camera turns faster
-    # than `doubt_turn_radps`: 0.5 rad/s blur a VGA image by 8 px in 30 ms, the exposure time in a
-    # dim room (decision 050). The suspicion ends after `doubt_detections` detections in a row, or
-    # one that is not suspected.
+    # Chosen: a detected person may be false if its score is below `doubt_score` and either its box
+    # covers a larger ratio of the image than `doubt_area`, or the camera turns faster than
+    # `doubt_turn_radps`: 0.5 rad/s blur a VGA image by 8 px in 30 ms, the exposure time in a dim
+    # room (decision 050). The doubt ends after `doubt_detections` such detections in a row, or one
+    # that is not doubtful.
     doubt_area: ClassVar[float] = 0.4
     doubt_score: ClassVar[float] = 0.5
     doubt_turn_radps: ClassVar[float] = 0.5
     doubt_detections: ClassVar[int] = 4
-    # Chosen: with `remember`, a handled object stays handled while a person at its depth covers
-    # more of its box than `min_interaction_area` times this ratio.
+    # Chosen: with `remember`, a handled object stays handled while the box of a person at its
+    # depth covers more of its box than `min_interaction_area` times this ratio.
     release_share: ClassVar[float] = 0.5
-    # Chosen: greatest depth difference between a person's torso and another pixel of the person,
-    # and between the middle of an object and another pixel of the object.
+    # Chosen: pixels in a person's box belong to the person if their depth differs from the torso's
+    # by at most this; `object_depth_m` is the same for the middle of an object.
     person_depth_m: ClassVar[float] = 0.45
     object_depth_m: ClassVar[float] = 0.25
     # Chosen, the length of an arm: a handled object is at most this much nearer to the camera than
@@ -162,10 +164,11 @@ class MotionConfig(Config):
     )
 
     num_points: ClassVar[int] = 300  # chosen: tracked points, one per 32x32 px of a VGA image
-    # Chosen: greatest age of the earlier position with which a tracked point is compared. A longer
-    # time shows slower motion, but adds the drift of the poses.
+    # Chosen: longest time between the two positions of a tracked point that are compared. A longer
+    # time reveals slower motion, but includes more drift of the poses.
     anchor_s: ClassVar[float] = 0.7
-    decay_s: ClassVar[float] = 1.0  # chosen: time constant in which evidence decays
+    # Chosen: time constant with which the evidence of motion decays.
+    decay_s: ClassVar[float] = 1.0
 
 
 @dataclass(frozen=True)
@@ -215,15 +218,17 @@ class FilterConfig(Config):
     plus: PlusConfig = section(PlusConfig, expert=True)
     motion: MotionConfig = section(MotionConfig, expert=True)
 
-    # Chosen, more than detectors return: further boxes of an image, by score, are ignored.
+    # Chosen, more than detectors return: only this many boxes of an image, those with the highest
+    # scores, are used.
     max_detections: ClassVar[int] = 300
     # Chosen: side of the square at the center of a box whose median depth is the object's depth.
     sample_box_px: ClassVar[int] = 10
 
     def may_be_handled(self, class_name: str) -> bool:
-        """Return whether a person can make objects of a class dynamic: those of `dynamic_classes`.
+        """Return whether objects of a class become dynamic when a person handles them.
 
-        If that list names no class but person, all classes except people can.
+        This holds for the classes in `dynamic_classes` or, if it names only person, for all
+        others.
         """
         return class_name in self._handled or (not self._handled and class_name != PERSON)
 
@@ -234,7 +239,7 @@ class FilterConfig(Config):
 
 @dataclass(frozen=True)
 class DetectionInputConfig(Config):
-    """How images and detections are combined."""
+    """Parameters of how images and detections are matched in time."""
 
     wait_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)

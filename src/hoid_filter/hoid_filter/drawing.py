@@ -34,7 +34,7 @@ def draw_result(image_bgr: ByteArray, result: FilterResult) -> ByteArray:
     for item in result.objects:
         x1, y1, x2, y2 = (round(value) for value in item.box_xyxy_px)
         cv2.rectangle(picture, (x1, y1), (x2 - 1, y2 - 1), REASON_BGR[item.state], 2)
-    for item in result.objects:  # after all boxes, whose edges would cross them
+    for item in result.objects:  # after all boxes, so that no box edge crosses a label
         _draw_label(picture, item)
     return picture
 
@@ -48,7 +48,7 @@ def _draw_label(picture: ByteArray, item: DynamicObject) -> None:
     color, text = REASON_BGR[item.state], label(item)
     x1, y1 = (round(value) for value in item.box_xyxy_px[:2])
     (width, height), _ = cv2.getTextSize(text, _FONT, _FONT_SCALE, 1)
-    top = max(y1, height + 4)  # keeps the label below the picture's top
+    top = max(y1, height + 4)  # keeps the label inside the picture
     cv2.rectangle(picture, (x1, top - height - 4), (x1 + width + 2, top), color, cv2.FILLED)
     cv2.putText(picture, text, (x1 + 1, top - 3), _FONT, _FONT_SCALE, _TEXT_BGR, 1, cv2.LINE_AA)
 

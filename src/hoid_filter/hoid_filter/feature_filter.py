@@ -1,4 +1,4 @@
-"""The filter: from an RGB-D image and detections to the features of the static scene."""
+"""The filter: returns the features of the static scene from an RGB-D image and detections."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class DetectedCorners(NamedTuple):
 
 
 class FinalVerdict(NamedTuple):
-    """The verdict on an image after its features were published."""
+    """The final verdict on an image whose features have been published provisionally."""
 
     objects: tuple[DynamicObject, ...]  # static objects included
     feature_verdicts: FeatureVerdicts  # which of the published features are dynamic
@@ -53,7 +53,7 @@ class FinalVerdict(NamedTuple):
 class FeatureFilter:
     """Detects corners, classifies objects, and describes the corners on static surface.
 
-    `process` runs all stages. The live filter runs single stages, because motion segmentation
+    `process` runs all stages. The live filter calls them one by one, because motion segmentation
     takes longest: `detect_corners`, `select_and_describe` with the moving regions of an earlier
     image, `detect_motion`, `reevaluate`.
 
@@ -86,11 +86,11 @@ class FeatureFilter:
     def process(
         self, frame: RgbdFrame, detections: Detections | None, *, for_picture: bool = False
     ) -> FilterResult:
-        """Return the features of the next image on static surface, and its objects.
+        """Return the features on static surface and the objects of the next image.
 
-        `detections` are of this image, or of an older one, from which boxes are predicted. None:
-        the detector has sent no message; empty: it found nothing. `for_picture` asks for the
-        positions of removed features. MessageError if color and depth differ in size.
+        `detections` belong to this image, or to an older one from which boxes are predicted. None:
+        the detector has sent no message; empty: it found nothing. With `for_picture`, the result
+        has the pixels of removed features. MessageError if color and depth differ in size.
         """
         detected = self.detect_corners(frame)
         start = time.perf_counter()
@@ -109,7 +109,7 @@ class FeatureFilter:
         return DetectedCorners(frame, corners, time.perf_counter() - start)
 
     def detect_motion(self, detected: DetectedCorners) -> None:
-        """Segment motion if the image is from `camera`, due by rate, and no repeated image."""
+        """Segment motion in an image from `camera`, if it is due by rate and not repeated."""
         frame, corners, _ = detected
         if self.camera is None or self.camera.size_px != frame.size_px:
             self.counters['images without their camera'] += 1
@@ -130,7 +130,7 @@ class FeatureFilter:
         self._motion.detect(view)
 
     def _is_copy(self, frame: RgbdFrame) -> bool:
-        """Return whether the driver repeats the color image: static surface would seem to move."""
+        """Return whether a color image is repeated with new depth: static surface would move."""
         original = self._original
         if (
             original is not None
@@ -148,7 +148,7 @@ class FeatureFilter:
         return self._strategy.needs_detections
 
     def is_motion_known(self, stamp_ns: int) -> bool:
-        """Return whether `detect_motion` was called for this stamp, or would do nothing."""
+        """Return whether motion at this stamp is segmented already, or need not be."""
         if self._motion is None or not self._motion_rate.is_due(stamp_ns):
             return True
         return self._motion.has_result(stamp_ns)
@@ -162,8 +162,8 @@ class FeatureFilter:
     ) -> FilterResult:
         """Return the features on static surface and all objects; arguments as in `process`.
 
-        The moving regions are those of the newest image in which motion was segmented. The mask of
-        detected dynamic objects is stored for `detect_motion`.
+        It uses the moving regions of the newest segmented image, and stores the mask of detected
+        dynamic objects for `detect_motion`.
         """
         frame, corners, corners_s = detected
         start_s = time.perf_counter()
@@ -195,11 +195,11 @@ class FeatureFilter:
         depth_m: Float32Array,
         detections: Detections | None,
     ) -> FinalVerdict:
-        """Classify an image again with newer detections and motion; return its final verdict.
+        """Return the final verdict on an image, classified again with newer detections and motion.
 
-        `features` are those that `select_and_describe` returned for the image, at most a second
-        ago. `detections` are of the image, or of the nearest image for which the detector has sent
-        any; None: the detections that were given before are used.
+        `features` are the result of `select_and_describe` for the image, at most a second ago.
+        `detections` belong to the image, or to the nearest image that has any; None: those given
+        before.
         """
         height, width = depth_m.shape
         u, v = np.rint(features.uv_px).astype(np.int64).T
@@ -233,7 +233,7 @@ class FeatureFilter:
         return self._strategy.classify(image)
 
     def _removed(self, corners: Corners, verdict: Verdict, wanted: bool) -> Float32Array:
-        """Return the (N, 2) pixels of features that the filter removed; empty unless `wanted`."""
+        """Return the pixels (N, 2) of features that the filter removed; empty if not `wanted`."""
         if not wanted or verdict.kept is None:
             return np.empty((0, 2), np.float32)
         chosen = self._extractor.choose(corners, None, corners.pyramid.levels[0].size)
@@ -271,7 +271,8 @@ class FeatureFilter:
 
 
 def _are_equal(a: np.ndarray, b: np.ndarray) -> bool:
-    few = slice(None, None, 64)  # chosen; images without a copy between them differ in most rows
+    # Chosen: compare every 64th row first; different images differ in most rows.
+    few = slice(None, None, 64)
     return np.array_equal(a[few], b[few]) and np.array_equal(a, b)
 
 

@@ -1,4 +1,4 @@
-"""The live filter: when each image is published, classified again and given its final verdict."""
+"""The live filter: decides when images are published, re-evaluated and given a final verdict."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from hoid_common.values import (
 from hoid_filter.config import STOP, DetectionInputConfig
 from hoid_filter.feature_filter import DetectedCorners, FeatureFilter, FinalVerdict
 
-# Chosen: at 30 images/s on a busy processor, motion is still segmented in 7 of them per second
-# (decision 031).
+# Chosen: on a busy processor, motion is still segmented in 7 of 30 images per second (decision
+# 031).
 _MAX_IMAGES_WITHOUT_MOTION = 3
 _MAX_QUEUED = 30  # chosen: one second of images or detections
-# Chosen, far above what occurs: detections are refused if their stamp is later than that of the
-# newest image by more than this time plus the time since that image arrived. Detections arrive
-# before their image when its depth image is late.
+# Chosen, far above real delays. Detections may arrive before their image, whose depth image may be
+# late. They are refused if their stamp is later than the newest image's by more than this time
+# plus the time since that image arrived.
 _MAX_LEAD_S = 1.0
 _DETECTOR_LOST = 'detector lost'
 
@@ -57,7 +57,7 @@ class LiveOutputs(Protocol):
 
 
 class LiveDiagnostics(Protocol):
-    """Counters and problems that the node shows on /diagnostics."""
+    """The diagnostics of the node, which take counts and problems."""
 
     def count(self, name: str, number: int = 1) -> None: ...
 
@@ -71,11 +71,11 @@ class LiveDiagnostics(Protocol):
 
 
 class _Held(NamedTuple):
-    """An image that waits, not yet published, for the detector's first message."""
+    """An image that is not published yet, because the detector has sent no message."""
 
     header: Any
     frame: RgbdFrame
-    since_s: float  # time of arrival, on the steady clock
+    since_s: float  # time of arrival on a steady clock
 
 
 class _Published(NamedTuple):
@@ -85,7 +85,7 @@ class _Published(NamedTuple):
     corners: DetectedCorners
     features: Features
     detections: Detections | None
-    has_final_detections: bool  # no later message of the detector can improve them
+    has_final_detections: bool  # True: no later message of the detector can improve the detections
     is_final: bool  # whether the published verdict is final
 
 
@@ -99,19 +99,19 @@ class _Awaiting(NamedTuple):
 
 
 class LiveFilter:
-    """The state machine of the live filter: publishes each image early, then its final verdict.
+    """State machine of the live filter: publishes each image early, then its final verdict.
 
     An image passes these states in order, and skips those that it does not need. *Held*: it waits
     at most `wait_s` for the first message of the detector, because a map must not start with
-    people in it. *Published*: the features are published by the boxes and moving regions known so
-    far, provisionally if better ones may come. *Motion segmented*: as soon as no message waits
+    people in it. *Published*: its features are published with the boxes and moving regions known
+    so far, provisionally if better ones may come. *Motion segmented*: when no message waits
     (`on_idle`) or detections arrive; at most three images in a row skip this state. *Awaiting
-    detections*: those of the image or of a later one, until `wait_s` has passed, the detector is
-    lost, or more than 30 images wait. *Final*: the final verdict on provisional features is
-    published (decision 031).
+    detections*: it waits for those of this or a later image, until `wait_s` has passed, the
+    detector is lost, or more than 30 images wait. *Final*: the final verdict on provisional
+    features is published (decision 031).
 
     `request_idle` schedules a call of `on_idle` after all messages that have arrived by then.
-    `clock` is steady, in seconds.
+    `clock` returns steady time in seconds.
     """
 
     def __init__(
@@ -135,9 +135,9 @@ class LiveFilter:
         self._newest: _Published | None = None
         self._awaiting: deque[_Awaiting] = deque()
         self._unused_detections = _bounded()  # received, and kept for later images
-        self._num_without_detections = 0  # images that never had detections of their own
-        self._has_detector_answered = False  # whether any detections came since the stream began
-        # Arrival of the first image after the last detections; None: no image came since then.
+        self._num_without_detections = 0  # number of images that never got detections of their own
+        self._has_detector_answered = False  # whether detections have come since the stream began
+        # Time of arrival of the first image after the last detections; None: no image since then.
         self._unanswered_since_s: float | None = None
         self._newest_image_s = 0.0  # time of arrival of the newest image, on the steady clock
         self._newest_image_ns: int | None = None  # stamp of the newest image
@@ -149,7 +149,7 @@ class LiveFilter:
     def add_image(self, header: Any, frame: RgbdFrame) -> None:
         """Publish an image now, or hold it until the detector has sent its first message.
 
-        All earlier images and objects are forgotten when the stamps go back by a second or more.
+        If the stamps go back by a second or more, all earlier images and objects are dropped.
         """
         newest_ns = self._newest_image_ns
         if newest_ns is not None and newest_ns - frame.stamp_ns >= RESTART_NS:
@@ -162,13 +162,12 @@ class LiveFilter:
         self._publish_held()
 
     def add_detections(self, detections: Detections) -> None:
-        """Publish the final verdict on all awaiting images up to the stamp of these detections.
+        """Publish the final verdict on all images that wait for these or earlier detections.
 
-        Detections that no awaiting image used, or that are newer than the newest image, are stored
-        for later images. MessageError if the stamp is later than that of any image that can exist
-        by now.
+        Detections that no waiting image has used, or that are newer than the newest image, are
+        stored for later images. MessageError if no image can have such a late stamp by now.
         """
-        self.segment_motion()  # first, because the verdicts below are final
+        self.segment_motion()  # first, because the verdicts below are final and include motion
         self._check_lead(detections)
         self._unanswered_since_s, self._has_detector_answered = None, True
         answered = []
@@ -185,7 +184,7 @@ class LiveFilter:
         self._publish_held()
 
     def poll(self) -> None:
-        """Publish the final verdict on overdue images; call this several times per `wait_s`."""
+        """Publish the final verdict on overdue images; call this several times in `wait_s`."""
         overdue = []
         while self._awaiting and self._is_overdue(self._awaiting[0]):
             overdue.append(self._awaiting.popleft())
@@ -194,10 +193,10 @@ class LiveFilter:
         self._publish_held()
 
     def on_idle(self) -> None:
-        """Segment motion in the newest image, since no message waits.
+        """Segment motion in the newest image, because no message waits.
 
-        The first call after an image only requests a second one, because the next image may have
-        arrived: publishing its features has priority.
+        The first call after an image only requests another call: the next image may have arrived,
+        and publishing its features has priority.
         """
         if self._has_published:
             self._has_published = False
@@ -213,7 +212,7 @@ class LiveFilter:
             self._follow_up(image)
 
     def _restart(self, stamp_ns: int) -> None:
-        """Forget the images, objects and detections of the stream that ended before `stamp_ns`."""
+        """Drop images, objects and detections of the stream that ended before `stamp_ns`."""
         self._awaiting.clear()
         self._held.clear()
         self._unused_detections = _bounded(self._unused_until(stamp_ns))
@@ -225,7 +224,7 @@ class LiveFilter:
         self._diagnostics.note(text, 'times that stamps went back')
 
     def _publish_held(self) -> None:
-        """Publish one held image; several would overflow the short queue of the SLAM node."""
+        """Publish at most one held image, because several would overflow the SLAM's queue."""
         if not self._held or self._must_wait(self._held[0]):
             return
         header, frame, _ = self._held.popleft()
@@ -245,9 +244,9 @@ class LiveFilter:
             self._unanswered_since_s = self._newest_image_s
 
     def _take_detections(self, stamp_ns: int) -> tuple[Detections | None, bool]:
-        """Remove the unused detections up to a stamp; return the newest, and whether it is final.
+        """Remove unused detections up to a stamp; return the newest, and whether they are final.
 
-        They are final once detections of this or a later image are known, or the detector is lost.
+        They are final if detections of this or a later image have come, or the detector is lost.
         """
         is_answered = any(found.stamp_ns >= stamp_ns for found in self._unused_detections)
         past = self._unused_until(stamp_ns)
@@ -286,7 +285,7 @@ class LiveFilter:
         )
 
     def _overtake(self, stamp_ns: int) -> None:
-        """Move the newest published image to its next state, before a newer image replaces it."""
+        """Move the newest published image to its next state before a newer image replaces it."""
         if self._newest is not None and self._newest.features.stamp_ns > stamp_ns:
             self._newest = None  # the stamps went back
         if self._num_without_motion == _MAX_IMAGES_WITHOUT_MOTION:
@@ -338,7 +337,7 @@ class LiveFilter:
 
     @property
     def _silent_s(self) -> float:
-        """Return the time [s] for which images have come without detections; 0 = not missing."""
+        """Return the time (s) since images have come without detections; 0 = detections come."""
         since_s = self._unanswered_since_s
         return 0.0 if since_s is None else self._newest_image_s - since_s
 

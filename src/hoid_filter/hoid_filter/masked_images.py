@@ -1,4 +1,4 @@
-"""Dynamic pixels as a full-resolution mask, and masked depth as 3-D points for planners."""
+"""The full-resolution mask of dynamic pixels, and 3-D points of masked depth for planners."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _POINT_STRIDE_PX = 8  # 1.5 cm at 1 m in a VGA image, finer than the 5 cm cells 
 
 
 def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
-    """Return the (H, W) mask of dynamic pixels; without it, that of dynamic objects' boxes."""
+    """Return the mask (H, W) of dynamic pixels; if there is none, the boxes of dynamic objects."""
     if verdict.dynamic_mask is not None:
         low = verdict.dynamic_mask.astype(np.uint8)
         return cv2.resize(low, size_px, interpolation=cv2.INTER_NEAREST) > 0
@@ -26,7 +26,7 @@ def dynamic_mask(verdict: Verdict, size_px: tuple[int, int]) -> BoolArray:
 
 
 def points_m(depth_m: Float32Array, mask: BoolArray, camera: CameraModel) -> Float32Array:
-    """Return the points (N, 3) in the optical frame of every eighth masked pixel (H, W)."""
+    """Return optical-frame points (N, 3) of masked pixels (H, W), every eighth in x and y."""
     step = _POINT_STRIDE_PX
     wanted = mask[::step, ::step] & (depth_m[::step, ::step] > 0)
     v, u = np.nonzero(wanted)

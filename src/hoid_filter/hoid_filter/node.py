@@ -1,4 +1,4 @@
-"""The filter node: takes images and detections, publishes static features and verdicts."""
+"""The filter node: receives images and detections, publishes static features and verdicts."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class FilterNode(ManagedNode):
         (header, image_bgr), (depth_header, depth_m) = match.values
         size_px = image_bgr.shape[1], image_bgr.shape[0]
         if size_px != self._size_px:
-            if self._size_px is not None:  # boxes in pixels of the old resolution are invalid
+            if self._size_px is not None:  # the objects' boxes are in pixels of the old resolution
                 self._live.forget()
             self._size_px = size_px
             self._use_camera()

@@ -1,4 +1,4 @@
-"""The interface of a filter strategy: its input, its output, and the function that makes it."""
+"""The interface of a filter strategy: its input, its output, and the function that creates it."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from hoid_filter.strategy_registry import load_strategy
 
 
 class FilterInput(NamedTuple):
-    """One image as a strategy receives it: detections, depth, corners and moving regions."""
+    """The input of a strategy for one image: detections, depth, corners and moving regions."""
 
     stamp_ns: int
-    # Detected boxes of this image, of an older image or, when the image is classified again, of a
-    # later image, clipped to the image. None: no new boxes have come since the last call.
+    # Detected boxes, clipped to the image: of this image, of an older one or, when the image is
+    # classified again, of a later one. None: no new boxes have come since the last call.
     detections: Detections | None
     depth_m: Float32Array  # (H, W); 0 = no depth
-    # (K,) FAST corners or, when the image is classified again, published features, as indices into
-    # the flattened image.
+    # (K,) indices into the flattened image: FAST corners or, when the image is classified again,
+    # published features.
     corner_pixels: IntArray
-    # Found by motion segmentation in this image or, if it is not segmented yet, in an older one.
+    # From motion segmentation of this image or, if that is not done yet, of an older one.
     moving_regions: MovingRegions = NO_MOVING_REGIONS
 
 
@@ -43,9 +43,10 @@ class ObjectVerdicts(NamedTuple):
     scores: Float32Array  # (N,) confidences of the detections, in [0, 1]
     reasons: tuple[ObjectState, ...]  # N reasons why an object is static or dynamic
     track_ids: IntArray  # (N,); -1 = not tracked
-    overlap_ratios: FloatArray  # (N,) in [0, 1]: ratio of the object that a person's box covers
+    # (N,) in [0, 1]: ratio of the object's box that a person's box covers.
+    overlap_ratios: FloatArray
     depths_m: FloatArray  # (N,); NaN = unknown
-    depth_gaps_m: FloatArray  # (N,) depth difference to that person; NaN = unknown
+    depth_gaps_m: FloatArray  # (N,) absolute depth difference to that person; NaN = unknown
     velocities_mps: FloatArray  # (N, 3) relative to the world, along camera axes; NaN = unknown
 
     @staticmethod
@@ -56,7 +57,7 @@ class ObjectVerdicts(NamedTuple):
         reasons: tuple[ObjectState, ...],
         **known: NDArray[Any],
     ) -> ObjectVerdicts:
-        """Return the verdicts on N objects; fields that are not `known` are marked as unknown."""
+        """Return the verdicts on N objects; fields that are not in `known` are unknown."""
         num = len(class_names)
         unknown: dict[str, NDArray[Any]] = {
             'track_ids': np.full(num, -1),
@@ -81,22 +82,21 @@ class Verdict(NamedTuple):
     objects: ObjectVerdicts
     static_area_px: int  # unmasked area of the image
     kept: IntArray | None  # ascending indices of the corners on static surface; None = all K
-    # (h, w) at low resolution: all dynamic pixels. None: the boxes of the dynamic objects.
+    # (h, w) all dynamic pixels, at low resolution. None: the boxes of the dynamic objects.
     dynamic_mask: BoolArray | None = None
-    # (h, w) at low resolution: dynamic objects that were detected, or predicted from detections.
-    # When motion segmentation estimates the camera motion, it leaves their points out if enough
-    # others remain.
+    # (h, w) dynamic objects that were detected, or predicted from detections, at low resolution.
+    # Motion segmentation does not use their points for the camera pose if enough others remain.
     detected_mask: BoolArray | None = None
 
 
 class FilterStrategy(Protocol):
-    """Classifies the objects of an image as static or dynamic; made from a `FilterConfig`.
+    """Classifies the objects of an image as static or dynamic; created from a `FilterConfig`.
 
-    It may keep state from image to image: a new one is made when parameters change, and when the
-    stamps go back by a second or more.
+    It may keep state between images. A new strategy is created when parameters change, and when
+    the stamps go back by a second or more.
     """
 
-    needs_detections: bool  # False: no detector is started and no image waits for detections
+    needs_detections: bool  # False: no detector is started, and no image waits for detections
     senses_motion: bool  # True: `FilterInput.moving_regions` is filled by motion segmentation
 
     def classify(self, image: FilterInput) -> Verdict:

@@ -1,4 +1,4 @@
-"""The filter strategies by name: built-in ones, and those of other installed packages.
+"""The filter strategies by name: built-in ones and those of other installed packages.
 
 A package adds a strategy by an entry point in the group `hoid_filter.strategies`
 (docs/howto/add_a_strategy.md).

@@ -1,1 +1,1 @@
-"""Detected boxes over time: validation, tracking, and prediction to the stamp of an image."""
+"""Boxes of the detector: validation, tracking, and prediction to the stamp of an image."""

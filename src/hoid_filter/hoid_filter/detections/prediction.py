@@ -11,7 +11,7 @@ _MIN_IOU = 0.2  # chosen: least overlap of the boxes of one object in two succes
 
 
 class BoxPredictor:
-    """Predicts boxes at constant velocity from the last two `Detections`, by at most `limit_s`."""
+    """Predicts boxes at constant velocity from the last two `Detections`, by up to `limit_s`."""
 
     def __init__(self, limit_s: float) -> None:
         self.limit_s = limit_s
@@ -23,9 +23,9 @@ class BoxPredictor:
             self._previous, self._last = self._last, detections
 
     def predict(self, stamp_ns: int) -> Detections:
-        """Return the boxes predicted for a stamp, which may lie outside the image.
+        """Return the boxes predicted for a stamp, which may be partly outside the image.
 
-        No box is returned if the stamp is more than `limit_s` from the last detections.
+        They are empty if the stamp is more than `limit_s` from the last detections.
         """
         if self._last is None or abs(stamp_ns - self._last.stamp_ns) > self.limit_s * 1e9:
             return Detections.none(stamp_ns)
@@ -43,14 +43,14 @@ class BoxPredictor:
 def match_boxes(
     detections: Detections, others: Detections, min_iou: float
 ) -> tuple[IntArray, IntArray]:
-    """Return the indices (K,) and (K,) of boxes of one class, matched greedily by overlap."""
+    """Return the indices (K,) in each set of matched boxes: same class, greedily by overlap."""
     iou = intersections_over_union(detections.boxes_xyxy_px, others.boxes_xyxy_px)
     same = np.array(detections.class_names)[:, None] == np.array(others.class_names)[None]
     return match_greedily(np.where(same, iou, 0.0), min_iou)
 
 
 def match_greedily(score: np.ndarray, minimum: float) -> tuple[IntArray, IntArray]:
-    """Return the rows (K,) and columns (K,) of an (N, M) table, matched one to one, best first."""
+    """Return rows (K,) and columns (K,) of one-to-one pairs by score (N, M), the best first."""
     rows, columns = np.nonzero(score >= minimum)
     order = np.argsort(-score[rows, columns], kind='stable')
     free_row, free_column = set(rows.tolist()), set(columns.tolist())

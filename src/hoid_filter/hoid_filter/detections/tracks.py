@@ -15,43 +15,45 @@ from hoid_filter.detections.sanitize import areas_px2, clip_boxes
 from hoid_native import intersections_over_union
 
 _MIN_IOU = 0.2  # chosen: least overlap of a predicted box and a detection of the same object
-# Chosen: least overlap of a predicted box and a detection that may be false, which must therefore
-# continue the track closely.
+# Chosen: least overlap of a predicted box and a doubtful detection, which may be false and must
+# therefore fit the track closely.
 _MIN_IOU_UNSURE = 0.5
 # Least overlap of a predicted box and a detection of another class. Detectors alternate between
-# classes for one object, with nearly the same box; a box elsewhere is another object.
+# classes for one object, with nearly the same box; less overlap means another object.
 _MIN_IOU_OTHER_CLASS = 0.5  # decision 011
 # Chosen: subtracted from the overlap with a detection of another class, so that at equal overlap
 # the same class is preferred.
 _OTHER_CLASS_PENALTY = 0.15
 _VELOCITY_GAIN = 0.3  # chosen: beta of an alpha-beta filter with alpha = 1; box edges are noisy
-_MIN_VISIBLE_RATIO = 0.15  # chosen: with less of its box inside the image, an object has left it
-# Chosen: a track with fewer than `_ESTABLISHED_HITS` detections may be false. When it is missed,
-# it is kept for only `_NEW_TRACK_COAST_RATIO` of `coast_s`, and predicted only for a person.
+_MIN_VISIBLE_RATIO = 0.15  # chosen: an object has left the image if less of its box is inside
+# Chosen: a track with fewer detections than `_ESTABLISHED_HITS` may be false. If the detector
+# misses it, it is kept for only `_NEW_TRACK_COAST_RATIO` of `coast_s`, and predicted only if it is
+# a person.
 _ESTABLISHED_HITS = 3
 _NEW_TRACK_COAST_RATIO = 0.3
 
 
 @dataclass
 class BoxTrack:
-    """One tracked person or object: its box, its image velocity, and whether people handle it."""
+    """A tracked person or object: its box, its image velocity, and whether a person handles it."""
 
     track_id: int
     class_name: str  # class of the last detection
     score: float  # score of the last detection
     box_xyxy_px: list[float]  # box of the last detection
     seen_ns: int  # stamp of the last detection
-    # Number of detections that confirm a track whose detections may all be false; 0 = at least
-    # one of its detections was trusted.
+    # Number of detections that confirm a track of doubtful detections only; 0 = one of its
+    # detections was trusted.
     hits_to_confirm: int = 0
     hits: int = 1  # number of detections
     is_missed: bool = False  # True: the newest detections do not contain this track
-    # Velocity of the box's center. Predicted boxes keep their size, because edges jump
+    # Velocity of the box's center. Predicted boxes keep their size, because detected edges jump
     # (decision 011).
     velocity_px_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
     torso_m: float = float('nan')  # depth of a person's torso; NaN = unknown
     is_handled: bool = False  # whether a person handles the object
-    untouched_s: float = float('inf')  # observed time since a person last handled the object
+    # Observed time since a person last handled the object; inf = never.
+    untouched_s: float = float('inf')
 
     @property
     def is_person(self) -> bool:
@@ -63,7 +65,7 @@ class BoxTrack:
 
     @property
     def is_confirmed(self) -> bool:
-        """Return whether the track has one trusted detection or enough tentative ones."""
+        """Return whether one detection was trusted, or enough doubtful ones have come in a row."""
         return self.hits >= self.hits_to_confirm
 
     def observe(
@@ -94,8 +96,8 @@ class BoxTracker:
     def observe(self, detections: Detections, is_unsure: BoolArray) -> None:
         """Update the tracks with N newer detections, and start tracks for unmatched ones.
 
-        `is_unsure` (N,) flags tentative detections. A track with only tentative detections is
-        confirmed after `hits_to_confirm` detections in a row.
+        `is_unsure` (N,) flags doubtful detections. A track that has only these is confirmed after
+        `hits_to_confirm` detections in a row.
         """
         stamp_ns = detections.stamp_ns
         if self._newest_ns is not None and stamp_ns <= self._newest_ns:
@@ -120,16 +122,16 @@ class BoxTracker:
                 BoxTrack(self._next_id, names[at], scores[at], box_rows[at], stamp_ns, needed)
             )
             self._next_id += 1
-        # A track of doubtful detections only must be detected in every image, even once confirmed.
+        # A track of doubtful detections only ends at its first miss, even if it is confirmed.
         self._tracks = [t for t in self._tracks if not (t.is_missed and t.hits_to_confirm)]
 
     def _similarity(
         self, expected: FloatArray, detections: Detections, boxes: FloatArray
     ) -> FloatArray:
-        """Return the overlaps (T, N) of tracks and detections; 0 where they cannot match."""
+        """Return the overlaps (T, N) of predicted and detected boxes; 0 if they cannot match."""
         if not self._tracks or not len(boxes):
             return np.zeros((len(self._tracks), len(boxes)))
-        # A number for each class, because numbers are faster to compare than names.
+        # Classes are compared as numbers, which is faster than names.
         number = defaultdict(count(1).__next__, {PERSON: 0})
         tracked = np.array([number[track.class_name] for track in self._tracks])
         detected = np.array([number[name] for name in detections.class_names])
@@ -146,10 +148,10 @@ class BoxTracker:
     def advance(
         self, stamp_ns: int, width_px: int, height_px: int
     ) -> tuple[tuple[BoxTrack, ...], FloatArray]:
-        """Predict the tracks, and delete tracks undetected for too long or outside the image.
+        """Predict all tracks; delete those that were missed for too long or have left the image.
 
         Returns the T active tracks, those in the newest detections first, and their boxes (T, 4),
-        clipped to the image. A missed object is active only if it has three detections and was
+        clipped to the image. A missed object is active only if it was detected three times and was
         handled within `rest_s`.
         """
         boxes = boxes_at(self._tracks, stamp_ns)
@@ -182,7 +184,7 @@ def _unseen_s(track: BoxTrack, stamp_ns: int) -> float:
 
 
 def boxes_at(tracks: list[BoxTrack], stamp_ns: int) -> FloatArray:
-    """Return the boxes (T, 4) at constant velocity, unclipped, at least 1 px wide and high."""
+    """Return the boxes (T, 4) at a stamp by constant velocity, unclipped, at least 1 px wide."""
     seen = np.array([track.box_xyxy_px for track in tracks]).reshape(-1, 4)
     velocity_px_s = np.array([track.velocity_px_s for track in tracks]).reshape(-1, 2)
     since_s = np.array([stamp_ns - track.seen_ns for track in tracks]) * S_PER_NS

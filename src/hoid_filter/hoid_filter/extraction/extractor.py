@@ -28,7 +28,8 @@ from hoid_native import (
 )
 
 _NO_BOXES: Float32Array = np.empty((0, 4), np.float32)
-_MIN_SIDE_PX = 32  # `fast_corners` finds nothing on a level that is smaller inside its border
+# `fast_corners` finds nothing on a level with a side below this inside its border.
+_MIN_SIDE_PX = 32
 _SMOOTHING = cv2.getGaussianKernel(7, 2.0)  # before BRIEF comparisons, as in OpenCV's ORB
 
 
@@ -42,7 +43,7 @@ class OrbExtractor:
     def detect(self, image_gray: ByteArray) -> Corners:
         """Return the FAST corners of a gray image (H, W) on all levels of its pyramid.
 
-        Levels with fewer corners than the features wanted also get low-contrast corners.
+        Levels with fewer corners than wanted features also get corners of low contrast.
         """
         config = self._config
         pyramid = build_pyramid(image_gray, config.num_levels, config.scale_factor)
@@ -56,7 +57,7 @@ class OrbExtractor:
         return self._with_weak_corners(corners, lacks) if lacks.any() else corners
 
     def _with_weak_corners(self, corners: Corners, lacks: BoolArray) -> Corners:
-        """Return `corners` plus low-contrast corners on the levels flagged by `lacks` (L,)."""
+        """Return `corners` and those of low contrast on the levels where `lacks` (L,) is set."""
         config, pyramid = self._config, corners.pyramid
         first = int(np.argmax(lacks))
         coarse = Pyramid(pyramid.levels[first:], pyramid.steps_px[first:])
@@ -76,12 +77,12 @@ class OrbExtractor:
         )
 
     def _counts(self, corners: Corners) -> IntArray:
-        """Return the (L,) numbers of corners of normal contrast on each level."""
+        """Return the numbers (L,) of corners per level, without those of low contrast."""
         octave = corners.octave[corners.score >= self._config.fast_threshold]
         return np.bincount(octave, minlength=self._config.num_levels)
 
     def _budgets_of(self, corners: Corners) -> IntArray:
-        """Return the numbers (L,) of features wanted on each pyramid level of this image."""
+        """Return how many features (L,) are wanted from each pyramid level of this image."""
         config = self._config
         if not config.adapt_levels:
             return self._budgets
@@ -92,9 +93,9 @@ class OrbExtractor:
     def choose(self, corners: Corners, kept: IntArray | None, static_area_px: int) -> IntArray:
         """Return the ascending indices of the corners to describe, distributed evenly.
 
-        With `refill`, they are chosen from `kept` (None: all) and distributed over the static area
-        (decision 014). Without it, they are chosen from all corners, and corners that are not in
-        `kept` are removed.
+        `kept` has the indices of the corners on static surface (None: all). With `refill`, all
+        wanted features come from these (decision 014). Without it, they are chosen from all
+        corners, and those that are not in `kept` are then dropped.
         """
         uv_px, octave, score = corners.uv_px, corners.octave, corners.score
         budgets = self._budgets_of(corners)
@@ -116,8 +117,8 @@ class OrbExtractor:
     ) -> Features:
         """Return the ORB features of the chosen corners, at subpixel positions and with depth.
 
-        A corner that refinement would move into a box (N, 4) of a dynamic object keeps its
-        unrefined position. `chosen` ascends.
+        A corner that subpixel refinement would move into a box (N, 4) of a dynamic object keeps
+        its integer position. The indices `chosen` ascend.
         """
         octave = corners.octave[chosen]
         angle_deg, offset_px, descriptors = _describe(
@@ -147,9 +148,9 @@ class OrbExtractor:
 def _describe(
     levels: Sequence[ByteArray], xy_px: Int32Array, octave: ByteArray
 ) -> tuple[Float32Array, Float32Array, ByteArray]:
-    """Return angles [deg] (N,), subpixel offsets (N, 2) and descriptors (N, 32) of corners.
+    """Return angles (N,) in degrees, subpixel offsets (N, 2) and descriptors (N, 32) of corners.
 
-    Positions (N, 2) and offsets are in pixels of the corner's level; octaves (N,) ascend.
+    Positions (N, 2) and offsets are in pixels of the corner's level. Octaves (N,) ascend.
     """
     x, y = np.ascontiguousarray(xy_px.T)
     angle_deg = np.empty(len(octave), np.float32)
@@ -168,7 +169,7 @@ def _describe(
 
 
 def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
-    """Return flags (K, N): whether the pixel nearest to a position (K, 2) is in a box (N, 4)."""
+    """Return (K, N) whether the pixel nearest to each position (K, 2) is in each box (N, 4)."""
     # One coordinate at a time, as `all` over an axis of length 2 takes ten times as long.
     u, v = np.rint(uv_px).T[:, :, None]
     left, top, right, bottom = boxes_xyxy_px.T
@@ -177,17 +178,17 @@ def _inside(uv_px: FloatArray, boxes_xyxy_px: Float32Array) -> BoolArray:
 
 
 def octave_budgets(num_features: int, num_levels: int, scale_factor: float) -> IntArray:
-    """Return the numbers of features per level, in proportion to 1 / scale."""
+    """Return the numbers of features (L,) per level, in proportion to 1 / scale."""
     return _in_proportion(scale_factor ** -np.arange(num_levels, dtype=np.float64), num_features)
 
 
 def structure_shares(counts: IntArray, pyramid: Pyramid, border_px: int) -> FloatArray:
-    """Return the share of the corners (L,) of each level that coarser levels confirm.
+    """Return the ratio (L,) of the corners of each level that are structure and not noise.
 
-    Structure has more corners per pixel on coarser levels, in sharp images 1 to 1.2 times as many
-    from each level to the next. Noise averages out there: a level has at most as many corners of
-    structure per pixel as any coarser one. In a blur or in the dark, the fine levels have little
-    but noise (decision 059).
+    Structure has at least as many corners per pixel on a coarser level: in sharp images 1 to 1.2
+    times as many from each level to the next. Noise averages out on coarser levels. The density of
+    structure on a level is thus at most that on any coarser level; the rest is noise, as most
+    corners on fine levels of a blurred or dark image are (decision 059).
     """
     sides_px = np.array([level.shape for level in pyramid.levels]) - 2 * border_px
     has_room = sides_px.min(1) >= _MIN_SIDE_PX

@@ -1,4 +1,4 @@
-"""The image pyramid, and the corners on all its levels."""
+"""The image pyramid, and FAST corners on all its levels."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ class Pyramid(NamedTuple):
     """An image at several scales; level 0 is the image itself."""
 
     levels: tuple[ByteArray, ...]  # L gray images (H_l, W_l)
-    steps_px: Float32Array  # (L, 2) level-0 pixels per pixel of each level, in x and y
+    steps_px: Float32Array  # (L, 2) width and height of a pixel of each level, in level-0 pixels
 
 
 class Corners(NamedTuple):
     """The K corners on all levels of a pyramid, in order of level."""
 
     pyramid: Pyramid
-    xy_px: Int32Array  # (K, 2) positions in the corner's level
-    uv_px: FloatArray  # (K, 2) positions in level 0
+    xy_px: Int32Array  # (K, 2) pixel positions in the corner's level
+    uv_px: FloatArray  # (K, 2) the same positions in level-0 pixels
     pixel: IntArray  # (K,) nearest level-0 pixels, as indices into the flattened image
     octave: ByteArray  # (K,) index of the corner's level
     score: ByteArray  # (K,) greatest FAST threshold at which the pixel is a corner

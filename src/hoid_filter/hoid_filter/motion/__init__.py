@@ -1,1 +1,1 @@
-"""Motion segmentation without a detector: regions of the depth image that move in the world."""
+"""Motion segmentation without a detector: finds regions of the image that move in the world."""

@@ -1,4 +1,4 @@
-"""Depth images of the last seconds, and the surfaces in front of them as evidence of motion."""
+"""Depth images of the last seconds: surfaces that are now in front of them have moved."""
 
 from __future__ import annotations
 
@@ -13,40 +13,41 @@ from hoid_common.values import Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera, DownscaledView, rays_of
 from hoid_native import occlusion_log_odds
 
-# Chosen, least time between stored images: every image of a 30 Hz camera is stored, and every
-# other image of a 60 Hz camera.
+# Chosen: least time between stored images, so that each image of a 30 Hz camera is stored, and
+# every other one of a 60 Hz camera.
 _MIN_SPACING_S = 1 / 40
-# Chosen: an image may differ from the wanted age by 30 % of this age, and always by 0.1 s, so that
-# low frame rates have an image of the shortest age too.
+# Chosen: the age of an image may differ from the wanted age by 30 %, and always by 0.1 s, so that
+# at low frame rates an image of the shortest age exists.
 _AGE_TOLERANCE, _MIN_AGE_TOLERANCE_S = 0.3, 0.1
-# A point is in front when it is nearer by more than 0.03 m + 1.5 % z + 0.8 % z^2. Chosen: well
-# above depth noise, which grows with the square of the depth, and the error of the poses.
+# A point is in front of earlier depth z if it is nearer by more than 0.03 m + 1.5 % z + 0.8 % z^2.
+# Chosen: well above the error of the poses and depth noise, which grows with the square of depth.
 _OCCLUSION_MARGIN = 0.03, 0.015, 0.008
-_OCCLUSION_LOG_ODDS = 1.5  # chosen: a segment wholly in front is certain within 2 images
-# Chosen: where a smaller ratio of a segment is in front, this is an effect of its depth edges.
+# Chosen: a segment that is completely in front is certainly moving after 2 images.
+_OCCLUSION_LOG_ODDS = 1.5
+# Chosen: if a smaller ratio of a segment is in front, only its depth edges are.
 _MIN_OCCLUDING_RATIO = 0.1
-# Chosen: where a larger ratio of a segment is in front, unchanged depth of its other pixels is no
+# Chosen: if a larger ratio of a segment is in front, the unchanged depth of its other pixels is no
 # evidence that it is static.
 _MIXED_RATIO = 0.25
-# Chosen: the readout time of a Kinect, 30.6 ms (Ringaby and Forssen, ICCV 2011), because the
-# filter does not know the readout time of its camera. While a camera turns slowly, the shift of
-# the image rows is below the other tolerances.
+# The readout time of a rolling shutter, which the filter does not know for its camera. Chosen:
+# that of a Kinect, 30.6 ms (Ringaby and Forssen, ICCV 2011). While a camera turns slowly, the
+# shift of the image rows is below the other tolerances.
 _READOUT_S = 0.03
-# The least tolerance of a tracked point: 6 sigmas of 0.25 px. The measured noise already contains
-# smaller shifts; counting them twice would hide slowly moving surfaces (decision 050).
+# Smaller rolling-shutter shifts count as 0: 6 sigmas of 0.25 px. The measured noise contains them
+# already; counting them twice would hide slowly moving surfaces (decision 050).
 _MIN_SHIFT_PX = 1.5
 
 
 class _Baseline(NamedTuple):
-    """The age of an earlier depth image for comparison, and the weight of unchanged depth."""
+    """The age of an earlier depth image for comparison, and the evidence of unchanged depth."""
 
     age_s: float
     static_log_odds: float  # log-odds against motion when the depth is unchanged
 
 
-# Chosen: each age is more than twice the one before, so that fast and slow objects are found. In a
-# trial, objects at 1/8 of walking speed were found only with an age of 2 to 3 s. A slow object
-# still overlaps its place of 0.2 s ago, so unchanged depth counts little at short ages.
+# Chosen: ages that at least double, so that fast and slow objects are found. In a trial, objects
+# at 1/8 of walking speed were found only with an age of 2 to 3 s. A slow object still overlaps its
+# position of 0.2 s ago, so that unchanged depth is weak evidence at short ages.
 _BASELINES = (
     _Baseline(0.17, 0.05),
     _Baseline(0.4, 0.1),
@@ -55,14 +56,14 @@ _BASELINES = (
 )
 
 
-# Chosen, of the baselines above: long enough for a motion to show, and short enough for most of
-# the image to be still in view.
+# Chosen, of the ages above: long enough to reveal motion, and short enough that most of the image
+# is still in view.
 _COMPARED_BASELINES = _BASELINES[1:3]
 _STEP_PX = 2  # chosen: every second row and column of the downscaled depth, for speed
 
 
 class _PastDepth(NamedTuple):
-    """The depth range around each pixel of an earlier image, and the camera pose."""
+    """An earlier depth image, as a range around each pixel, and the camera pose."""
 
     stamp_s: float
     T_camera_world: FloatArray  # (4, 4)
@@ -84,7 +85,7 @@ class DepthHistory:
     def add(
         self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
     ) -> None:
-        """Store the depth of a view, and drop depths that are more than 3.25 s older."""
+        """Store the depth of a view, and drop depth images that are older by more than 3.25 s."""
         if self._past and view.stamp_s - self._past[-1].stamp_s < _MIN_SPACING_S:
             return
         range_m = widened(np.stack([view.depth_m, view.depth_m], axis=2), 1)
@@ -97,11 +98,10 @@ class DepthHistory:
     def occlusion_evidence(
         self, view: DownscaledView, T_world_camera: FloatArray, turn_radps: FloatArray
     ) -> FloatArray:
-        """Return the log-odds (S,), per `EVIDENCE_PERIOD_S`, that each depth segment moves.
+        """Return the log-odds (S,) that each depth segment moves, per `EVIDENCE_PERIOD_S`.
 
-        A surface in front of the depth of an earlier image has moved; unchanged depth is evidence
-        against motion. A surface behind the earlier depth may have been hidden, which is no
-        evidence.
+        A surface in front of the depth of an earlier image has moved. Unchanged depth is evidence
+        against motion. A surface behind the earlier depth is no evidence: it may have been hidden.
         """
         focal_px = self._camera.depth_pinhole.fx_px
         earlier = [
@@ -124,10 +124,10 @@ class DepthHistory:
         )
 
     def contradiction(self, view: DownscaledView, T_world_camera: FloatArray) -> float:
-        """Return the ratio of a view that would be in front of earlier depth at a pose (4, 4).
+        """Return the ratio of the view's pixels that contradict earlier depth at a pose (4, 4).
 
-        It is 0 at the right pose if everything is at rest. It is the mean for the images 0.4 s and
-        1 s earlier; 0 without such an image.
+        They would be in front of it. At the right pose the ratio is 0 if nothing moves. It is the
+        mean over the images 0.4 s and 1 s earlier, or 0 without such an image.
         """
         depth_m = view.depth_m[::_STEP_PX, ::_STEP_PX].ravel()
         points_m = self._rays[depth_m > 0] * depth_m[depth_m > 0, None].astype(np.float64)
@@ -140,7 +140,7 @@ class DepthHistory:
         return float(np.mean(ratios)) if ratios else 0.0
 
     def _ratio_in_front(self, past: _PastDepth, points_m: FloatArray) -> float:
-        """Return the ratio of points (N, 3) in a past camera's frame in front of its depth."""
+        """Return the ratio of points (N, 3), in a past camera's frame, in front of its depth."""
         pinhole, (height, width) = self._camera.depth_pinhole, self._camera.shape_hw
         x, y, z = points_m[points_m[:, 2] > 0].T
         u = np.rint(x / z * pinhole.fx_px + pinhole.cx_px)
@@ -166,7 +166,7 @@ class DepthHistory:
 
 
 def widened(range_m: Float32Array, by_px: FloatArray | float) -> Float32Array:
-    """Return the depth ranges (h, w, 2) of neighborhoods larger by `by_px` to each side."""
+    """Return depth ranges (h, w, 2), each over a neighborhood larger by `by_px` on all sides."""
     side = 2 * round(float(by_px)) + 1
     if side == 1:
         return range_m
@@ -181,10 +181,10 @@ def widened(range_m: Float32Array, by_px: FloatArray | float) -> Float32Array:
 
 
 def shift_px(turn_radps: FloatArray, earlier_radps: FloatArray, focal_px: float) -> FloatArray:
-    """Return the largest rolling-shutter shift [px] (...) of a row relative to the middle row.
+    """Return the largest rolling-shutter shift (px) of an image row relative to the middle row.
 
-    Turn rates are (..., 3). A shift below 1.5 px counts as none, because the measured noise
-    contains it.
+    Turn rates are (..., 3). A shift below 1.5 px counts as 0, because the measured noise contains
+    it.
     """
     change_radps = np.linalg.norm(turn_radps - earlier_radps, axis=-1)
     shift_px = 0.5 * _READOUT_S * focal_px * change_radps

@@ -19,25 +19,26 @@ from hoid_common.values import (
 from hoid_native import Pinhole, depth_segments
 from hoid_native.results import Segments
 
-# Chosen: a quarter of the width of VGA is enough for depth segments. Points, which are tracked to
-# a tenth of a pixel, need half the width of VGA.
+# Chosen: a quarter of VGA's width suffices for depth segments; points, which are tracked to a
+# tenth of a pixel, need half of it.
 DEPTH_WIDTH_PX = 160
 GRAY_WIDTH_PX = 320
-# Corners and midpoints of a box: lens distortion bends its edges.
+# Corners, edge midpoints and center of a box as ratios of its sides; lens distortion bends edges.
 _BOX_POINTS = np.stack(np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]), axis=-1).reshape(-1, 2)
-# Baseline of the virtual right camera (decision 002); structured-light cameras have 7.5 cm.
+# Baseline of the virtual right camera for stereo observations (decision 002); structured-light
+# cameras have 7.5 cm.
 _BASELINE_M = 0.075
-# Chosen, 1/8 of the image: side of the grid cells at whose borders segments are cut. Static
-# surface that touches a moving object is then masked with it in one cell at most.
+# Chosen, 1/8 of the image: cell size of the grid that cuts segments. A static surface that touches
+# a moving object is then masked with it in one cell at most.
 _SEGMENT_CELL_PX = 20
 
 
 class DownscaledCamera:
-    """Maps full images of one camera to low resolution, and pixels and boxes back.
+    """Converts full images of a camera to low resolution, and pixels and boxes back.
 
-    The depth image is 160 px wide and without lens distortion. The gray image is 320 px wide and
-    keeps it. Depth is sampled, never averaged: the mean of a person's and a wall's depth is
-    neither's.
+    The depth image is 160 px wide and undistorted; the gray image is 320 px wide and keeps the
+    lens distortion. Depth is sampled, not averaged, because the mean of the depths of a person and
+    a wall is the depth of neither.
     """
 
     def __init__(self, camera: CameraModel) -> None:
@@ -45,7 +46,8 @@ class DownscaledCamera:
         self.shape_hw = _shape_hw(camera, DEPTH_WIDTH_PX)
         self.depth_pinhole = _pinhole(camera, DEPTH_WIDTH_PX)
         self.gray_pinhole = _pinhole(camera, GRAY_WIDTH_PX)
-        self.disparity_px_m = self.gray_pinhole.fx_px * _BASELINE_M  # disparity times depth
+        # Disparity (px) times depth (m).
+        self.disparity_px_m = self.gray_pinhole.fx_px * _BASELINE_M
         self._gray_scale = camera.width_px / GRAY_WIDTH_PX
         self._sampled = self._sample_pixels()
         # (H * W,) flat index into the low-resolution depth image for each full-resolution pixel.
@@ -69,10 +71,9 @@ class DownscaledCamera:
         return (full_px + np.float32(0.5)) / np.float32(self._gray_scale) - np.float32(0.5)
 
     def measure(self, full_px: Float32Array, depth_m: FloatArray) -> FloatArray:
-        """Return the stereo observations (N, 3) u, v, u_right of pixels (N, 2) of the full image.
+        """Return stereo observations (N, 3) u, v, u_right of pixels (N, 2) of the full image.
 
-        They are in pixels of the gray image, without lens distortion; u_right is NaN where there
-        is no depth (0).
+        They are in undistorted pixels of the gray image; u_right is NaN without depth.
         """
         observed_px = np.empty((len(full_px), 3))
         observed_px[:, :2] = self.gray_px(self.camera.undistort_px(full_px))
@@ -87,7 +88,7 @@ class DownscaledCamera:
         return rays * depth_m[:, None]
 
     def boxes_px(self, boxes_xywh_px: IntArray) -> FloatArray:
-        """Convert boxes x, y, w, h (N, 4) in the depth image to x1, y1, x2, y2 in the full one."""
+        """Convert boxes (N, 4) x, y, w, h in the depth image to x1, y1, x2, y2 in the full one."""
         left_top, size = boxes_xywh_px[:, None, :2], boxes_xywh_px[:, None, 2:]
         at_px = left_top + size * _BOX_POINTS - 0.5  # (N, 9, 2)
         rays = rays_of(self.depth_pinhole, at_px[..., 0].ravel(), at_px[..., 1].ravel())
@@ -97,7 +98,7 @@ class DownscaledCamera:
         return boxes_px
 
     def _sample_pixels(self) -> IntArray:
-        """Return the flat full-image index (h * w,) of each pixel of the depth image, or -1."""
+        """Return the flat index (h * w,) into the full image of each depth pixel; -1 = outside."""
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
         rays = rays_of(self.depth_pinhole, u.ravel(), v.ravel())
@@ -108,11 +109,11 @@ class DownscaledCamera:
         return np.where(outside, -1, row * full_width + column)
 
     def _downscaled_of_pixel(self) -> IntArray:
-        """Return the flat index (H * W,) into the depth image of each full-resolution pixel.
+        """Return the flat index (H * W,) into the depth image of each pixel of the full image.
 
-        Pixels outside of it get an index on its border. Only one position per depth pixel is
-        undistorted, and the others are interpolated, because undistorting all takes as long as the
-        time between two images.
+        Pixels outside the depth image get an index on its border. Only one pixel per depth pixel
+        is undistorted and the others are interpolated, because undistorting all takes as long as
+        the time between two images.
         """
         height, width = self.shape_hw
         v, u = np.mgrid[0:height, 0:width]
@@ -132,7 +133,7 @@ def depths_at(depth_m: Float32Array, pixels: IntArray) -> Float32Array:
 
 
 def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
-    """Return the flat indices (N,) of the pixels nearest to positions (N, 2), clipped."""
+    """Return the flat indices (N,) of the pixels nearest to (N, 2), clipped to the image."""
     height, width = shape_hw
     column, row = np.rint(uv_px).astype(np.int64).T
     flat: IntArray = _clip(row, height) * width + _clip(column, width)
@@ -140,7 +141,7 @@ def nearest_pixels(uv_px: Float32Array, shape_hw: tuple[int, ...]) -> IntArray:
 
 
 def _clip(indices: IntArray, size: int) -> IntArray:
-    """Clip indices to 0..size - 1; `np.clip` takes three times as long."""
+    """Return indices clipped to 0..size - 1; `np.clip` takes three times as long."""
     return np.minimum(np.maximum(indices, 0), size - 1)
 
 
@@ -149,7 +150,7 @@ def _shape_hw(camera: CameraModel, width_px: int) -> tuple[int, int]:
 
 
 def rays_of(pinhole: Pinhole, u_px: FloatArray, v_px: FloatArray) -> FloatArray:
-    """Return the (N, 3) points at a depth of 1 m on the rays of pixels."""
+    """Return the points (N, 3) at z = 1 m on the rays of pixels (N,), (N,)."""
     rays = np.empty((len(u_px), 3))
     rays[:, 0] = (u_px - pinhole.cx_px) / pinhole.fx_px
     rays[:, 1] = (v_px - pinhole.cy_px) / pinhole.fy_px
@@ -176,12 +177,12 @@ class MotionView(NamedTuple):
     depth_m: Float32Array  # (H, W); 0 = no depth
     corner_pixels: IntArray  # (K,) FAST corners, as indices into the flattened image
     corner_scores: ByteArray  # (K,) strength of each corner
-    # (h, w), at any resolution: dynamic objects that a detector has found in this image or in the
+    # (h, w), of any resolution: dynamic objects that a detector has found in this image or in the
     # one before. None: there are none.
     detected_mask: BoolArray | None = None
 
     def is_detected(self, pixels: IntArray) -> BoolArray:
-        """Return flags (N,): whether each pixel (flat index) lies on a detected dynamic object."""
+        """Return (N,) whether each pixel (flat index) lies on a detected dynamic object."""
         if self.detected_mask is None:
             return np.zeros(len(pixels), np.bool_)
         (height, width), (mask_height, mask_width) = self.depth_m.shape, self.detected_mask.shape
@@ -195,7 +196,7 @@ class DownscaledView(NamedTuple):
     """The low-resolution gray and depth images of a view, and its depth segments."""
 
     stamp_s: float
-    gray: ByteArray  # about (2h, 2w), as its resolution is twice that of the depth image
+    gray: ByteArray  # about (2h, 2w), twice the resolution of the depth image
     depth_m: Float32Array  # (h, w); 0 = no depth
     segments: Segments  # S pieces of smooth depth, cut along depth edges and a grid
 

@@ -1,4 +1,4 @@
-"""Camera pose from points of which some move: the pose that explains most of the image area."""
+"""The camera pose that explains most of the image area, from points of which some move."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ _DISPARITY_NOISE_PX = 0.2  # chosen: standard deviation of the disparity, in gra
 _GATE_SIGMAS = 3.0  # inlier limit: 99.7 % of a normal distribution
 _GATES = Gates(_GATE_SIGMAS**2, _GATE_SIGMAS**2)
 _MIN_NOISE_PX, _MAX_NOISE_PX = 0.25, 0.8  # chosen: limits of the estimated noise
-# Standard deviation over the median of residuals. For a 2-D normal distribution it is 0.85;
-# chosen higher because the residuals of tracked points have a heavy tail.
+# Ratio of the standard deviation to the median of the residuals. It is 0.85 for a 2-D normal
+# distribution; chosen higher because residuals of tracked points have a heavy tail.
 _NOISE_PER_MEDIAN = 1.3
-_NOISE_GAIN = 0.1  # chosen: the estimated noise follows an average over about 10 images
-_REFINE_FACTOR = 1.5  # chosen: a pose is refined with points up to 1.5 times the inlier limit
-# Chosen: a pose that explains a larger ratio of the area is not compared with other hypotheses.
+_NOISE_GAIN = 0.1  # chosen: the noise estimate averages over about 10 images
+_REFINE_FACTOR = 1.5  # chosen: points within 1.5 times the inlier limit are used to refine a pose
+# Chosen: if a pose explains a larger ratio of the area, no other hypotheses are tried.
 _SUFFICIENT_RATIO = 0.92
-# Chosen: numbers of regions that yield a hypothesis, and of points that such a region must have.
+# Chosen: number of regions that yield a pose hypothesis, and least number of points of such a
+# region.
 _MAX_REGION_HYPOTHESES, _MIN_REGION_POINTS = 4, 8
 # Number of RANSAC samples of three points. If half of the points are static, the probability that
 # every sample contains a moving point is 1.4 %.
 _NUM_SAMPLES = 32
-# Chosen: ratio of the area that the best pose without the prior must explain in addition to the
-# best pose with the prior. In a trial without this comparison, a wrong prior confirmed itself in
-# one of four runs.
+# Chosen: the best pose without the prior is used instead of the best one with it only if it
+# explains this much more of the area. In a trial without this comparison, a wrong prior confirmed
+# itself in one of four runs.
 _SWITCH_RATIO = 0.15
-# Chosen: before depth decides between two poses, the second one must explain at least this ratio
-# of the area in addition to the best one.
+# Chosen: depth decides between the best pose and another one only if the other explains at least
+# this ratio of the area in addition.
 _MIN_RIVAL_RATIO = 0.12
-# Chosen: depth decides for the other pose if the ratio of the image that contradicts earlier depth
-# is lower by 1 % of the image and by a factor of 0.6.
+# Chosen: depth decides for the other pose if it makes less of the image contradict earlier depth,
+# by 1 % of the image and by a factor of 0.6.
 _LESS_CONTRADICTION, _CONTRADICTION_RATIO = 0.01, 0.6
 
 
@@ -50,8 +51,8 @@ class PointObservations(NamedTuple):
     has_depth: BoolArray  # (N,)
     region: IntArray  # (N,) index of the region of smooth depth with the point; -1 = none
     static_probability: FloatArray  # (N,) prior from earlier images
-    # (N, 2) image area that the point represents, multiplied by its depth, and in column 0 by
-    # `static_probability` too.
+    # (N, 2) weight of each point: image area that it represents times its depth; in column 0 also
+    # times `static_probability`.
     weights: FloatArray
 
     def select(self, mask: BoolArray) -> PointObservations:
@@ -63,19 +64,19 @@ class EgoMotionEstimate(NamedTuple):
 
     T_camera_world: FloatArray  # (4, 4)
     # Mean of 1 - (residual / inlier limit)^2 over all points, weighted by column 1 of their
-    # `weights`, in [0, 1]. Outliers count as 0.
+    # `weights`; outliers count as 0. In [0, 1].
     ratio: float
-    # Whether the pose was chosen against the points' prior probability of being static.
+    # Whether the pose was chosen although the prior probabilities of being static favor another.
     contradicts_prior: bool
 
 
 class EgoMotion:
-    """Estimates the camera pose that explains most of the image area, rather than most points."""
+    """Estimates the camera pose that explains most of the image area, not most of the points."""
 
     def __init__(self, camera: DownscaledCamera) -> None:
         self._camera = camera
         self._random = np.random.default_rng(0)
-        # Standard deviation of the pixels of static points, in the gray image.
+        # Standard deviation of the tracked pixels of static points, in the gray image.
         self.noise_px = _MAX_NOISE_PX
 
     def update_noise(self, residuals_px: FloatArray) -> None:
@@ -95,11 +96,11 @@ class EgoMotion:
     ) -> EgoMotionEstimate:
         """Return the camera pose that explains most of the static image area.
 
-        Area counts in proportion to its prior probability of being static. A wrong prior would
-        confirm itself, so that the best pose without the prior wins if it explains clearly more.
+        Area is weighted by its prior probability of being static. A wrong prior would confirm
+        itself; therefore the best pose without the prior is used if it explains clearly more.
 
-        Depth decides if another pose explains much of the unexplained area: a picture that
-        moves on a large screen may explain more area than the room, but at its pose the surfaces
+        If another pose explains much of the rest of the area, depth decides. A moving picture on a
+        large screen, for instance, may explain more area than the room, but at its pose surfaces
         of the room would have moved in front of earlier depth.
 
         `guesses` are predicted poses T_camera_world (4, 4), the most probable first.
@@ -135,7 +136,7 @@ class EgoMotion:
     def _rival(
         self, points: PointObservations, poses: list[FloatArray], best: EgoMotionEstimate
     ) -> EgoMotionEstimate | None:
-        """Return the pose fitted to the area unexplained by `best`; None if it is below 12 %."""
+        """Return the pose fitted to the area that `best` leaves unexplained; None below 12 %."""
         gate_px = _GATE_SIGMAS * self.noise_px
         is_left = self.residuals_px(points, best.T_camera_world) >= gate_px
         area = points.weights[is_left, 1]
@@ -153,16 +154,16 @@ class EgoMotion:
         return EgoMotionEstimate(T, ratio, contradicts_prior=True)
 
     def residuals_px(self, points: PointObservations, T_camera_world: FloatArray) -> FloatArray:
-        """Return the reprojection errors (N,) in pixels of the gray image."""
+        """Return the reprojection errors (N,) at a pose, in pixels of the gray image."""
         return self._errors_px(points, se3.transform(T_camera_world, points.world_m).T)
 
     def _all_residuals_px(self, points: PointObservations, poses: FloatArray) -> FloatArray:
-        """Return the errors (M, N) of `residuals_px` at M poses T_camera_world (M, 4, 4)."""
+        """Return the reprojection errors (M, N) at poses T_camera_world (M, 4, 4)."""
         camera_m = poses[:, :3, :3] @ points.world_m.T + poses[:, :3, 3:]
         return self._errors_px(points, np.moveaxis(camera_m, 1, 0))
 
     def _errors_px(self, points: PointObservations, camera_m: FloatArray) -> FloatArray:
-        """Return the errors (..., N) of points at positions (3, ..., N)."""
+        """Return the reprojection errors (..., N) of points at camera positions (3, ..., N)."""
         pinhole = self._camera.gray_pinhole
         x, y, z = camera_m
         inverse_z = 1 / np.maximum(z, 1e-3)
@@ -186,7 +187,7 @@ class EgoMotion:
     def _refine_best(
         self, points: PointObservations, poses: list[FloatArray], ratios: FloatArray, column: int
     ) -> EgoMotionEstimate:
-        """Return the pose that explains most area by a column of `_explained_ratios`, refined."""
+        """Return the best pose by a column of `_explained_ratios`, refined with its inliers."""
         T = poses[int(ratios[:, column].argmax())]
         errors_px = self.residuals_px(points, T)
         near = errors_px < _REFINE_FACTOR * _GATE_SIGMAS * self.noise_px
@@ -196,7 +197,7 @@ class EgoMotion:
         return EgoMotionEstimate((refined, T)[k], float(both[k, 1]), contradicts_prior=False)
 
     def _explained_ratios(self, points: PointObservations, poses: list[FloatArray]) -> FloatArray:
-        """Return the ratios (M, 2) of the image area that poses explain; column 0 by the prior."""
+        """Return the ratio (M, 2) of area that each pose explains; column 0 uses the prior."""
         scores = score_poses(
             self._stereo(),
             self.noise_px,
@@ -211,10 +212,10 @@ class EgoMotion:
 
     def _fit(self, points: PointObservations, mask: BoolArray, guess: FloatArray) -> FloatArray:
         k = np.flatnonzero(mask)
-        # `optimize_pose` takes the disparity noise in pixels, `score_poses` in units of
-        # `noise_px`, so that disparities weigh less here. With 0.2 px here as well, results are
-        # equal or worse (medians of 3 runs: start-people 0.0039 instead of 0.0035 m, moving-door
-        # 0.0023 instead of 0.0022 m, three sets equal).
+        # `optimize_pose` takes the disparity noise in pixels, but `score_poses` in units of
+        # `noise_px`, so that disparities have less weight here. With 0.2 px here as well, results
+        # are equal or worse (medians of 3 runs: start-people 0.0039 instead of 0.0035 m,
+        # moving-door 0.0023 instead of 0.0022 m, three sets equal).
         return optimize_pose(
             self._stereo(),
             _GATES,

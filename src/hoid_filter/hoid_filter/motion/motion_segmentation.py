@@ -1,8 +1,8 @@
 """Segmentation of an RGB-D stream into static and moving regions, without a detector.
 
-A segment of the depth image probably moves when it is in front of the surface that was visible
-there before, or when the points tracked on it contradict the camera motion
-(docs/explanation/motion.md, decision 027).
+A segment of the depth image probably moves if it is in front of the surface that was visible there
+before, or if points tracked on it contradict the camera motion (docs/explanation/motion.md,
+decision 027).
 """
 
 from __future__ import annotations
@@ -42,28 +42,26 @@ from hoid_filter.motion.moving_regions import (
 )
 from hoid_filter.motion.point_tracks import PointTracks, predict_px, track
 
-_MAX_GAP_S = 0.7  # chosen: after a longer gap between images, points are not found again
-# A point moves when its reprojection error exceeds the smaller of 6 times the noise and 3 px, and
-# also the rolling-shutter shift. On five scenes, 6 was as good as or better than 4, and than 3 px
-# alone (decision 027).
+_MAX_GAP_S = 0.7  # chosen: after a longer gap between images, all points are dropped
+# A point moves if its reprojection error exceeds the smaller of 6 times the noise and 3 px, and
+# also exceeds the rolling-shutter shift. On five scenes, 6 was as good as or better than 4, and
+# than 3 px alone (decision 027).
 _OUTLIER_SIGMAS, _MAX_OUTLIER_PX = 6.0, 3.0
-# Chosen: log-odds per `EVIDENCE_PERIOD_S` from one point, and limit for all points on a segment.
+# Chosen: log-odds from one point, and limit for all points on a segment, per `EVIDENCE_PERIOD_S`.
 _POINT_LOG_ODDS, _MAX_POINTS_LOG_ODDS = 0.6, 1.0
-# Chosen: a point that agrees with the camera motion counts in proportion to its age up to this
-# age, because a slow object moves less than the noise in a shorter time.
+# Chosen: the evidence of a point that agrees with the camera motion grows with the age of its
+# anchor up to this age, because a slow object moves less than the noise in a shorter time.
 _FULL_WEIGHT_S = 0.2
 # A tracked point has slipped to another surface if its depth changes by more than 5 % plus 3 m/s
-# times the elapsed time. Chosen for the depth noise at an edge, and for a speed above that of
-# people indoors.
+# times the elapsed time. Chosen: above the depth noise at an edge and the speed of people indoors.
 _MAX_DEPTH_CHANGE, _MAX_SPEED_MPS = 0.05, 3.0
-# Chosen: points that are nearer than this, or have no depth reading, are weighted as if they were
-# at this depth.
+# Chosen: depth that is used for the weight of points that are nearer or have no depth.
 _MIN_WEIGHT_DEPTH_M = 0.3
-# Chosen, for the velocity of a region: over a shorter time, the depth noise of a point exceeds its
-# displacement. With fewer points, the median does not reject an outlier.
+# Chosen, for the velocity of a region: in a shorter time, the displacement of a point is less than
+# its depth noise; with fewer points, the median does not reject an outlier.
 _MIN_ELAPSED_S, _MIN_REGION_POINTS = 0.1, 3
-_MAX_RESULTS = 60  # chosen: two seconds at 30 Hz, more than the live filter re-evaluates
-_UNSEGMENTED_AREA_PX = 2.0  # chosen: area that a point on a depth edge, in no segment, represents
+_MAX_RESULTS = 60  # chosen: two seconds at 30 Hz; the live filter re-evaluates less
+_UNSEGMENTED_AREA_PX = 2.0  # chosen: area of a point on a depth edge, which belongs to no segment
 
 
 class PointPixels(NamedTuple):
@@ -87,8 +85,8 @@ class SegmentedPoints(NamedTuple):
 class MotionSegmentation:
     """Finds moving regions in the images of one camera by evidence from many images.
 
-    The world frame is the camera frame of the first image since the last restart: after a gap
-    between images, when stamps do not increase, and when too few points are tracked.
+    The world frame is the camera frame of the first image since the last restart. It restarts
+    after a gap between images, when stamps do not increase, and when too few points are tracked.
     """
 
     def __init__(self, config: MotionConfig, camera: CameraModel) -> None:
@@ -106,7 +104,7 @@ class MotionSegmentation:
         self._view: DownscaledView | None = None
         self._T_world_camera = self._T_camera_world = np.eye(4)
         self._T_previous_current = np.eye(4)
-        self._turn_radps = np.zeros(3)  # of the camera, in the last view
+        self._turn_radps = np.zeros(3)  # turn rate of the camera in the last view
 
     def segment(self, view: MotionView) -> MovingRegions:
         small = downscale(view, self.camera)
@@ -134,7 +132,7 @@ class MotionSegmentation:
     def _track_points(
         self, view: MotionView, small: DownscaledView, T_next_world: FloatArray
     ) -> PointPixels:
-        """Track the points into a view, and drop points that are lost or on another surface."""
+        """Track the points into a view; drop points that are lost or on another surface."""
         if self._view is None:
             return PointPixels(np.empty(0, np.int64), np.empty(0))
         predicted_px = predict_px(self._tracks, self._T_camera_world, T_next_world, self.camera)
@@ -154,8 +152,8 @@ class MotionSegmentation:
         observed_px = self.camera.measure(self.camera.full_px(self._tracks.uv_px), depth_m)
         downscaled_pixel = self.camera.downscaled_of_pixel[pixels.pixel]
         segment = small.segments.label.ravel()[downscaled_pixel]
-        # The factor depth makes equal areas in px count in proportion to the square root of
-        # their areas in m2.
+        # With the factor depth, the weight of a surface falls with 1 / depth, and not with 1 /
+        # depth^2 as its image area does.
         area = _area_per_point(small.segments.area_px, segment)
         area *= np.maximum(depth_m, _MIN_WEIGHT_DEPTH_M)
         points = PointObservations(
@@ -176,11 +174,11 @@ class MotionSegmentation:
         predictions: list[FloatArray],
         small: DownscaledView,
     ) -> None:
-        """Update the camera pose from the tracked points; with too few points, restart.
+        """Update the camera pose from the tracked points; restart if they are too few.
 
-        Points on detected people and objects (not `is_undetected`) are used only when fewer than
-        `MIN_POINTS` others are left, because people may cover more of the image than the static
-        scene does (decision 027).
+        Points on detected people and objects (not `is_undetected`) are used only if fewer than
+        `MIN_POINTS` others remain, because people may cover more of the image than the static
+        scene (decision 027).
         """
         if self._view is None:
             return
@@ -230,7 +228,7 @@ class MotionSegmentation:
     def _velocities_mps(
         self, regions: LabeledRegions, tracked: SegmentedPoints, now_s: float
     ) -> FloatArray:
-        """Return the velocities (R, 3) of regions in the world, along camera axes, or NaN."""
+        """Return the velocities (R, 3) of regions in the world, along the camera axes, or NaN."""
         velocities_mps = np.full((regions.num_regions, 3), np.nan)
         if not len(self._tracks):
             return velocities_mps
@@ -249,7 +247,7 @@ class MotionSegmentation:
         return velocities_mps
 
     def _point_evidence(self, tracked: SegmentedPoints, small: DownscaledView) -> FloatArray:
-        """Return the log-odds (S,) that segments move, from errors of their tracked points."""
+        """Return the log-odds (S,) that segments move, from the errors of the points on them."""
         errors_px = self._ego_motion.residuals_px(tracked.points, self._T_camera_world)
         self._ego_motion.update_noise(errors_px[tracked.points.static_probability > 0.5])
         age_s = small.stamp_s - self._tracks.anchored_s
@@ -266,7 +264,7 @@ class MotionSegmentation:
         return np.clip(total, -_MAX_POINTS_LOG_ODDS, _MAX_POINTS_LOG_ODDS)
 
     def _renew_anchors(self, tracked: SegmentedPoints, now_s: float) -> IntArray:
-        """Replace the anchors of points when due, or drop the points; return remaining pixels."""
+        """Renew the anchors that are due, or drop their points; return the pixels of the rest."""
         if not len(self._tracks):
             return np.empty(0, np.int64)
         is_due = self._tracks.renew_s <= now_s
@@ -288,8 +286,8 @@ class MotionSegmentation:
         width = view.depth_m.shape[1]
         full_px = np.stack([pixels % width, pixels // width], axis=1).astype(np.float32)
         camera_m = self.camera.points_m(self.camera.measure(full_px, depth_m), depth_m)
-        # Random times of renewal, because both ages are needed at all times: old anchors show
-        # slow motion, new ones have little pose drift.
+        # Anchors are renewed at random times, so that old and new ones exist at all times: old
+        # ones reveal slow motion, new ones have little pose drift.
         ages_s = self._random.uniform(0.0, self._config.anchor_s, len(pixels))
         self._tracks = self._tracks.concatenate(
             PointTracks(
@@ -305,7 +303,7 @@ class MotionSegmentation:
         self._static_probability = self._log_odds.static_probability(at)
 
     def _free_corners(self, view: MotionView, small: DownscaledView) -> IntArray:
-        """Return the strongest corner, not at a depth edge, in each grid cell without a point."""
+        """Return the strongest corner, off depth edges, in each grid cell without a point."""
         missing = self._config.num_points - len(self._tracks)
         height, width = view.depth_m.shape
         cell_px = (height * width / self._config.num_points) ** 0.5
@@ -328,9 +326,10 @@ class MotionSegmentation:
 def strongest_per_cell(cells: IntArray, scores: ByteArray) -> IntArray:
     """Return the index (M,) of the strongest corner in each cell, by ascending cell.
 
-    Among equal scores (N,) the first corner of a cell (N,) wins.
+    `cells` (N,) and `scores` (N,) belong to corners; of equal scores, the first one wins.
     """
-    # The key contains the index: sorting such numbers takes half the time of a stable argsort.
+    # The sort key contains the index, because sorting plain numbers takes half the time of a
+    # stable argsort.
     order = np.sort((cells * 256 - scores) * len(cells) + np.arange(len(cells))) % len(cells)
     is_first: BoolArray = np.diff(cells[order], prepend=-1) != 0
     return order[is_first]
@@ -359,7 +358,7 @@ class MotionDetector:
 
 
 def _area_per_point(area_px: Int32Array, segment: Int32Array) -> FloatArray:
-    """Return the image areas [px] (N,) that points represent, by their segment (-1: 2 px)."""
+    """Return the image area (N,) in px that each point represents, by its segment (-1: 2 px)."""
     num_points = np.bincount(segment + 1, minlength=len(area_px) + 1)[1:]
     per_point_px = np.append(area_px / np.maximum(num_points, 1), _UNSEGMENTED_AREA_PX)
     return per_point_px[segment]

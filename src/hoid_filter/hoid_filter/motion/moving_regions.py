@@ -1,4 +1,4 @@
-"""Moving regions of an image, found by log-odds that each pixel moves."""
+"""Moving regions of an image, from the log-odds that each pixel moves."""
 
 from __future__ import annotations
 
@@ -15,19 +15,21 @@ from hoid_native import propagate_log_odds
 # Evidence of motion is defined for one image at 30 Hz, and scaled by the time since the previous
 # image, so that the result does not depend on the frame rate.
 EVIDENCE_PERIOD_S = 1 / 30
-_MAX_EVIDENCE_SCALE = 4.0  # chosen: after a gap, one image must not decide alone
-# Coefficients of 1, z and z^2. Chosen: a pixel keeps the log-odds of the previous image if its
+_MAX_EVIDENCE_SCALE = 4.0  # chosen limit, so that one image after a gap does not decide alone
+# Coefficients of 1, z and z^2. Chosen: a pixel inherits the log-odds of the previous image if its
 # depth z has changed by less than 0.05 m + 3 % of z. Without this check, a trial lost twice as
 # many static corners.
 _SAME_SURFACE_MARGIN = 0.05, 0.03, 0.0
-# Chosen: a probability of 95 % at most, so that contrary evidence can still change the result.
+# Chosen: limits the probability to 95 %, so that contrary evidence can still change the result.
 _MAX_LOG_ODDS = 3.0
 # Chosen: a region consists of pixels with a probability of motion above 0.67, and contains a pixel
 # with a probability above 0.88 (hysteresis).
 _MOVING_LOG_ODDS, _CERTAIN_LOG_ODDS = 0.7, 2.0
-# Chosen: ratio of the image, 38 px of 160x120. Smaller regions are mostly noise at depth edges.
+# Chosen: least area of a region as a ratio of the image, 38 px of 160x120. Smaller regions are
+# mostly noise at depth edges.
 _MIN_REGION_RATIO = 0.002
-# Pixels on a depth edge belong to no segment and get no evidence. Therefore regions are grown.
+# Regions are grown by this, because pixels on a depth edge belong to no segment and get no
+# evidence.
 _EDGE_WIDTH_PX = 2
 
 
@@ -39,7 +41,7 @@ class MovingRegions(NamedTuple):
     velocities_mps: FloatArray  # (N, 3) relative to the world, along camera axes; NaN = unknown
     label: ByteArray  # (h, w) at low resolution: 0 = static, else 1 + index of the region
     camera: DownscaledCamera | None  # maps pixels to the label image; None: no regions
-    camera_turn_radps: float = 0.0  # how fast the camera turns; 0 = unknown
+    camera_turn_radps: float = 0.0  # turn rate of the camera; 0 = unknown
 
     def label_at(self, pixels: IntArray) -> ByteArray:
         """Return the labels of flat full-image pixels: 0 = static, else 1 + index of region."""
@@ -76,7 +78,7 @@ class LabeledRegions(NamedTuple):
 
 
 class MotionLogOdds:
-    """Log-odds of motion for each pixel (h, w) of the downscaled image; 0 = unknown.
+    """Log-odds (h, w) that each pixel of the downscaled image moves; 0 = unknown.
 
     They decay to 0 with time constant `decay_s`.
     """
@@ -100,8 +102,8 @@ class MotionLogOdds:
     ) -> None:
         """Warp the log-odds to a new view, let them decay, and add new evidence of motion.
 
-        `evidence` (S,) is of each segment, per `EVIDENCE_PERIOD_S`. `T_previous_current` is the
-        camera motion since the last update.
+        `evidence` (S,) has the log-odds of each segment, per `EVIDENCE_PERIOD_S`.
+        `T_previous_current` (4, 4) is the camera motion since the last update.
         """
         previous = view if self._previous is None else self._previous
         elapsed_s = (
@@ -123,7 +125,7 @@ class MotionLogOdds:
         self._previous = view
 
     def moving_regions(self) -> LabeledRegions:
-        """Return the connected regions of probably moving pixels with at least one sure pixel."""
+        """Return the connected regions of probably moving pixels that contain a certain pixel."""
         certain, moving = self.log_odds > _CERTAIN_LOG_ODDS, self.log_odds > _MOVING_LOG_ODDS
         min_area_px = _MIN_REGION_RATIO * moving.size
         if not certain.any() or np.count_nonzero(moving) < min_area_px:

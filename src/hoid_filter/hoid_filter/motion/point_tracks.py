@@ -1,4 +1,4 @@
-"""Points tracked by optical flow, each with an anchor: its world position in an earlier image."""
+"""Points tracked by optical flow, each with an anchor: its earlier position in the world."""
 
 from __future__ import annotations
 
@@ -13,17 +13,20 @@ from hoid_common.io.depth import MIN_DEPTH_M
 from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray
 from hoid_filter.motion.downscaled_camera import DownscaledCamera
 
-# Lucas-Kanade optical flow (IJCAI 1981). It starts at a predicted pixel, so that few steps are
-# enough. Chosen: on the coarsest of 3 levels, the 9 px window covers 16 px to each side. Backward
-# tracking starts near the result and needs 2 levels only.
+# Lucas-Kanade optical flow (IJCAI 1981). It starts at a predicted pixel, so that few iterations
+# suffice. Chosen: on the coarsest of 3 levels, the 9 px window covers 16 px to each side. Backward
+# tracking starts near its result and needs only 2 levels.
 _WINDOW_PX = 9
 _MAX_LEVEL, _MAX_LEVEL_BACK = 2, 1
-_STOP_AT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)  # steps, px
-# With the flag for eigenvalues, OpenCV skips one more pass for an error that is not used here.
+# At most 8 iterations; ends at steps below 0.03 px.
+_STOP_AT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 8, 0.03)
+# With the flag for eigenvalues, OpenCV skips the computation of an error that is not used here.
 _FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
-_MAX_RETURN_ERROR_PX = 0.5  # chosen: greatest error after tracking forth and back
-_MARGIN_PX = 3.0  # chosen: nearer to the border, most of the window is outside the image
-_MAX_PREDICTED_PX = 40.0  # chosen: 1/8 of the image; a wrong prediction must not lead further
+_MAX_RETURN_ERROR_PX = 0.5  # chosen: largest error after tracking forward and backward
+# Chosen: points nearer to the border are dropped, as most of their window is outside.
+_MARGIN_PX = 3.0
+# Chosen: limit of the predicted motion, 1/8 of the image, in case the prediction is wrong.
+_MAX_PREDICTED_PX = 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,7 @@ class PointTracks:
     """N tracked points: their pixels in the newest gray image, and their earlier positions."""
 
     uv_px: Float32Array  # (N, 2) in the downscaled gray image
-    anchor_m: FloatArray  # (N, 3) anchor: position in the world at the time `anchored_s`
+    anchor_m: FloatArray  # (N, 3) anchor: world position of the point at the time `anchored_s`
     anchored_s: FloatArray  # (N,) time of the anchor
     anchored_radps: FloatArray  # (N, 3) turn rate of the camera at that time
     renew_s: FloatArray  # (N,) time at which the anchor must be renewed
@@ -62,7 +65,7 @@ class PointTracks:
         now_s: float,
         for_s: float,
     ) -> PointTracks:
-        """Return the tracks with new anchors (N, 3) in the world where `mask` (N,) is set."""
+        """Return the tracks with new anchors (N, 3), in the world, where `mask` (N,) is True."""
         return dataclasses.replace(
             self,
             anchor_m=np.where(mask[:, None], points_world_m, self.anchor_m),
@@ -78,7 +81,7 @@ def predict_px(
     T_next_world: FloatArray,
     camera: DownscaledCamera,
 ) -> Float32Array:
-    """Return predicted pixels (N, 2) of static points, at most 40 px from the present ones."""
+    """Return pixels (N, 2) predicted for static points, at most 40 px from the present ones."""
     focal_px = camera.gray_pinhole.fx_px, camera.gray_pinhole.fy_px
     before, after = (
         _normalized(se3.transform(T, tracks.anchor_m)) for T in (T_camera_world, T_next_world)
@@ -97,10 +100,10 @@ def _normalized(points_m: FloatArray) -> FloatArray:
 def track(
     previous: ByteArray, current: ByteArray, tracks: PointTracks, predicted_px: Float32Array
 ) -> tuple[PointTracks, BoolArray]:
-    """Return the points found again in the current image, with their pixels, and their mask (N,).
+    """Return the points found again in the current image, and the mask (N,) of found points.
 
     A point is found if optical flow from `predicted_px` (N, 2) ends at least 3 px inside the
-    image, and tracking it back ends within 0.5 px of where it began.
+    image, and tracking it back ends within 0.5 px of its start.
     """
     if not len(tracks):
         return tracks, np.empty(0, np.bool_)

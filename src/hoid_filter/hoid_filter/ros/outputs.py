@@ -23,7 +23,7 @@ from hoid_filter.masked_images import dynamic_mask, points_m
 
 
 class FilterOutputs:
-    """Publishes the results for an image; images and clouds only while somebody subscribes."""
+    """Publishes the results for an image; images and clouds only while there are subscribers."""
 
     def __init__(self, node: Node) -> None:
         def publisher(type_: type[Any], topic: str) -> Publisher:

@@ -1,1 +1,1 @@
-"""The built-in strategies: rules that classify objects as dynamic, and masks of their pixels."""
+"""The built-in strategies: rules for which objects are dynamic, and masks of their pixels."""

@@ -18,12 +18,12 @@ from hoid_native import segment_objects
 STRIDE_PX = 4
 """Pixels per low-resolution pixel. Chosen: a mask of VGA, 160x120, takes a 16th of the time."""
 _SAMPLED = np.s_[STRIDE_PX // 2 :: STRIDE_PX, STRIDE_PX // 2 :: STRIDE_PX]
-# Chosen: nearer than this, much of the descriptor patch of a static corner, whose radius is 15 px
-# in octave 0, shows the moving object.
+# Chosen: a static corner nearer to a moving object is dropped too, because much of its descriptor
+# patch, of radius 15 px in octave 0, shows the object.
 _MARGIN_PX = 8
 _MARGIN_KERNEL = np.ones((2 * round(_MARGIN_PX / STRIDE_PX) + 1,) * 2, np.uint8)
-# Chosen: the box of a missed object is enlarged by this ratio of its width and height to each
-# side, because it may be displaced by as much.
+# Chosen: the predicted box of a missed object is enlarged on each side by this ratio of its width
+# and height, because the prediction may be off by as much.
 _PREDICTION_MARGIN = 0.1
 
 
@@ -39,7 +39,7 @@ def subsampled_pixels(shape_hw: tuple[int, ...]) -> IntArray:
 
 
 def _subsampled_boxes(boxes_xyxy_px: FloatArray, shape_hw: tuple[int, ...]) -> Int32Array:
-    """Return the smallest low-resolution boxes (N, 4) that cover the given boxes, clipped."""
+    """Return the smallest boxes (N, 4) in low-resolution pixels that cover boxes, clipped."""
     height, width = shape_hw
     covering = boxes_xyxy_px / STRIDE_PX
     covering[:, :2] = np.floor(covering[:, :2])
@@ -53,7 +53,7 @@ def masked(
     objects: ObjectVerdicts,
     detected_mask: BoolArray | None = None,
 ) -> Verdict:
-    """Return the verdict that masks dynamic pixels (h, w), grown by a margin of 8 px."""
+    """Return the verdict that masks dynamic pixels (h, w) and a margin of 8 px around them."""
     size_px = image.depth_m.size
     if not is_dynamic.any():
         return Verdict(objects, size_px, None, is_dynamic, detected_mask)
@@ -67,10 +67,10 @@ def masked(
 
 
 class _Upsampling(NamedTuple):
-    """The low-resolution cell of each pixel, as in nearest-neighbor resizing."""
+    """The low-resolution cell to which each full-resolution pixel belongs."""
 
     cell_of_pixel: Int32Array  # (H * W,) flat index of the cell of each pixel
-    areas_px: Int32Array  # (h, w) of the cells
+    areas_px: Int32Array  # (h, w) number of full-resolution pixels in each cell
 
 
 @functools.cache
@@ -82,7 +82,7 @@ def _upsampling(size_hw: tuple[int, int], low_hw: tuple[int, int]) -> _Upsamplin
 
 
 def _nearest(size: int, low_size: int) -> IntArray:
-    """Return the (size,) indices of the low-resolution pixels to which OpenCV maps each pixel."""
+    """Return the index (size,) of the low-resolution pixel that OpenCV assigns to each pixel."""
     row = np.arange(low_size, dtype=np.float32)[None]
     enlarged = cv2.resize(row, (size, 1), interpolation=cv2.INTER_NEAREST)
     return np.asarray(enlarged[0], np.int64)
@@ -94,12 +94,12 @@ def mask_objects(
     low_depth_m: Float32Array,
     plus: PlusConfig,
 ) -> BoolArray:
-    """Return the mask (h, w) of the dynamic objects, without a margin.
+    """Return the mask (h, w) of the dynamic objects, without margin.
 
-    In each box, enlarged if the object is missed, only the surface near the object's depth is
-    masked. The whole box is masked if that depth is unknown, or with `keep_background` off. An
-    object is missed if the newest detections lack it. In an image that the detector skipped, the
-    box is predicted, but counts as certain as in the previous image (decision 056).
+    In each box, only the surface near the object's depth is masked. The whole box is masked if
+    that depth is unknown, or with `keep_background` off. The box is enlarged if the newest
+    detections do not contain the object. Boxes that are predicted because the detector skipped the
+    image count as certain as in the previous image (decision 056).
     """
     dynamic = [n for n, reason in enumerate(reasons) if reason is not ObjectState.AT_REST]
     if not dynamic:

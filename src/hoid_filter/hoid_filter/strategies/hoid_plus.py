@@ -1,4 +1,4 @@
-"""The strategy `hoid+`: the HOID paper's rules on tracked boxes, with masks limited by depth."""
+"""The strategy `hoid+`: the HOID paper's rules on tracked boxes, masks limited by depth."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from hoid_filter.strategies.motion_only import moving_objects
 from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 from hoid_native import box_center_depths_m, person_depths_m
 
-# Chosen: a moving region of which a larger ratio lies on detected dynamic objects is a part of
-# these objects, and is not reported a second time.
+# Chosen: a moving region with a larger ratio on detected dynamic objects is a part of them, and is
+# not reported as another object.
 _MAX_DETECTED_RATIO = 0.5
 
 
 class HoidPlus:
-    """Tracks people and objects, and masks dynamic objects as far as depth shows their surface.
+    """Tracks people and objects, and masks those pixels of dynamic objects that depth confirms.
 
     With `motion.enabled`, it also masks all moving regions.
     """
@@ -62,9 +62,9 @@ class HoidPlus:
     def _unsure(
         self, detections: Detections, image_area_px2: int, *, are_blurred: bool
     ) -> BoolArray:
-        """Return flags (N,) of low-score people: those with large boxes, or all if `are_blurred`.
+        """Return (N,) which people are doubtful: low score, and a large box or `are_blurred`.
 
-        Such detections are often false, which depth does not reveal: at arm's length a desk is as
+        Such detections are often false, and depth does not reveal it: at arm's length a desk is as
         wide as a person.
         """
         plus = self._config.plus
@@ -84,7 +84,7 @@ class HoidPlus:
         return plus.doubt_in_turns and turn_radps > plus.doubt_turn_radps
 
     def _snapshot(self, image: FilterInput, low_depth_m: Float32Array) -> TrackSnapshot:
-        """Return the tracks at the stamp of the image, with their depths."""
+        """Return the tracks and their depths at the stamp of the image."""
         height, width = image.depth_m.shape
         if self._turns_fast(image):
             self._tracker.drop_missed()
@@ -101,9 +101,9 @@ class HoidPlus:
 def _undetected(
     regions: MovingRegions, label: ByteArray, detected_mask: BoolArray
 ) -> MovingRegions:
-    """Return the moving regions that lie mostly outside of the mask of detected objects.
+    """Return the moving regions that lie mostly outside the mask of detected objects.
 
-    `label` (h, w) is 1 + the index of the region of each pixel, or 0 outside of all regions.
+    `label` (h, w) is 1 + the index of the region at each pixel, or 0 outside all regions.
     """
     area = np.bincount(label.ravel(), minlength=len(regions.depths_m) + 1)[1:]
     detected_area = np.bincount(label[detected_mask], minlength=len(area) + 1)[1:]

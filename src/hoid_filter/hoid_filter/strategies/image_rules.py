@@ -1,4 +1,4 @@
-"""Strategies that classify each image on its own: the rules of the HOID paper and baselines."""
+"""Strategies that classify each image separately: the rules of the HOID paper, and baselines."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from hoid_native import classify_boxes
 from hoid_native.boxes import MAY_BE_HANDLED as ROLE_CANDIDATE
 from hoid_native.boxes import PERSON as ROLE_PERSON
 
-_MAX_CLASSES = 256  # classes whose role is cached; detectors for COCO have 80
-# Of the semantic descriptor: side of the window around a keypoint, and greatest depth difference.
+_MAX_CLASSES = 256  # chosen: number of cached class names; detectors for COCO have 80
+# Of the semantic descriptor: side of the window around a keypoint, and largest depth difference.
 # Chosen, not tuned: the strategy is a baseline of the experiments.
 _WINDOW_PX, _MAX_DEPTH_GAP_M = 40, 0.3
-# The reason of a dynamic box by its role; a static box has role 0.
+# The state of a detected object by the role of its box; a static box has role 0.
 _DETECTED = {
     0: ObjectState.AT_REST,
     ROLE_PERSON: ObjectState.PERSON,
@@ -40,13 +40,13 @@ class Rule(NamedTuple):
 
     min_overlap: float  # the person's box covers more than this ratio of the object's box
     max_depth_gap_m: float  # and their depths differ by less than this, or a depth is unknown
-    # If it is not NaN, it replaces `min_overlap`: at least one corner (FAST) of the image must lie
-    # in the object's box, and at most this far outside the person's box along rows and columns.
+    # If it is not NaN, it replaces `min_overlap`: at least one FAST corner must lie in the
+    # object's box, and at most this far outside the person's box along rows and columns.
     reach_px: float = math.nan
 
 
 class ImageRule(ABC):
-    """Base of strategies that classify each image alone: people and handled objects move."""
+    """Base of strategies that classify each image separately: people and handled objects move."""
 
     needs_detections, senses_motion = True, False
     person_role: ClassVar[int] = ROLE_PERSON
@@ -85,7 +85,7 @@ class ImageRule(ABC):
         return Verdict(objects, judged.area_px, kept)
 
     def _boxes_at(self, image: FilterInput) -> Detections:
-        """Return the boxes at the stamp of an image, detected in it or else predicted."""
+        """Return the boxes at the stamp of an image: detected in it, or else predicted."""
         detections = image.detections
         if detections is not None:
             self._predictor.observe(detections)
@@ -122,9 +122,9 @@ class Hoid2d(ImageRule):
 
 
 class Hoid3d(ImageRule):
-    """The paper's 3-D rule: the 2-D rule, and person and object are at nearly the same depth.
+    """The paper's 3-D rule: the 2-D rule holds, and person and object have nearly the same depth.
 
-    An unknown depth counts as near: a moving object in the map does harm, while masking a static
+    An unknown depth counts as near, because a moving object harms the map, while masking a static
     object only costs a few features.
     """
 

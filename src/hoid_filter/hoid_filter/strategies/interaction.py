@@ -1,4 +1,4 @@
-"""The rule of `hoid+` for which tracked objects people handle, with hysteresis and memory."""
+"""The rule by which `hoid+` decides which objects people handle, with hysteresis and memory."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from hoid_native import overlap_ratios
 
 @dataclass(frozen=True, eq=False)
 class Interactions:
-    """The interaction of each of N tracked objects with people."""
+    """How each of N tracked objects interacts with people."""
 
     reasons: tuple[ObjectState, ...]  # N reasons why a track is static or dynamic
-    # (N,) ratio of the box that is covered by the person who handles the object or, if nobody
-    # handles it, by the person who covers most of it; 0 for people, and if there are no people.
+    # (N,) ratio of the object's box that the box of a person covers: the person who handles it, or
+    # else the one who covers most of it. 0 for people, and if there are no people.
     overlap_ratios: FloatArray
-    # (N,) absolute depth difference to the same person; NaN = unknown, or there is no such person.
+    # (N,) absolute depth difference to the same person; NaN = unknown, or no such person.
     depth_gaps_m: FloatArray
 
 
@@ -36,17 +36,18 @@ class TrackSnapshot:
 
     @property
     def is_person(self) -> BoolArray:
-        """Return flags (N,) of people who are not suspected to be false detections."""
+        """Return (N,) whether each track is a person, and not possibly a false detection."""
         return _flags(track.is_person and track.is_confirmed for track in self.tracks)
 
 
 def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Interactions:
-    """Return how each track interacts with people, and store on each whether it is handled.
+    """Return how each track interacts with people, and store in it whether it is handled.
 
     A confirmed person handles an object of a class that may be handled if the person's box covers
-    more than `min_interaction_area` of it, and it is at most `reach_m` nearer to the camera than
-    the torso and at most `depth_limit_m` farther (unknown depth: near). With `remember`,
-    `release_share` of this area is enough for an object that was handled before (hysteresis).
+    more than `min_interaction_area` of the object's box, and the object is at most `reach_m`
+    nearer to the camera than the torso and at most `depth_limit_m` farther (unknown depth: near).
+    With `remember`, `release_share` of that area suffices for an object that was handled before
+    (hysteresis).
     """
     plus = config.plus
     tracks = snapshot.tracks
@@ -59,7 +60,7 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
     min_overlap = np.full(num, config.min_interaction_area)
     if plus.remember:
         min_overlap[_flags(track.is_handled for track in tracks)] *= plus.release_share
-    # Negated comparisons, so that NaN counts as near.
+    # The comparisons are negated, so that an unknown depth (NaN) counts as near.
     is_near = ~((behind_m > config.depth_limit_m) | (behind_m < -plus.reach_m))
     touches = (overlap > min_overlap[:, None]) & is_near & can_be_handled[:, None]
     is_handled = np.asarray((touches & is_person).any(axis=1))
@@ -77,7 +78,7 @@ def classify_interactions(snapshot: TrackSnapshot, config: FilterConfig) -> Inte
 def _reasons(
     snapshot: TrackSnapshot, is_handled: BoolArray, config: FilterConfig
 ) -> tuple[ObjectState, ...]:
-    """Store on each track whether it is handled, and return the reasons of all tracks."""
+    """Store in each track whether it is handled, and return the states of all tracks."""
     reasons = []
     for track, handled in zip(snapshot.tracks, is_handled.tolist(), strict=True):
         track.is_handled = handled

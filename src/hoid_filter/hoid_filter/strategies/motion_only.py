@@ -12,7 +12,7 @@ from hoid_filter.strategy import FilterInput, ObjectVerdicts, Verdict
 
 
 class MotionOnly:
-    """Masks the regions that move in the world, as motion segmentation finds them."""
+    """Masks the moving regions that motion segmentation finds."""
 
     needs_detections, senses_motion = False, True
 
